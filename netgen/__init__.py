@@ -1,0 +1,1 @@
+"""Networks and demand for SUMO, made with netgenerate. Imports nothing of slrl_sumo."""

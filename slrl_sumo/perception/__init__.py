@@ -1,0 +1,1 @@
+"""What a road user sees."""

@@ -1,0 +1,1 @@
+"""The loop: learned road users and SUMO, step by step."""

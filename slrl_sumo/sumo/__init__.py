@@ -1,0 +1,1 @@
+"""Everything that touches SUMO; the only place that imports libsumo."""

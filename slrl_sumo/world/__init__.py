@@ -1,0 +1,1 @@
+"""Plain arrays and geometry: what a traffic scene is, without any simulator."""

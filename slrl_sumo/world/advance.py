@@ -1,0 +1,31 @@
+"""The motion of one decision interval."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.state import WorldState
+
+
+def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, dt: float) -> WorldState:
+    """Move every road user by one interval.
+
+    `acceleration` (m/s²), `yaw_rate` (rad/s) and `max_speed` (m/s) are (n,) arrays for the road users of `state`.
+    The new speed is kept within [0, max_speed]; the displacement is new speed x dt along the mean heading of the
+    interval, so that speed is exactly distance over time (as SUMO's Euler update has it) and nobody slides sideways.
+    Returns the state at `state.time + dt`, with the acceleration and yaw rate that were really carried out.
+    """
+    speed = np.clip(state.speed + acceleration * dt, 0.0, max_speed)
+    turn = yaw_rate * dt
+    middle = state.heading + 0.5 * turn
+    return replace(
+        state,
+        time=state.time + dt,
+        x=state.x + speed * dt * np.cos(middle),
+        y=state.y + speed * dt * np.sin(middle),
+        heading=wrap_angle(state.heading + turn),
+        speed=speed,
+        acceleration=(speed - state.speed) / dt,
+        yaw_rate=np.asarray(yaw_rate, np.float64),
+    )

@@ -1,0 +1,74 @@
+"""One moment of a traffic scene."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WorldState:
+    """All road users at one time, as parallel arrays of length n.
+
+    Frame: metres, x east, y north; headings in radians counter-clockwise from +x, in (-pi, pi].
+    Positions are centres of boxes. No sentinels: every entry is a real value.
+    """
+
+    time: float
+    """Simulation time in s."""
+    ids: tuple[str, ...]
+    type: NDArray[np.int8]
+    """RoadUserType of each, (n,)."""
+    x: Floats
+    y: Floats
+    heading: Floats
+    speed: Floats
+    """m/s along the direction of motion, not negative: distance covered in the last interval over its length."""
+    acceleration: Floats
+    """m/s²: change of `speed` over the last interval over its length; 0 where there was none."""
+    yaw_rate: Floats
+    """rad/s: change of `heading` over the last interval over its length; 0 where there was none."""
+    length: Floats
+    """Box length in m, along the heading."""
+    width: Floats
+    """Box width in m."""
+    learned: NDArray[np.bool_]
+    """True for road users that are moved by learned models, False for background traffic."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def take(self, rows: NDArray[np.intp]) -> "WorldState":
+        """The road users `rows` (integer indices) as a world of their own."""
+        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in ("time", "ids")}
+        return WorldState(time=self.time, ids=tuple(self.ids[i] for i in rows), **arrays)
+
+    def join(self, other: "WorldState") -> "WorldState":
+        """The road users of both, self's first, at self's time."""
+        arrays = {
+            f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)])
+            for f in fields(self)
+            if f.name not in ("time", "ids")
+        }
+        return WorldState(time=self.time, ids=self.ids + other.ids, **arrays)
+
+
+def empty_world(time: float = 0.0) -> WorldState:
+    """A world without road users."""
+    none = np.zeros(0)
+    return WorldState(
+        time=time,
+        ids=(),
+        type=np.zeros(0, np.int8),
+        x=none,
+        y=none,
+        heading=none,
+        speed=none,
+        acceleration=none,
+        yaw_rate=none,
+        length=none,
+        width=none,
+        learned=np.zeros(0, np.bool_),
+    )

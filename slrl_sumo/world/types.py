@@ -1,0 +1,27 @@
+"""Road user types and the figures that belong to a type."""
+
+from enum import IntEnum
+
+import numpy as np
+
+DECISION_INTERVAL = 0.4
+"""Seconds between two decisions of a learned road user (paper, section 3.2)."""
+
+
+class RoadUserType(IntEnum):
+    """The three types of the paper. Trucks, buses and motorcycles of a scenario count as cars."""
+
+    CAR = 0
+    BICYCLE = 1
+    PEDESTRIAN = 2
+
+
+TYPE_NAMES: tuple[str, ...] = tuple(t.name.lower() for t in RoadUserType)
+"""Names of the types as they appear in files and on the command line, indexed by RoadUserType."""
+
+DEFAULT_LENGTH = np.array([5.0, 1.6, 0.215])
+"""Box length in m per type: SUMO's defaults for passenger, bicycle and pedestrian
+(https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html)."""
+
+DEFAULT_WIDTH = np.array([1.8, 0.65, 0.478])
+"""Box width in m per type, from the same source."""

@@ -1,0 +1,1 @@
+"""Scenarios that ship with the package: data only, one folder each."""
