@@ -1,0 +1,77 @@
+"""Who can get from where to where in a net."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from lxml import etree
+
+
+@dataclass(frozen=True)
+class NetGraph:
+    """Edges of a net and how the vehicle classes of interest get from one to the next."""
+
+    edges: Mapping[str, "NetEdge"]
+    """The streets' edges (no internal ones), by id, in the net's order."""
+    dead_ends: frozenset[str]
+    """Junctions at the fringe, where road users enter and leave."""
+    follows: Mapping[tuple[str, str], frozenset[str]]
+    """(class, edge) -> edges one step further; also through walking areas and crossings, which count as edges."""
+
+
+@dataclass(frozen=True)
+class NetEdge:
+    """One direction of a street."""
+
+    start: str
+    end: str
+    length: float
+    """m."""
+    classes: frozenset[str]
+    """Who may use at least one lane, of CLASSES."""
+
+
+CLASSES = ("passenger", "bicycle", "pedestrian")
+
+
+def read_graph(net: bytes) -> NetGraph:
+    """The graph of the contents of a .net.xml. People walk both ways on every surface, vehicles only with the lane."""
+    root = etree.fromstring(net)
+    allowed = {str(lane.attrib["id"]): _classes(lane) for lane in root.iter("lane")}
+    edges = {}
+    for edge in root.iter("edge"):
+        if "from" in edge.attrib:
+            lanes = edge.findall("lane")
+            classes = frozenset[str]().union(*(allowed[str(lane.attrib["id"])] for lane in lanes))
+            length = float(lanes[0].attrib["length"])
+            edges[str(edge.attrib["id"])] = NetEdge(str(edge.attrib["from"]), str(edge.attrib["to"]), length, classes)
+    follows: dict[tuple[str, str], set[str]] = defaultdict(set)
+    for c in root.iter("connection"):
+        a, b = str(c.attrib["from"]), str(c.attrib["to"])
+        both = allowed[f"{a}_{c.get('fromLane')}"] & allowed[f"{b}_{c.get('toLane')}"]
+        for name in both & {"passenger", "bicycle"}:
+            follows[name, a].add(b)
+        if "pedestrian" in both:
+            follows["pedestrian", a].add(b)
+            follows["pedestrian", b].add(a)
+    dead_ends = frozenset(str(j.attrib["id"]) for j in root.iter("junction") if j.attrib["type"] == "dead_end")
+    return NetGraph(edges, dead_ends, {k: frozenset(v) for k, v in follows.items()})
+
+
+def reachable(graph: NetGraph, start: str, vehicle_class: str) -> frozenset[str]:
+    """Ids of the streets' edges that a road user of `vehicle_class` on the edge `start` gets to, `start` included."""
+    seen = {start}
+    ahead = [start]
+    while ahead:
+        new = graph.follows.get((vehicle_class, ahead.pop()), frozenset()) - seen
+        seen |= new
+        ahead += new
+    return frozenset(seen & graph.edges.keys())
+
+
+def _classes(lane: etree._Element) -> frozenset[str]:
+    """Those of CLASSES that may use a lane: an empty `allow` and `disallow` means everybody."""
+    if "allow" in lane.attrib:
+        named = str(lane.attrib["allow"]).split()
+        return frozenset(CLASSES if "all" in named else set(CLASSES) & set(named))
+    return frozenset(set(CLASSES) - set(str(lane.attrib.get("disallow", "")).split()))

@@ -1,0 +1,105 @@
+"""Scenarios: a net, its demand and a .sumocfg that plain `sumo -c` runs, written all or not at all."""
+
+import os
+import re
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from lxml import etree
+
+from netgen.demand import demand_xml
+from netgen.errors import NetgenError
+from netgen.network import build_net
+from netgen.reach import read_graph
+from netgen.specs import DemandSpec, NetSpec
+
+STEP_LENGTH = 0.4
+"""s: the decision interval of the learned road users (paper, section 3.2)."""
+
+
+def write_scenario(spec: NetSpec, demand: DemandSpec, folder: Path, command: str | None = None) -> Path:
+    """Make a scenario in `folder`: NAME.net.xml, NAME.rou.xml, NAME.sumocfg and README.md, NAME from the folder's name.
+
+    The same spec and demand give the same bytes (with the same version of SUMO). `command` is what the README names to
+    make it again; without it, the README shows the call of this function. Files of those names are replaced, others are
+    left alone; where anything fails, nothing is written. Returns the path of the .sumocfg.
+    Raises NetgenError: SUMO's programs missing or failing, a class of road users with nowhere to go, an unwritable
+    folder.
+    """
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name) or "scenario"
+    _place(scenario_files(spec, demand, name, command), folder)
+    return folder / f"{name}.sumocfg"
+
+
+def scenario_files(spec: NetSpec, demand: DemandSpec, name: str, command: str | None = None) -> dict[str, bytes]:
+    """The contents of the files of a scenario called `name`, by file name."""
+    net = build_net(spec)
+    return {
+        f"{name}.net.xml": net,
+        f"{name}.rou.xml": demand_xml(read_graph(net), demand),
+        f"{name}.sumocfg": _sumocfg(name, demand),
+        "README.md": _readme(name, spec, demand, command).encode(),
+    }
+
+
+def _sumocfg(name: str, demand: DemandSpec) -> bytes:
+    sections: Mapping[str, Mapping[str, str]] = {
+        "input": {"net-file": f"{name}.net.xml", "route-files": f"{name}.rou.xml"},
+        "time": {"begin": "0", "end": f"{demand.duration:g}", "step-length": f"{STEP_LENGTH:g}"},
+        # A road user that is moved from outside may stand; SUMO must not teleport or remove it.
+        "processing": {"time-to-teleport": "-1", "collision.action": "warn", "pedestrian.model": "striping"},
+        "report": {"no-step-log": "true"},
+        "random_number": {"seed": str(demand.seed)},
+    }
+    root = etree.Element("configuration")
+    for section, options in sections.items():
+        parent = etree.SubElement(root, section)
+        for option, value in options.items():
+            etree.SubElement(parent, option, {"value": value})
+    return etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="UTF-8")
+
+
+def _readme(name: str, spec: NetSpec, demand: DemandSpec, command: str | None) -> str:
+    kind = type(spec).__name__
+    summary = (type(spec).__doc__ or kind).splitlines()[0]
+    call = f"write_scenario(\n    {spec!r},\n    {demand!r},\n    Path({name!r}),\n)"
+    script = "```python\nfrom pathlib import Path\n\nfrom netgen.scenario import write_scenario\n"
+    script += f"from netgen.specs import DemandSpec, {kind}\n\n{call}\n```"
+    again = f"Made again by `{command}`, which does this:" if command else "Made again by"
+    return f"""# {name}
+
+{summary}
+
+- `{name}.net.xml`: the road network.
+- `{name}.rou.xml`: per hour {demand.cars_per_hour:g} cars, {demand.bicycles_per_hour:g} bicycles and \
+{demand.pedestrians_per_hour:g} pedestrians, of types that differ in how they drive, ride and walk.
+- `{name}.sumocfg`: {demand.duration:g} s in steps of {STEP_LENGTH:g} s. Run it with `sumo -c {name}.sumocfg`.
+
+{again}
+
+{script}
+
+Its content is free to use under the licence of slrl_sumo; it holds no recorded data.
+"""
+
+
+def _place(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write `files` into a hidden folder beside `folder` and move them over, so that no half-made folder is left."""
+    target = folder.resolve()
+    staging = target.parent / f".{target.name}.{os.getpid()}.partial"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        staging.mkdir()
+        for name, content in files.items():
+            (staging / name).write_bytes(content)
+        if target.exists():
+            for name in files:
+                os.replace(staging / name, target / name)
+            staging.rmdir()
+        else:
+            staging.rename(target)
+    except OSError as e:
+        raise NetgenError(f"cannot write the scenario to {folder}: {e.strerror or e}; choose another folder") from e
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)

@@ -1,0 +1,149 @@
+"""What a made scenario is to look like: small frozen specs, checked when they are built."""
+
+from dataclasses import dataclass
+from math import isfinite
+from typing import Literal, get_args
+
+from netgen.errors import NetgenError
+
+Control = Literal["priority", "right_before_left", "traffic_light"]
+"""Who goes first at the junction: SUMO's node types of the same names."""
+
+
+def _within(spec: object, name: str, low: float, high: float) -> None:
+    value = getattr(spec, name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value) or not low <= value <= high:
+        kind = type(spec).__name__
+        raise NetgenError(f"{kind}.{name} is {value!r}: give a number from {low:g} to {high:g}")
+
+
+def _whole(spec: object, name: str, low: int, high: int) -> None:
+    value = getattr(spec, name)
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        kind = type(spec).__name__
+        raise NetgenError(f"{kind}.{name} is {value!r}: give a whole number from {low} to {high}")
+
+
+def _crossings_have_sidewalks(spec: "IntersectionSpec | RandomSpec") -> None:
+    if spec.crossings and not spec.sidewalks:
+        raise NetgenError(
+            f"{type(spec).__name__} has crossings but no sidewalks: set sidewalks=True, or crossings=False as well"
+        )
+
+
+@dataclass(frozen=True)
+class IntersectionSpec:
+    """One intersection.
+
+    Without sidewalks, people walk at the edge of the street; without crossings, they only get round the corners.
+    """
+
+    arms: int = 4
+    """3 or 4 streets that meet."""
+    lanes: int = 1
+    """Car lanes per direction, 1 or 2."""
+    control: Control = "priority"
+    sidewalks: bool = True
+    crossings: bool = True
+    cycle_lanes: bool = True
+    arm_length: float = 90.0
+    """From the middle of the junction to the end of an arm, in m."""
+    angle_spread: float = 0.0
+    """Each arm is turned by up to so many degrees, drawn from `seed`."""
+    speed_limit: float = 13.89
+    """m/s."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _whole(self, "arms", 3, 4)
+        _whole(self, "lanes", 1, 2)
+        _within(self, "arm_length", 40.0, 500.0)
+        _within(self, "angle_spread", 0.0, 25.0)
+        _within(self, "speed_limit", 2.0, 20.0)
+        _whole(self, "seed", 0, 2**31 - 1)
+        if self.control not in get_args(Control):
+            raise NetgenError(
+                f"IntersectionSpec.control is {self.control!r}: give one of {', '.join(get_args(Control))}"
+            )
+        _crossings_have_sidewalks(self)
+
+
+@dataclass(frozen=True)
+class SharedSpaceSpec:
+    """A place without kerbs: cars, bicycles and people on the same wide, slow surface, right before left."""
+
+    arms: int = 4
+    """2 (a street), 3 or 4 (a square) ways in."""
+    width: float = 14.0
+    """Width of the whole surface of an arm, in m: half of it for each direction."""
+    corner_radius: float = 6.0
+    """Rounding of the corners of the square, in m: the larger, the wider the square."""
+    arm_length: float = 80.0
+    """From the middle to the end of an arm, in m."""
+    angle_spread: float = 0.0
+    """Each arm is turned by up to so many degrees, drawn from `seed`."""
+    speed_limit: float = 5.56
+    """m/s: 20 km/h."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _whole(self, "arms", 2, 4)
+        _within(self, "width", 6.0, 30.0)
+        _within(self, "corner_radius", 2.0, 15.0)
+        _within(self, "arm_length", 50.0, 500.0)
+        _within(self, "angle_spread", 0.0, 25.0)
+        _within(self, "speed_limit", 1.0, 8.34)
+        _whole(self, "seed", 0, 2**31 - 1)
+
+
+@dataclass(frozen=True)
+class RandomSpec:
+    """A random street net: mixed lane numbers and controls, by netgenerate --rand."""
+
+    iterations: int = 10
+    """How often a street is added. 8 gives 2 or 3 junctions, 12 gives 5 to 8, 30 about 20."""
+    street_length: float = 100.0
+    """Streets are 0.8 to 1.3 times so long, in m."""
+    two_lane_share: float = 0.25
+    """Share of the streets with two car lanes per direction."""
+    signal_share: float = 0.3
+    """Share of the junctions of three or more streets that have a traffic light."""
+    sidewalks: bool = True
+    crossings: bool = True
+    cycle_lanes: bool = True
+    speed_limit: float = 13.89
+    """m/s."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _whole(self, "iterations", 5, 500)
+        _within(self, "street_length", 50.0, 500.0)
+        _within(self, "two_lane_share", 0.0, 1.0)
+        _within(self, "signal_share", 0.0, 1.0)
+        _within(self, "speed_limit", 2.0, 20.0)
+        _whole(self, "seed", 0, 2**31 - 1)
+        _crossings_have_sidewalks(self)
+
+
+NetSpec = IntersectionSpec | SharedSpaceSpec | RandomSpec
+
+
+@dataclass(frozen=True)
+class DemandSpec:
+    """How many road users enter per hour, with Poisson arrivals, and for how long."""
+
+    cars_per_hour: float = 500.0
+    bicycles_per_hour: float = 150.0
+    pedestrians_per_hour: float = 200.0
+    duration: float = 600.0
+    """s of simulated time; also the end of the scenario."""
+    seed: int = 0
+    """Draws the drivers' parameters and who goes where; also SUMO's seed in the .sumocfg."""
+
+    def __post_init__(self) -> None:
+        for name in ("cars_per_hour", "bicycles_per_hour", "pedestrians_per_hour"):
+            _within(self, name, 0.0, 20000.0)
+        _within(self, "duration", 10.0, 86400.0)
+        _whole(self, "seed", 0, 2**31 - 1)
+        if self.cars_per_hour + self.bicycles_per_hour + self.pedestrians_per_hour == 0:
+            raise NetgenError("DemandSpec has nobody in it: give at least one type more than 0 per hour")
