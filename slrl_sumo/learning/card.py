@@ -1,0 +1,82 @@
+"""The model card: what a bundle is, for the people who use it."""
+
+from typing import Any
+
+from slrl_sumo.world.types import TYPE_NAMES
+
+
+def model_card(name: str, training: dict[str, Any]) -> str:
+    """Markdown text of the model card of bundle `name`, from its training record (see slrl_sumo.learning.fit)."""
+    kinds = training["types"]
+    sizes = [
+        f"| {kind} | {kinds[kind]['tracks']} | {kinds[kind]['windows']} | {kinds[kind]['smallest_mode']} |"
+        for kind in TYPE_NAMES
+    ]
+    errors = [
+        f"| {kind} | {kinds[kind]['displacement_error_m']:.3f} | {kinds[kind]['constant_velocity_error_m']:.3f} "
+        f"| {kinds[kind]['prior_cross_entropy_nats']:.2f} | {kinds[kind]['frequency_cross_entropy_nats']:.2f} "
+        f"| {kinds[kind]['prior_accuracy']:.2f} | {kinds[kind]['most_frequent_accuracy']:.2f} |"
+        for kind in TYPE_NAMES
+    ]
+    bounds = []
+    for kind in TYPE_NAMES:
+        brake, gas = kinds[kind]["acceleration_bounds_mps2"]
+        right, left = kinds[kind]["yaw_rate_bounds_radps"]
+        curvature = "free" if kind == "pedestrian" else f"{kinds[kind]['max_curvature_per_m']:.3f}"
+        bounds.append(
+            f"| {kind} | {brake:.2f} to {gas:.2f} | {right:.2f} to {left:.2f} | {curvature} "
+            f"| {kinds[kind]['max_speed_mps']:.1f} |"
+        )
+    return "\n".join(
+        [
+            f"# Model bundle `{name}`",
+            "",
+            "Learned cars, bicycles and pedestrians for slrl_sumo, after the SLRL method: per type, "
+            f"{training['modes']} modes with a displacement model each, and a prior that chooses among them.",
+            "",
+            "## Data",
+            "",
+            f"- Source: {training['data'] or 'not stated'}",
+            f"- Licence of the data: {training['licence'] or 'not stated; ask whoever made this bundle'}",
+            f"- {training['recordings']} recording(s); one window per recorded moment "
+            f"(every {training['stride']}. frame) with 0.8 s before and 4.8 s after it.",
+            "",
+            "| type | tracks | windows | windows in the smallest mode |",
+            "|---|---|---|---|",
+            *sizes,
+            "",
+            "## Errors on held-out tracks",
+            "",
+            f"{training['held_out_share']:.0%} of the tracks of each type were kept out of training. One-step error: "
+            "mean distance to the recorded position after 0.4 s, with the mode that the recorded destination has; "
+            "beside it the error of constant velocity. Cross-entropy and accuracy: of the prior's mode, beside those "
+            "of the modes' frequencies and of always taking the most frequent one.",
+            "",
+            "| type | one step (m) | constant velocity (m) | cross-entropy (nats) | of frequencies | accuracy "
+            "| of the most frequent |",
+            "|---|---|---|---|---|---|---|",
+            *errors,
+            "",
+            "## Limits",
+            "",
+            "What the models can do is bounded by what was recorded (1st to 99th percentile of road users in motion, "
+            "99.5th for speed). Cars and bicycles turn at most by the given curvature per metre.",
+            "",
+            "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
+            "|---|---|---|---|---|",
+            *bounds,
+            "",
+            "The models see speed, acceleration, type, heading and counts of neighbours: neither lanes, traffic lights "
+            "nor where anybody wants to go. Do not use them for safety assessment, and expect behaviour outside the "
+            "recorded range of density and speed to be a guess.",
+            "",
+            "## How it was made",
+            "",
+            f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam; K-Means modes of the "
+            "position after 4.8 s; displacement models trained on the one-step displacement of the bounded motion; "
+            "headings turned at random in training. "
+            f"slrl_sumo {training['versions']['slrl_sumo']}, torch {training['versions']['torch']}, "
+            f"scikit-learn {training['versions']['scikit_learn']}.",
+            "",
+        ]
+    )

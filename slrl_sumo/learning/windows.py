@@ -1,0 +1,102 @@
+"""Windows: what road users saw in recordings, what they did next and where they were 4.8 s later."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.perception.features import FEATURES, features
+from slrl_sumo.records.trajectories import Trajectories
+from slrl_sumo.world.geometry import to_ego
+
+PAST = 2
+"""Intervals a road user must have been recorded for: a speed needs one, an acceleration two."""
+
+FUTURE = 12
+"""Intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Windows:
+    """N moments of recorded road users, as parallel arrays. Ego frame: that of the moment itself."""
+
+    vector: NDArray[np.float32]
+    """Features at the moment, (N, 12)."""
+    type: NDArray[np.int64]
+    """RoadUserType, (N,)."""
+    acceleration: Floats
+    """m/s² carried out in the next interval, (N,)."""
+    yaw_rate: Floats
+    """rad/s carried out in the next interval, (N,)."""
+    displacement: Floats
+    """Position after the next interval, (N, 2) m, ego frame."""
+    destination: Floats
+    """Position after 12 intervals, (N, 2) m, ego frame."""
+    track: NDArray[np.int64]
+    """Index of the track in its recording, (N,)."""
+    recording: NDArray[np.int64]
+    """Index of the recording, (N,)."""
+
+    def __len__(self) -> int:
+        return len(self.type)
+
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Windows":
+        """The windows `rows` (a mask or indices)."""
+        return Windows(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
+    """All windows of the recordings: each row that has 2 rows before it and 12 after it, without a gap, in its track.
+
+    With `stride` > 1 only every stride-th frame number counts. Features come from the same code that live simulation
+    uses, with every recorded road user of the frame around.
+    """
+    parts = [_of_one(recording, index, stride) for index, recording in enumerate(recordings)]
+    names = Windows.__dataclass_fields__
+    return Windows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
+    row = np.arange(PAST, len(recording.frame) - FUTURE)
+    first, last = row - PAST, row + FUTURE
+    # Rows are sorted by track, then frame: both ends in one track and PAST + FUTURE frames apart leave no gap.
+    whole = (recording.track[first] == recording.track[last]) & (
+        recording.frame[last] - recording.frame[first] == PAST + FUTURE
+    )
+    row = row[whole & (recording.frame[row] % stride == 0)]
+    heading = recording.heading[row]
+
+    def seen_from_here(later: int) -> Floats:
+        dx = recording.x[row + later] - recording.x[row]
+        dy = recording.y[row + later] - recording.y[row]
+        return np.stack(to_ego(dx, dy, heading), -1)
+
+    return Windows(
+        vector=_vectors(recording, row),
+        type=recording.type[recording.track[row]].astype(np.int64),
+        acceleration=recording.acceleration[row + 1],
+        yaw_rate=recording.yaw_rate[row + 1],
+        displacement=seen_from_here(1),
+        destination=seen_from_here(FUTURE),
+        track=recording.track[row].astype(np.int64),
+        recording=np.full(len(row), index, np.int64),
+    )
+
+
+def _vectors(recording: Trajectories, row: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Feature vectors (len(row), 12) of rows of a recording, frame by frame."""
+    vector = np.zeros((len(row), len(FEATURES)), np.float32)
+    if not len(row):
+        return vector
+    order = np.argsort(recording.frame[row], kind="stable")
+    frames, start = np.unique(recording.frame[row][order], return_index=True)
+    number = {name: i for i, name in enumerate(recording.ids)}
+    for frame, here in zip(frames, np.split(order, start[1:]), strict=True):
+        world = recording.world(int(frame))
+        place = np.zeros(len(recording.ids), np.intp)
+        place[[number[name] for name in world.ids]] = np.arange(len(world))
+        vector[here] = features(world, place[recording.track[row[here]]])
+    return vector

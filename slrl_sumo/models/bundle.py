@@ -1,0 +1,226 @@
+"""Model bundles: everything that was learned, as one folder.
+
+config.json           what it is and its shapes (BundleConfig)
+weights.safetensors   all weights, bounds, normalisation and mode centres
+training.json         how it was made and what was measured then
+MODEL_CARD.md         the same for people, with the licence of the data
+"""
+
+import json
+import os
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.models.displacement import MODES, DisplacementModels
+from slrl_sumo.models.prior import Prior
+from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.observation import Observation
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+
+FORMAT_VERSION = 1
+SHIPPED = Path(__file__).parent.parent / "bundles"
+FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BundleConfig:
+    """What a bundle must agree on with the code that runs it, and the shapes of its networks."""
+
+    format_version: int = FORMAT_VERSION
+    preset: str = "paper"
+    """Which observation the models read."""
+    features: tuple[str, ...] = FEATURES
+    decision_interval_s: float = DECISION_INTERVAL
+    modes: int = MODES
+    displacement_hidden: tuple[int, ...] = (32, 32)
+    prior_hidden: tuple[int, ...] = (64, 64)
+
+    @classmethod
+    def read(cls, values: dict[str, Any], where: Path) -> Self:
+        """The configuration in the JSON object `values`. Raises InputError unless this version can run it."""
+        version = values.get("format_version")
+        if version != FORMAT_VERSION:
+            raise InputError(
+                f"bundle {where}: its format version is {version}, this slrl_sumo reads {FORMAT_VERSION}; "
+                "make the bundle again with `slrl-sumo fit`"
+            )
+        if set(values) != set(asdict(cls())):
+            odd = ", ".join(sorted(set(values) ^ set(asdict(cls()))))
+            raise InputError(f"bundle {where}: config.json is damaged (missing or unknown: {odd}); copy it again")
+        as_written: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        config = cls(**as_written)
+        runs = cls(modes=config.modes, displacement_hidden=config.displacement_hidden, prior_hidden=config.prior_hidden)
+        if config != runs:
+            odd = next(k for k, v in asdict(runs).items() if v != getattr(config, k))
+            raise InputError(
+                f"bundle {where}: its {odd} is {getattr(config, odd)!r}, this slrl_sumo runs {getattr(runs, odd)!r}; "
+                "take another bundle"
+            )
+        sizes = (config.modes, *config.displacement_hidden, *config.prior_hidden)
+        if not all(isinstance(size, int) and 0 < size <= 4096 for size in sizes):
+            raise InputError(f"bundle {where}: config.json is damaged (sizes {sizes}); copy the bundle again")
+        return config
+
+
+@dataclass(frozen=True)
+class ModelBundle:
+    """The learned models of all three road user types, with where they come from."""
+
+    name: str
+    config: BundleConfig
+    mode_centres: Floats
+    """(3, modes, 2) m: mean destination of each type and mode, ego frame."""
+    mode_counts: NDArray[np.int64]
+    """(3, modes): windows of each type and mode in training."""
+    displacement: DisplacementModels
+    prior: Prior
+    training: dict[str, Any]
+    """How it was made and what was measured, plain JSON values."""
+    card: str
+    """Text of the model card (Markdown)."""
+
+    @property
+    def max_speed(self) -> Floats:
+        """Highest speed of each type, (3,) m/s."""
+        return self.displacement.max_speed.double().numpy()
+
+    def motion(self, observation: Observation, modes: NDArray[np.int64]) -> tuple[Floats, Floats]:
+        """Acceleration (m/s²) and yaw rate (rad/s), each (n,), of the observed road users in `modes` (n,)."""
+        with torch.inference_mode():
+            acceleration, yaw_rate = self.displacement.motion(*tensors(observation), torch.from_numpy(modes))
+            return acceleration.double().numpy(), yaw_rate.double().numpy()
+
+    def save(self, folder: str | Path) -> None:
+        """Write the bundle as `folder`, all of it or nothing, in place of a bundle that is there.
+
+        Raises InputError where `folder` holds anything else than a bundle, or cannot be written.
+        """
+        target = Path(folder)
+        if target.exists() and not _replaceable(target):
+            raise InputError(f"cannot write bundle {target}: something else is there; name a new folder for --out")
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as temporary:
+                made, old = Path(temporary) / "new", Path(temporary) / "old"
+                made.mkdir()
+                self._write(made)
+                if target.exists():
+                    os.rename(target, old)
+                try:
+                    os.rename(made, target)
+                except OSError:
+                    if old.exists():
+                        os.rename(old, target)
+                    raise
+        except OSError as error:
+            raise InputError(f"cannot write bundle {target}: {error.strerror}; name another folder") from error
+
+    def _write(self, folder: Path) -> None:
+        state = {f"displacement.{k}": v for k, v in self.displacement.state_dict().items()}
+        state |= {f"prior.{k}": v for k, v in self.prior.state_dict().items()}
+        state["mode_centres"] = torch.from_numpy(self.mode_centres)
+        state["mode_counts"] = torch.from_numpy(self.mode_counts)
+        config = {"name": self.name, **asdict(self.config)}
+        (folder / "config.json").write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
+        (folder / "training.json").write_text(json.dumps(self.training, indent=2) + "\n", encoding="utf-8")
+        (folder / "MODEL_CARD.md").write_text(self.card, encoding="utf-8")
+        save_file({k: v.contiguous() for k, v in state.items()}, folder / "weights.safetensors")
+
+
+def tensors(observation: Observation) -> tuple[Tensor, Tensor]:
+    """Vector (n, 12) float32 and type (n,) int64 of an observation, as the models take them."""
+    return torch.from_numpy(observation.vector), torch.from_numpy(observation.type.astype(np.int64))
+
+
+def shipped_bundles() -> list[str]:
+    """Names of the bundles that come with the package, sorted."""
+    return sorted(path.parent.name for path in SHIPPED.glob("*/config.json"))
+
+
+def load_bundle(name_or_folder: str | Path) -> ModelBundle:
+    """Read a bundle: one that comes with the package, by name, or a folder.
+
+    A string without a slash is looked up among the shipped bundles first. Raises InputError where there is no such
+    bundle, or where it is damaged, of another format version or for other features.
+    """
+    name = str(name_or_folder)
+    folder = SHIPPED / name if name in shipped_bundles() else Path(name_or_folder)
+    if not folder.is_dir():
+        known = ", ".join(shipped_bundles()) or "none"
+        raise InputError(f"no bundle {name}: neither a folder nor one of the shipped bundles ({known})")
+    missing = [file for file in FILES if not (folder / file).is_file()]
+    if missing:
+        raise InputError(f"bundle {folder}: {', '.join(missing)} missing; give a folder that `slrl-sumo fit` made")
+    values = _read_json(folder / "config.json")
+    bundle_name = values.pop("name", None)
+    config = BundleConfig.read(values, folder)
+    displacement = DisplacementModels(config.modes, config.displacement_hidden)
+    prior = Prior(config.modes, config.prior_hidden)
+    state = _read_weights(folder, config, displacement, prior)
+    displacement.load_state_dict({k.removeprefix("displacement."): v for k, v in state.items() if k[0] == "d"})
+    prior.load_state_dict({k.removeprefix("prior."): v for k, v in state.items() if k[0] == "p"})
+    return ModelBundle(
+        name=str(bundle_name),
+        config=config,
+        mode_centres=state["mode_centres"].numpy(),
+        mode_counts=state["mode_counts"].numpy(),
+        displacement=displacement.requires_grad_(False).eval(),
+        prior=prior.requires_grad_(False).eval(),
+        training=_read_json(folder / "training.json"),
+        card=(folder / "MODEL_CARD.md").read_text(encoding="utf-8", errors="replace"),
+    )
+
+
+def _read_json(file: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(f"bundle {file.parent}: {file.name} is damaged ({error}); copy the bundle again") from error
+    if not isinstance(values, dict):
+        raise InputError(f"bundle {file.parent}: {file.name} is damaged (no JSON object); copy the bundle again")
+    return values
+
+
+def _read_weights(
+    folder: Path, config: BundleConfig, displacement: DisplacementModels, prior: Prior
+) -> dict[str, Tensor]:
+    """All tensors of the bundle, checked: the expected names, shapes and kinds, and finite."""
+    types = len(RoadUserType)
+    expected = {f"displacement.{k}": v for k, v in displacement.state_dict().items()}
+    expected |= {f"prior.{k}": v for k, v in prior.state_dict().items()}
+    expected["mode_centres"] = torch.zeros(types, config.modes, 2, dtype=torch.float64)
+    expected["mode_counts"] = torch.zeros(types, config.modes, dtype=torch.int64)
+    damaged = f"bundle {folder}: weights.safetensors is damaged"
+    try:
+        state: dict[str, Tensor] = load_file(folder / "weights.safetensors")
+    except (OSError, SafetensorError) as error:
+        raise InputError(f"{damaged} ({error}); copy the bundle again") from error
+    for key in sorted(set(expected) | set(state)):
+        if key not in expected or key not in state:
+            raise InputError(f"{damaged} ({key} {'missing' if key in expected else 'unknown'}); copy the bundle again")
+        value, wanted = state[key], expected[key]
+        if value.shape != wanted.shape or value.dtype != wanted.dtype:
+            found, due = (f"{tuple(v.shape)} {v.dtype}" for v in (value, wanted))
+            raise InputError(f"{damaged} ({key} is {found} instead of {due}); copy the bundle again")
+        if not bool(torch.isfinite(value).all()):
+            raise InputError(f"{damaged} ({key} is not finite); copy the bundle again")
+    return state
+
+
+def _replaceable(target: Path) -> bool:
+    """Whether `target` is an empty folder or holds a bundle and nothing else."""
+    if not target.is_dir():
+        return False
+    names = {path.name for path in target.iterdir()}
+    return not names or (names <= set(FILES) and "config.json" in names)

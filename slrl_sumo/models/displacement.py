@@ -1,0 +1,88 @@
+"""Displacement models: what a road user of one type and mode does in the next decision interval."""
+
+import torch
+from torch import Tensor, nn
+
+from slrl_sumo.models.stacked import StackedNetworks
+from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+
+MODES = 20
+"""Modes per road user type (paper, section 3.2)."""
+
+SPEED = FEATURES.index("speed")
+
+
+def new_speed(speed: Tensor, acceleration: Tensor, max_speed: Tensor) -> Tensor:
+    """Speed (m/s) after one decision interval, as `slrl_sumo.world.advance` has it."""
+    return torch.minimum((speed + acceleration * DECISION_INTERVAL).clamp_min(0.0), max_speed)
+
+
+def displacement(speed: Tensor, acceleration: Tensor, yaw_rate: Tensor, max_speed: Tensor) -> Tensor:
+    """Displacement (..., 2) in m, in the ego frame of the interval's start, of one decision interval.
+
+    The differentiable twin of `slrl_sumo.world.advance.advance`; all arguments (...,), in m/s, m/s², rad/s, m/s.
+    """
+    distance = new_speed(speed, acceleration, max_speed) * DECISION_INTERVAL
+    middle = 0.5 * yaw_rate * DECISION_INTERVAL
+    return torch.stack([distance * middle.cos(), distance * middle.sin()], -1)
+
+
+class DisplacementModels(nn.Module):
+    """One small network per road user type and mode (paper, section 3.1), with bounded kinematics as output.
+
+    The paper regresses the displacement freely, which runs away in closed loop. Here a network gives acceleration
+    and yaw rate through tanh, scaled to what its type was recorded to do, and `advance` turns them into the
+    displacement. The bounds are buffers, per type:
+
+    acceleration_bounds, yaw_rate_bounds: (3, 2) lowest <= 0 and highest >= 0, m/s² and rad/s.
+    max_curvature: (3,) 1/m; cars and bicycles turn at most this much per metre, so not at all while they stand.
+    max_speed: (3,) m/s.
+    """
+
+    acceleration_bounds: Tensor
+    yaw_rate_bounds: Tensor
+    max_curvature: Tensor
+    max_speed: Tensor
+
+    def __init__(self, modes: int = MODES, hidden: tuple[int, ...] = (32, 32)) -> None:
+        super().__init__()
+        types = len(RoadUserType)
+        self.networks = StackedNetworks(modes, hidden, 2)
+        self.register_buffer("acceleration_bounds", torch.zeros(types, 2))
+        self.register_buffer("yaw_rate_bounds", torch.zeros(types, 2))
+        self.register_buffer("max_curvature", torch.zeros(types))
+        self.register_buffer("max_speed", torch.zeros(types))
+
+    def motion(self, vector: Tensor, kind: Tensor, mode: Tensor) -> tuple[Tensor, Tensor]:
+        """Acceleration (m/s²) and yaw rate (rad/s), each (n,), of road users that follow the given modes.
+
+        `vector`: (n, 12) feature vectors; `kind`: (n,) int64 RoadUserType; `mode`: (n,) int64 in 0..modes-1.
+        """
+        acceleration, yaw_rate = self.motion_blocks(vector[:, None], kind, mode)
+        return acceleration[:, 0], yaw_rate[:, 0]
+
+    def motion_blocks(self, vector: Tensor, kind: Tensor, mode: Tensor) -> tuple[Tensor, Tensor]:
+        """`motion` for n blocks of rows that share type and mode: `vector` (n, rows, 12), results (n, rows)."""
+        return self._bounded(self.networks(vector, kind, mode), vector[..., SPEED], kind)
+
+    def motion_all(self, vector: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+        """`motion` for every mode of the road user's type: acceleration and yaw rate, each (n, modes)."""
+        return self._bounded(self.networks.forward_all(vector, kind), vector[:, None, SPEED], kind)
+
+    def _bounded(self, raw: Tensor, speed: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+        """Raw outputs (n, m, 2) as bounded acceleration and yaw rate (n, m); `speed` broadcasts to (n, m)."""
+        acceleration = _within(raw[..., 0], self.acceleration_bounds[kind][:, None])
+        # Curvature bounds the turn per distance covered, so the speed that counts is that of the interval ahead.
+        after = new_speed(speed, acceleration, self.max_speed[kind][:, None]).detach()
+        turn = (self.max_curvature[kind][:, None] * after)[..., None]
+        bounds = self.yaw_rate_bounds[kind][:, None].expand(*after.shape, 2)
+        free = (kind == RoadUserType.PEDESTRIAN)[:, None, None]
+        bounds = torch.where(free, bounds, torch.maximum(torch.minimum(bounds, turn), -turn))
+        return acceleration, _within(raw[..., 1], bounds)
+
+
+def _within(raw: Tensor, bounds: Tensor) -> Tensor:
+    """tanh of `raw` (n, m) scaled so that -1, 0 and 1 become the lowest bound, 0 and the highest; bounds (..., 2)."""
+    unit = torch.tanh(raw)
+    return torch.where(unit > 0, unit * bounds[..., 1], -unit * bounds[..., 0])

@@ -1,0 +1,19 @@
+"""The prior: which mode people chose in the recordings, given what the vector says."""
+
+from torch import Tensor, nn
+
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.stacked import StackedNetworks
+
+
+class Prior(nn.Module):
+    """Mode classifier per road user type: the paper's supervised baseline for the selector (section 4.1)."""
+
+    def __init__(self, modes: int = MODES, hidden: tuple[int, ...] = (64, 64)) -> None:
+        super().__init__()
+        self.networks = StackedNetworks(1, hidden, modes)
+
+    def logits(self, vector: Tensor, kind: Tensor) -> Tensor:
+        """Unnormalised log probabilities (n, modes); `vector` (n, 12) feature vectors, `kind` (n,) int64 types."""
+        logits: Tensor = self.networks.forward_all(vector, kind)[:, 0]
+        return logits

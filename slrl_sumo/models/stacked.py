@@ -1,0 +1,76 @@
+"""Many small networks of one shape, evaluated as batched products."""
+
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.world.types import RoadUserType
+
+LIMIT = 5.0
+"""Standard deviations beyond which an input counts as this far out: the networks know nothing farther away."""
+
+
+class StackedNetworks(nn.Module):
+    """`members` multilayer perceptrons for each road user type, with tanh between their layers.
+
+    Layer l of all of them is one tensor: weight (types, members, in, out) and bias (types, members, 1, out).
+    Inputs are feature vectors (slrl_sumo.perception.features); they are standardised per type by the buffers `mean`
+    and `scale` (types, in), where `scale` is 1 / standard deviation. Columns that never varied in training have
+    scale 0: what such a column does was never learned, so it has no say.
+    """
+
+    mean: Tensor
+    scale: Tensor
+
+    def __init__(self, members: int, hidden: tuple[int, ...], outputs: int) -> None:
+        super().__init__()
+        types = len(RoadUserType)
+        sizes = (len(FEATURES), *hidden, outputs)
+        self.members = members
+        pairs = list(pairwise(sizes))
+        self.weight = nn.ParameterList([nn.Parameter(torch.zeros(types, members, a, b)) for a, b in pairs])
+        self.bias = nn.ParameterList([nn.Parameter(torch.zeros(types, members, 1, b)) for _, b in pairs])
+        self.register_buffer("mean", torch.zeros(types, len(FEATURES)))
+        self.register_buffer("scale", torch.ones(types, len(FEATURES)))
+
+    @torch.no_grad()
+    def initialise(self, generator: torch.Generator) -> None:
+        """Draw all weights uniformly from ±1/sqrt(inputs) and set the biases to 0."""
+        for weight in self.weight:
+            reach = weight.shape[-2] ** -0.5
+            weight.uniform_(-reach, reach, generator=generator)
+
+    def standardised(self, vector: Tensor, kind: Tensor) -> Tensor:
+        """Feature vectors (n, rows, in) of the types `kind` (n,), standardised and kept within ±LIMIT."""
+        scaled = (vector - self.mean[kind][:, None]) * self.scale[kind][:, None]
+        return scaled.clamp(-LIMIT, LIMIT)
+
+    def forward(self, vector: Tensor, kind: Tensor, member: Tensor) -> Tensor:
+        """Outputs (n, rows, out) of one chosen network for each of n blocks of rows.
+
+        `vector`: (n, rows, in) feature vectors; `kind`: (n,) int64 types; `member`: (n,) int64, which network.
+        """
+        x = self.standardised(vector, kind)
+        chosen = kind * self.members + member
+        for layer, (weight, bias) in enumerate(zip(self.weight, self.bias, strict=True)):
+            x = torch.tanh(x) if layer else x
+            x = torch.baddbmm(
+                bias.flatten(0, 1).index_select(0, chosen), x, weight.flatten(0, 1).index_select(0, chosen)
+            )
+        return x
+
+    def forward_all(self, vector: Tensor, kind: Tensor) -> Tensor:
+        """Outputs (n, members, out) of all networks of each row's type; `vector` (n, in), `kind` (n,) int64."""
+        x = self.standardised(vector[:, None], kind)[:, 0]
+        result = x.new_empty(len(x), self.members, self.weight[-1].shape[-1])
+        for one in RoadUserType:
+            rows = torch.nonzero(kind == int(one))[:, 0]
+            if len(rows):
+                y = x[rows]  # broadcast over the members by the first layer
+                for layer, (weight, bias) in enumerate(zip(self.weight, self.bias, strict=True)):
+                    y = torch.tanh(y) if layer else y
+                    y = y @ weight[one] + bias[one]
+                result = result.index_copy(0, rows, y.transpose(0, 1))
+        return result
