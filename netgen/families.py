@@ -1,0 +1,96 @@
+"""Families of scenarios: one number, the seed, draws the spec and the demand."""
+
+from pathlib import Path
+from random import Random
+from typing import Literal, get_args
+
+from netgen.errors import NetgenError
+from netgen.scenario import write_scenario
+from netgen.specs import Control, DemandSpec, IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
+
+Family = Literal["intersection", "shared-space", "random"]
+
+
+def generate(family: str, seed: int, folder: Path, size: int | None = None) -> Path:
+    """Draw a scenario of `family` from `seed` and write it to `folder`; returns the path of its .sumocfg.
+
+    `size`: how often the family random adds a street (see `RandomSpec.iterations`); the others have one size.
+    Raises NetgenError: an unknown family, a seed or size out of range, and whatever `write_scenario` raises.
+    """
+    spec, demand = draw_spec(family, seed, size)
+    sized = f" --size {size}" if size is not None else ""
+    command = f"slrl-sumo generate {family} --seed {seed}{sized} --out DIR"
+    return write_scenario(spec, demand, folder, command)
+
+
+def draw_spec(family: str, seed: int, size: int | None = None) -> tuple[NetSpec, DemandSpec]:
+    """The net and the demand that `seed` stands for in `family`; for `size` see `generate`.
+
+    Streets, controls, angles, speed limits and traffic differ from seed to seed. Raises NetgenError as `generate` does.
+    """
+    if family not in get_args(Family):
+        raise NetgenError(f"there is no family {family!r}: give one of {', '.join(get_args(Family))}")
+    if size is not None and family != "random":
+        raise NetgenError(f"the family {family} has one size: leave the size out, or give the family random")
+    random = Random(f"{family}-{seed}")
+    if family == "intersection":
+        return _draw_intersection(random, seed)
+    if family == "shared-space":
+        return _draw_shared_space(random, seed)
+    return _draw_random(random, seed, size)
+
+
+def _draw_intersection(random: Random, seed: int) -> tuple[IntersectionSpec, DemandSpec]:
+    sidewalks = random.random() < 0.85
+    spec = IntersectionSpec(
+        arms=random.choice((3, 4)),
+        lanes=random.choice((1, 1, 2)),
+        control=random.choice(get_args(Control)),
+        sidewalks=sidewalks,
+        crossings=sidewalks and random.random() < 0.85,
+        cycle_lanes=random.random() < 0.6,
+        arm_length=float(random.randint(70, 110)),
+        angle_spread=round(random.uniform(0.0, 20.0), 1),
+        speed_limit=random.choice((8.33, 13.89)),
+        seed=seed,
+    )
+    return spec, _draw_demand(random, seed, cars=(250, 650) if spec.lanes == 1 else (400, 900))
+
+
+def _draw_shared_space(random: Random, seed: int) -> tuple[SharedSpaceSpec, DemandSpec]:
+    spec = SharedSpaceSpec(
+        arms=random.choice((2, 3, 4)),
+        width=float(random.randint(9, 16)),
+        corner_radius=float(random.randint(4, 12)),
+        arm_length=float(random.randint(60, 100)),
+        angle_spread=round(random.uniform(0.0, 20.0), 1),
+        speed_limit=random.choice((2.78, 4.17, 5.56)),
+        seed=seed,
+    )
+    return spec, _draw_demand(random, seed, cars=(80, 250), pedestrians=(200, 500))
+
+
+def _draw_random(random: Random, seed: int, size: int | None) -> tuple[RandomSpec, DemandSpec]:
+    iterations = random.randint(7, 16) if size is None else size
+    spec = RandomSpec(
+        iterations=iterations,
+        street_length=float(random.randint(80, 130)),
+        two_lane_share=round(random.uniform(0.0, 0.4), 2),
+        signal_share=round(random.uniform(0.0, 0.6), 2),
+        cycle_lanes=random.random() < 0.6,
+        speed_limit=random.choice((8.33, 13.89)),
+        seed=seed,
+    )
+    # More streets have more ends to enter by, so traffic grows with the net.
+    return spec, _draw_demand(random, seed, cars=(200 + 20 * iterations, 350 + 25 * iterations))
+
+
+def _draw_demand(
+    random: Random, seed: int, cars: tuple[int, int], pedestrians: tuple[int, int] = (100, 350)
+) -> DemandSpec:
+    return DemandSpec(
+        cars_per_hour=float(random.randint(*cars)),
+        bicycles_per_hour=float(random.randint(80, 250)),
+        pedestrians_per_hour=float(random.randint(*pedestrians)),
+        seed=seed,
+    )
