@@ -1,0 +1,123 @@
+"""What a road user sees: the image of the ground and of the others around it (paper, section 3.1 and Fig. 2)."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from slrl_sumo.world.geometry import Floats, to_ego
+from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import RoadUserType
+
+EGO_ROWS = 20
+EGO_COLS = 40
+BEHIND, AHEAD, SIDE = 8.0, 32.0, 10.0
+"""What the image shows around the road user, in m; one pixel is one metre."""
+
+FINE = 2
+"""Pixels per metre while drawing; averaged 2 x 2 in the end, which smooths the edges."""
+ROWS, COLS = EGO_ROWS * FINE, EGO_COLS * FINE
+MAX_WIDTH = 4.0
+"""Boxes are drawn at most this wide (m; trams have 2.65), so that nothing reaches across the gap between two views."""
+GAP = 2 * round(MAX_WIDTH * FINE / 2) + 2
+"""Rows between two views: a line, cut MAX_WIDTH / 2 outside its view, reaches half its thickness farther."""
+MIN_LENGTH = 1.0
+"""Boxes are drawn at least this long (m), so that pedestrians are seen."""
+SHIFT = 4
+"""Fractional bits of the coordinates given to OpenCV: 1/16 px."""
+VIEWS_AT_ONCE = 256
+"""Views on one canvas: keeps it in the cache and the memory bounded."""
+
+PAINT = 8
+"""Canvas value of road user type 0; the values below are those of Surface."""
+PAPER_PALETTE: NDArray[np.uint8] = np.zeros((256, 1, 3), np.uint8)
+"""RGB of each canvas value. The paper knows neither crossings nor cycle lanes: both are road."""
+PAPER_PALETTE[[1, 3, 4]] = 255, 255, 255
+PAPER_PALETTE[2] = 255, 255, 0
+PAPER_PALETTE[PAINT + RoadUserType.CAR] = 255, 0, 0
+PAPER_PALETTE[PAINT + RoadUserType.BICYCLE] = 0, 0, 255
+PAPER_PALETTE[PAINT + RoadUserType.PEDESTRIAN] = 0, 255, 0
+
+
+def ego_images(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap) -> NDArray[np.uint8]:
+    """The images of the road users `rows` of `world`, (len(rows), EGO_ROWS, EGO_COLS, 3) RGB.
+
+    The ego is at a fixed place, 8 m from the left border and half-way up, and looks right; row 0 is the far left.
+    Ground in its colours, black outside; everybody is a line along its heading, as long and about as wide as its box:
+    cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too.
+    """
+    images = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
+    if len(rows) == 0:
+        return images
+    reach = np.maximum(world.length, MIN_LENGTH) / 2 + np.minimum(world.width, MAX_WIDTH) / 2
+    everyone = cKDTree(np.stack([world.x, world.y], axis=1))
+    for start in range(0, len(rows), VIEWS_AT_ONCE):
+        chunk = rows[start : start + VIEWS_AT_ONCE]
+        canvas = np.zeros((len(chunk), ROWS + GAP, COLS), np.uint8)
+        roadmap.ego_surfaces(
+            world.x[chunk],
+            world.y[chunk],
+            world.heading[chunk],
+            behind=BEHIND,
+            ahead=AHEAD,
+            side=SIDE,
+            resolution=FINE,
+            out=canvas[:, :ROWS],
+        )
+        flat = canvas.reshape(-1, COLS)
+        _draw_road_users(flat, world, chunk, everyone, reach)
+        colours = cv2.applyColorMap(flat, PAPER_PALETTE)
+        small = cv2.resize(colours, (EGO_COLS, len(flat) // FINE), interpolation=cv2.INTER_AREA)
+        images[start : start + len(chunk)] = small.reshape(len(chunk), -1, EGO_COLS, 3)[:, :EGO_ROWS]
+    return images
+
+
+def _draw_road_users(
+    canvas: NDArray[np.uint8], world: WorldState, rows: NDArray[np.intp], everyone: cKDTree, reach: Floats
+) -> None:
+    """Draw all that the road users `rows` see, each into its own view of the canvas (views below one another)."""
+    cos, sin = np.cos(world.heading), np.sin(world.heading)
+    # Search round the middle of the views, not round the egos: a third of the area.
+    middle = (AHEAD - BEHIND) / 2
+    centres = np.stack([world.x[rows] + middle * cos[rows], world.y[rows] + middle * sin[rows]], axis=1)
+    radius = np.hypot((AHEAD + BEHIND) / 2, SIDE) + reach.max()
+    pairs = cKDTree(centres).sparse_distance_matrix(everyone, radius, output_type="ndarray")
+    view, seen = pairs["i"], pairs["j"]
+    ego = rows[view]
+    x, y = to_ego(world.x[seen] - world.x[ego], world.y[seen] - world.y[ego], world.heading[ego])
+    visible = (np.abs(x - middle) < (AHEAD + BEHIND) / 2 + reach[seen]) & (np.abs(y) < SIDE + reach[seen])
+    view, seen, ego, x, y = view[visible], seen[visible], ego[visible], x[visible], y[visible]
+
+    thickness = np.clip(np.rint(world.width[seen] * FINE), 1, MAX_WIDTH * FINE).astype(np.intp)
+    # OpenCV's lines have round caps: half the thickness is added at both ends.
+    half = np.maximum((np.maximum(world.length[seen], MIN_LENGTH) * FINE - thickness) / 2, 0.0)
+    turn_cos = cos[seen] * cos[ego] + sin[seen] * sin[ego]
+    turn_sin = sin[seen] * cos[ego] - cos[seen] * sin[ego]
+    col, row = (x + BEHIND) * FINE - 0.5, (SIDE - y) * FINE - 0.5
+    step_col, step_row = half * turn_cos, -half * turn_sin
+
+    # Cut at the rows from where nothing is visible, so that no line reaches into the view above or below.
+    # Position along the line, from -1 to 1, where it enters and leaves the band of rows.
+    cut = MAX_WIDTH * FINE / 2
+    slope = np.where(np.abs(step_row) < 1e-9, 1e-9, step_row)
+    ends = np.stack([(-0.5 - cut - row) / slope, (ROWS - 0.5 + cut - row) / slope])
+    first, last = np.clip(ends.min(axis=0), -1, 1), np.clip(ends.max(axis=0), -1, 1)
+    top = view * (ROWS + GAP) + row
+    lines = np.empty((len(view), 2, 2))
+    for k, at in enumerate((first, last)):
+        lines[:, k, 0] = col + at * step_col
+        lines[:, k, 1] = top + at * step_row
+    corners = np.rint(lines * (1 << SHIFT)).astype(np.int32)
+
+    kind = world.type[seen]
+    inside = first < last
+    for user in RoadUserType:  # cars first: whoever is vulnerable is never hidden
+        for width in np.unique(thickness[kind == user]).tolist():
+            chosen = corners[(kind == user) & (thickness == width) & inside]
+            cv2.polylines(canvas, list(chosen), False, PAINT + int(user), width, cv2.LINE_8, SHIFT)
+
+
+def ego_picture(image: NDArray[np.uint8], scale: int = 10) -> NDArray[np.uint8]:
+    """One ego image enlarged for people, (rows * scale, cols * scale, 3): every pixel becomes a square."""
+    return image.repeat(scale, axis=0).repeat(scale, axis=1)

@@ -1,0 +1,237 @@
+"""The ground of a scene as pixels, in tiles that are painted when somebody comes near."""
+
+import math
+from collections import OrderedDict
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, half_width, paint
+
+__all__ = ["Area", "Ribbon", "RoadMap", "Surface", "SurfaceShapes"]
+
+CORE = 128.0
+"""Side of the square that one tile answers for, in m."""
+MARGIN = 48.0
+"""What a tile shows around its core, in m: the ego view (33.5 m) of all in the core lies within this one tile."""
+MEMORY_LIMIT = 256 * 2**20
+NEAR = 10.0
+"""Who is farther than this (m) from every surface has left the scene."""
+NEAR_CELL = 2.0
+"""Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS of them."""
+MAX_CELLS = 16 * 2**20
+
+Ids = NDArray[np.uint8]
+
+
+class RoadMap:
+    """Surface ids of a whole network as pixels (rows grow northwards), in square tiles of bounded total memory.
+
+    Tiles are painted on demand and the least recently used ones are dropped: a map costs time where road users are, and
+    all its tiles together at most `memory_limit` bytes (at least one tile is kept).
+    """
+
+    def __init__(
+        self,
+        shapes: SurfaceShapes,
+        *,
+        resolution: float = 4.0,
+        core: float = CORE,
+        margin: float = MARGIN,
+        memory_limit: int = MEMORY_LIMIT,
+    ) -> None:
+        """`resolution` in px/m; `core` and `margin` of a tile in m; `memory_limit` in bytes."""
+        self.shapes = shapes
+        self.resolution = resolution
+        self.core = core
+        self.margin = margin
+        self.memory_limit = memory_limit
+        self.bounds: tuple[float, float, float, float] = _bounds(shapes.shapes)
+        """(x0, y0, x1, y1) of all shapes in m; zeros without shapes."""
+        self._surfaces = frozenset(shape.surface for shape in shapes.shapes)
+        self._pixels = round((core + 2 * margin) * resolution)
+        self._tiles: OrderedDict[tuple[int, int], Ids] = OrderedDict()
+        self._blank: Ids = np.zeros((self._pixels, self._pixels), np.uint8)
+        self._blank.flags.writeable = False
+        self._index = _index_by_tile(shapes.shapes, core, margin)
+        self._near_cell, self._near = _occupancy(shapes.shapes, self.bounds)
+
+    def has(self, surface: Surface) -> bool:
+        """Whether any shape is of this surface."""
+        return surface in self._surfaces
+
+    @property
+    def resident_bytes(self) -> int:
+        """Memory of the painted tiles that are kept now."""
+        return sum(tile.nbytes for tile in self._tiles.values())
+
+    def surface_at(self, x: Floats, y: Floats) -> Ids:
+        """Surface under each point (m), (n,); NONE outside everything."""
+        ids = np.zeros(len(x), np.uint8)
+        for tile, x0, y0, members in self._by_tile(x, y):
+            row = ((y[members] - y0) * self.resolution).astype(np.intp)
+            col = ((x[members] - x0) * self.resolution).astype(np.intp)
+            ids[members] = tile[row, col]
+        return ids
+
+    def near_surface(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Whether some surface lies near each point (m), (n,): True up to 10 m, False beyond 20 m.
+
+        In between it depends on the grid; on scenes above about 50 km² that range grows.
+        """
+        rows, cols = self._near.shape
+        reach = _near_reach(self._near_cell)
+        col = np.floor((x - self.bounds[0] + reach) / self._near_cell)
+        row = np.floor((y - self.bounds[1] + reach) / self._near_cell)
+        inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+        near = np.zeros(len(x), np.bool_)
+        near[inside] = self._near[row[inside].astype(np.intp), col[inside].astype(np.intp)] > 0
+        return near
+
+    def ego_surfaces(
+        self,
+        x: Floats,
+        y: Floats,
+        heading: Floats,
+        *,
+        behind: float,
+        ahead: float,
+        side: float,
+        resolution: float,
+        out: Ids | None = None,
+    ) -> Ids:
+        """Crops of the ground as seen by each road user, (n, rows, cols) Surface ids.
+
+        The view reaches `behind`, `ahead` and to each `side` (m) of positions `x`, `y` (m). `heading` (rad) points to
+        the right of the crop; row 0 is the far left. `resolution` in px/m; the nearest pixel counts. `out` receives the
+        result if given: uint8, of the result's shape, each crop with contiguous rows. Raises ValueError if the view
+        may reach beyond the margin of a tile.
+        """
+        if math.hypot(max(behind, ahead), side) + 1.0 > self.margin:
+            raise ValueError(f"the ego view reaches beyond the tile margin of {self.margin} m")
+        rows, cols = round(2 * side * resolution), round((behind + ahead) * resolution)
+        crops = np.empty((len(x), rows, cols), np.uint8) if out is None else out
+        scale = self.resolution / resolution
+        c, s = np.cos(heading), np.sin(heading)
+        # Crop pixel -> ego frame -> world -> tile pixel in one affine map, (col, row) to (col, row) as cv2 has it.
+        ex, ey = 0.5 / resolution - behind, side - 0.5 / resolution
+        matrices = np.empty((len(x), 2, 3))
+        matrices[:, 0] = np.stack([scale * c, scale * s, (x + c * ex - s * ey) * self.resolution - 0.5], axis=1)
+        matrices[:, 1] = np.stack([scale * s, -scale * c, (y + s * ex + c * ey) * self.resolution - 0.5], axis=1)
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        for tile, x0, y0, members in self._by_tile(x, y):
+            if tile is self._blank:
+                crops[members] = Surface.NONE
+                continue
+            matrices[members, :, 2] -= np.array([x0, y0]) * self.resolution
+            for i in members.tolist():
+                cv2.warpAffine(tile, matrices[i], (cols, rows), dst=crops[i], flags=flags)
+        return crops
+
+    def _by_tile(self, x: Floats, y: Floats) -> Iterator[tuple[Ids, float, float, NDArray[np.intp]]]:
+        """Points grouped by the tile whose core they lie in: (tile, its x0 and y0 in m, indices of the points)."""
+        if len(x) == 0:
+            return
+        column = np.floor(x / self.core).astype(np.int64)
+        row = np.floor(y / self.core).astype(np.int64)
+        order = np.lexsort((column, row))
+        column, row = column[order], row[order]
+        cuts = np.flatnonzero((np.diff(column) != 0) | (np.diff(row) != 0)) + 1
+        for members in np.split(np.arange(len(x)), cuts):
+            i, j = int(column[members[0]]), int(row[members[0]])
+            yield self._tile(i, j), i * self.core - self.margin, j * self.core - self.margin, order[members]
+
+    def _tile(self, i: int, j: int) -> Ids:
+        """The pixels around the core with column `i` and row `j`, painted if it is not kept."""
+        indices = self._index.get((i, j))
+        if indices is None:
+            return self._blank
+        tile = self._tiles.get((i, j))
+        if tile is not None:
+            self._tiles.move_to_end((i, j))
+            return tile
+        while self._tiles and (len(self._tiles) + 1) * self._blank.nbytes > self.memory_limit:
+            self._tiles.popitem(last=False)
+        tile = np.zeros((self._pixels, self._pixels), np.uint8)
+        shapes = [self.shapes.shapes[k] for k in indices.tolist()]
+        paint(tile, shapes, i * self.core - self.margin, j * self.core - self.margin, self.resolution)
+        self._tiles[i, j] = tile
+        return tile
+
+
+def _bounds(shapes: tuple[Shape, ...]) -> tuple[float, float, float, float]:
+    boxes = [
+        (s.points.min(axis=0) - half_width(s), s.points.max(axis=0) + half_width(s)) for s in shapes if len(s.points)
+    ]
+    if not boxes:
+        return 0.0, 0.0, 0.0, 0.0
+    low, high = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _index_by_tile(shapes: tuple[Shape, ...], core: float, margin: float) -> dict[tuple[int, int], NDArray[np.int32]]:
+    """Which shapes (ascending, thus in paint order) may show in each tile."""
+    lows: list[Floats] = []
+    highs: list[Floats] = []
+    owners: list[NDArray[np.int32]] = []
+    for k, shape in enumerate(shapes):
+        points = shape.points
+        if isinstance(shape, Area):
+            low, high = points[:1], points[:1]
+            if len(points):
+                low, high = points.min(axis=0, keepdims=True), points.max(axis=0, keepdims=True)
+        else:
+            # Long segments in pieces, so that a diagonal of kilometres is not listed in every tile of its bounding box.
+            a, b = points[:-1], points[1:]
+            count = np.maximum(1, np.ceil(np.abs(b - a).max(axis=1, initial=0.0) / core).astype(np.intp))
+            which = np.repeat(np.arange(len(a)), count)
+            step = ((b - a) / count[:, None])[which]
+            nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+            p, q = a[which] + step * nth[:, None], a[which] + step * (nth[:, None] + 1)
+            low, high = np.minimum(p, q) - half_width(shape), np.maximum(p, q) + half_width(shape)
+        lows.append(low)
+        highs.append(high)
+        owners.append(np.full(len(low), k, np.int32))
+    if not sum(len(part) for part in owners):
+        return {}
+    owner = np.concatenate(owners)
+    reach = margin + 1.0  # a pixel more than the tile shows, for OpenCV's borders
+    first = np.floor((np.concatenate(lows) - reach) / core).astype(np.int64)
+    last = np.floor((np.concatenate(highs) + reach) / core).astype(np.int64)
+    span = last - first + 1
+    count = span.prod(axis=1)
+    which = np.repeat(np.arange(len(owner)), count)
+    nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    column, row = first[which, 0] + nth % span[which, 0], first[which, 1] + nth // span[which, 0]
+    order = np.lexsort((owner[which], column, row))
+    column, row, owner = column[order], row[order], owner[which][order]
+    cuts = np.flatnonzero((np.diff(column) != 0) | (np.diff(row) != 0)) + 1
+    starts = np.concatenate([[0], cuts])
+    keys = zip(column[starts].tolist(), row[starts].tolist(), strict=True)
+    return dict(zip(keys, (np.unique(part) for part in np.split(owner, cuts)), strict=True))
+
+
+def _near_reach(cell: float) -> float:
+    """How far a shape's mark on the occupancy grid reaches beyond it, and the grid beyond the bounds, in m.
+
+    NEAR, and two cells for where in their cells the point and the border of the shape lie.
+    """
+    return NEAR + 2 * cell
+
+
+def _occupancy(shapes: tuple[Shape, ...], bounds: tuple[float, float, float, float]) -> tuple[float, Ids]:
+    """Cell size (m) and the grid of cells near some surface; its corner lies `_near_reach` outside the bounds."""
+    width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
+    cell = max(NEAR_CELL, math.sqrt((width + 4 * NEAR) * (height + 4 * NEAR) / MAX_CELLS))
+    reach = _near_reach(cell)
+    size = (math.ceil((height + 2 * reach) / cell), math.ceil((width + 2 * reach) / cell))
+    grid = np.zeros(size, np.uint8)
+    paint(grid, shapes, bounds[0] - reach, bounds[1] - reach, 1 / cell, value=1)
+    radius = math.ceil(reach / cell)
+    offset = np.arange(-radius, radius + 1)
+    disc = (np.square(offset)[:, None] + np.square(offset) <= radius**2).astype(np.uint8)
+    cv2.dilate(grid, disc, dst=grid)
+    return cell, grid
