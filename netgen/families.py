@@ -41,17 +41,20 @@ def draw_spec(family: str, seed: int, size: int | None = None) -> tuple[NetSpec,
 
 
 def _draw_intersection(random: Random, seed: int) -> tuple[IntersectionSpec, DemandSpec]:
+    control = random.choice(get_args(Control))
+    # Right before left is for quiet streets: on fast, two-lane ones cars of all four arms block each other repeatedly.
+    quiet = control == "right_before_left"
     sidewalks = random.random() < 0.85
     spec = IntersectionSpec(
         arms=random.choice((3, 4)),
-        lanes=random.choice((1, 1, 2)),
-        control=random.choice(get_args(Control)),
+        lanes=1 if quiet else random.choice((1, 1, 2)),
+        control=control,
         sidewalks=sidewalks,
         crossings=sidewalks and random.random() < 0.85,
         cycle_lanes=random.random() < 0.6,
         arm_length=float(random.randint(70, 110)),
         angle_spread=round(random.uniform(0.0, 20.0), 1),
-        speed_limit=random.choice((8.33, 13.89)),
+        speed_limit=8.33 if quiet else random.choice((8.33, 13.89)),
         seed=seed,
     )
     return spec, _draw_demand(random, seed, cars=(250, 650) if spec.lanes == 1 else (400, 900))

@@ -21,6 +21,7 @@ from netgen.specs import IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
 
 SIDEWALK_WIDTH = "2.00"
 CYCLE_LANE_WIDTH = "1.50"
+SHARED_PATH_WIDTH = "2.50"
 """m, as SUMO writes them."""
 _HEADER = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 
@@ -136,8 +137,8 @@ def _lanes(spec: NetSpec, car_lanes: int) -> tuple[Mapping[str, str], ...]:
         barred.append("pedestrian")
     if spec.cycle_lanes:
         # Without a sidewalk people walk at the edge of the street, and that is the cycle lane.
-        users = "bicycle" if spec.sidewalks else "bicycle pedestrian"
-        made.append({"allow": users, "width": CYCLE_LANE_WIDTH})
+        path = {"allow": "bicycle pedestrian", "width": SHARED_PATH_WIDTH}
+        made.append({"allow": "bicycle", "width": CYCLE_LANE_WIDTH} if spec.sidewalks else path)
         barred = ["pedestrian", "bicycle"]
     car_lane = {"disallow": " ".join(barred)} if barred else {}
     return (*made, *[car_lane] * car_lanes)

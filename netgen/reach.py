@@ -35,7 +35,11 @@ CLASSES = ("passenger", "bicycle", "pedestrian")
 
 
 def read_graph(net: bytes) -> NetGraph:
-    """The graph of the contents of a .net.xml. People walk both ways on every surface, vehicles only with the lane."""
+    """The graph of the contents of a .net.xml.
+
+    People walk both ways on every surface, vehicles only with the lane. At dead ends people do not change to the other
+    side of the street, although SUMO would let them: nobody's way should lead round the end of the net.
+    """
     root = etree.fromstring(net)
     allowed = {str(lane.attrib["id"]): _classes(lane) for lane in root.iter("lane")}
     edges = {}
@@ -45,16 +49,17 @@ def read_graph(net: bytes) -> NetGraph:
             classes = frozenset[str]().union(*(allowed[str(lane.attrib["id"])] for lane in lanes))
             length = float(lanes[0].attrib["length"])
             edges[str(edge.attrib["id"])] = NetEdge(str(edge.attrib["from"]), str(edge.attrib["to"]), length, classes)
+    dead_ends = frozenset(str(j.attrib["id"]) for j in root.iter("junction") if j.attrib["type"] == "dead_end")
     follows: dict[tuple[str, str], set[str]] = defaultdict(set)
     for c in root.iter("connection"):
         a, b = str(c.attrib["from"]), str(c.attrib["to"])
         both = allowed[f"{a}_{c.get('fromLane')}"] & allowed[f"{b}_{c.get('toLane')}"]
         for name in both & {"passenger", "bicycle"}:
             follows[name, a].add(b)
-        if "pedestrian" in both:
+        at_dead_end = any(i.startswith(":") and i[1:].rpartition("_")[0] in dead_ends for i in (a, b))
+        if "pedestrian" in both and not at_dead_end:
             follows["pedestrian", a].add(b)
             follows["pedestrian", b].add(a)
-    dead_ends = frozenset(str(j.attrib["id"]) for j in root.iter("junction") if j.attrib["type"] == "dead_end")
     return NetGraph(edges, dead_ends, {k: frozenset(v) for k, v in follows.items()})
 
 

@@ -27,7 +27,8 @@ def write_scenario(spec: NetSpec, demand: DemandSpec, folder: Path, command: str
     Raises NetgenError: SUMO's programs missing or failing, a class of road users with nowhere to go, an unwritable
     folder.
     """
-    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name) or "scenario"
+    # SUMO splits lists of file names at commas and trims blanks, so the files' names have neither.
+    name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "scenario"
     _place(scenario_files(spec, demand, name, command), folder)
     return folder / f"{name}.sumocfg"
 

@@ -1,0 +1,81 @@
+"""Demand leads where the net leads, at the asked rates, by road users that differ."""
+
+import tempfile
+from pathlib import Path
+
+import pytest
+import sumolib
+from lxml import etree
+
+from netgen.demand import TYPES_PER_CLASS, demand_xml, trip_pairs
+from netgen.errors import NetgenError
+from netgen.network import build_net
+from netgen.reach import CLASSES, NetEdge, NetGraph, reachable, read_graph
+from netgen.specs import DemandSpec, IntersectionSpec, RandomSpec
+
+
+def test_flows_add_up_to_the_asked_numbers_and_every_type_is_there() -> None:
+    demand = DemandSpec(cars_per_hour=500.0, bicycles_per_hour=120.0, pedestrians_per_hour=240.0, seed=5)
+    routes = etree.fromstring(demand_xml(read_graph(build_net(IntersectionSpec())), demand))
+    asked = {"passenger": 500.0, "bicycle": 120.0, "pedestrian": 240.0}
+    for name in CLASSES:
+        flows = [f for f in routes if f.tag in ("flow", "personFlow") and f.get("type") == name]
+        per_hour = sum(float(f.get("period").removeprefix("exp(").removesuffix(")")) for f in flows) * 3600.0
+        assert per_hour == pytest.approx(asked[name], rel=1e-3)
+        drawn = routes.findall(f"vTypeDistribution[@id='{name}']/vType")
+        assert len({tuple(sorted(t.attrib.items())[1:]) for t in drawn}) == TYPES_PER_CLASS, "no two are alike"
+        assert {t.get("vClass") for t in drawn} == {name}
+
+
+def test_a_type_with_no_demand_is_left_out() -> None:
+    demand = DemandSpec(cars_per_hour=100.0, bicycles_per_hour=0.0, pedestrians_per_hour=0.0)
+    routes = demand_xml(read_graph(build_net(IntersectionSpec())), demand)
+    assert b"passenger" in routes
+    assert b"bicycle" not in routes
+    assert b"pedestrian" not in routes
+
+
+def test_people_only_go_where_they_can_walk_without_crossings() -> None:
+    graph = read_graph(build_net(IntersectionSpec(crossings=False)))
+    # A pavement leads round one corner, to the neighbouring arm: from the right-hand side of an arm to the next arm's.
+    assert trip_pairs(graph, "pedestrian") == sorted(
+        [(f"in{k}", f"out{(k + 1) % 4}") for k in range(4)] + [(f"out{(k + 1) % 4}", f"in{k}") for k in range(4)]
+    )
+    assert len(trip_pairs(graph, "passenger")) == 12
+
+
+def test_a_class_with_nowhere_to_go_is_named() -> None:
+    # A street that is cut in the middle: each half is an end without a way to another.
+    one = b"<edge id='a' from='x' to='y'><lane id='a_0' index='0' length='9'/></edge>"
+    net = b"<net>" + one + b"<junction id='x' type='dead_end'/><junction id='y' type='priority'/></net>"
+    with pytest.raises(NetgenError, match="class bicycle"):
+        demand_xml(read_graph(net), DemandSpec(0.0, 10.0, 0.0))
+
+
+@pytest.mark.filterwarnings("default::DeprecationWarning")
+def test_reach_agrees_with_sumolib() -> None:
+    net = build_net(RandomSpec(iterations=9, seed=5))
+    graph = read_graph(net)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "made.net.xml"
+        path.write_bytes(net)
+        theirs = sumolib.net.readNet(str(path))
+    for name in ("passenger", "bicycle"):
+        for start in graph.edges:
+            expected = {e.getID() for e in theirs.getReachable(theirs.getEdge(start), name)}
+            assert reachable(graph, start, name) == expected
+
+
+def test_the_seed_decides_who_goes_where() -> None:
+    graph = read_graph(build_net(IntersectionSpec()))
+    assert demand_xml(graph, DemandSpec(seed=1)) == demand_xml(graph, DemandSpec(seed=1))
+    assert demand_xml(graph, DemandSpec(seed=1)) != demand_xml(graph, DemandSpec(seed=2))
+
+
+def test_in_a_net_without_dead_ends_every_street_is_an_end() -> None:
+    # A triangle of one-way streets.
+    ring = {i: NetEdge(i, end, 50.0, frozenset({"passenger"})) for i, end in ("ab", "bc", "ca")}
+    follows = {("passenger", i): frozenset({e.end}) for i, e in ring.items()}
+    graph = NetGraph(ring, frozenset(), follows)
+    assert trip_pairs(graph, "passenger") == [(a, b) for a in "abc" for b in "abc" if a != b]
+    assert trip_pairs(graph, "bicycle") == []

@@ -1,0 +1,40 @@
+"""The specs refuse what cannot be built, in one line that names the field."""
+
+import math
+
+import pytest
+
+from netgen.errors import NetgenError
+from netgen.specs import DemandSpec, IntersectionSpec, RandomSpec, SharedSpaceSpec
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "named"),
+    [
+        (IntersectionSpec, {"arms": 5}, "IntersectionSpec.arms is 5"),
+        (IntersectionSpec, {"arms": 3.0}, "a whole number from 3 to 4"),
+        (IntersectionSpec, {"lanes": 0}, "IntersectionSpec.lanes"),
+        (IntersectionSpec, {"lanes": True}, "IntersectionSpec.lanes is True"),
+        (IntersectionSpec, {"control": "stop"}, "right_before_left"),
+        (IntersectionSpec, {"arm_length": 10.0}, "from 40 to 500"),
+        (IntersectionSpec, {"angle_spread": math.nan}, "IntersectionSpec.angle_spread is nan"),
+        (IntersectionSpec, {"speed_limit": 50}, "IntersectionSpec.speed_limit"),
+        (IntersectionSpec, {"sidewalks": False}, "crossings but no sidewalks"),
+        (SharedSpaceSpec, {"arms": 1}, "SharedSpaceSpec.arms"),
+        (SharedSpaceSpec, {"speed_limit": 13.89}, "SharedSpaceSpec.speed_limit"),
+        (SharedSpaceSpec, {"width": 2.0}, "SharedSpaceSpec.width"),
+        (RandomSpec, {"iterations": 0}, "RandomSpec.iterations"),
+        (RandomSpec, {"seed": -1}, "RandomSpec.seed"),
+        (RandomSpec, {"signal_share": 1.5}, "from 0 to 1"),
+        (RandomSpec, {"sidewalks": False}, "crossings but no sidewalks"),
+        (DemandSpec, {"cars_per_hour": -1.0}, "DemandSpec.cars_per_hour"),
+        (DemandSpec, {"pedestrians_per_hour": "many"}, "DemandSpec.pedestrians_per_hour is 'many'"),
+        (DemandSpec, {"duration": math.inf}, "DemandSpec.duration"),
+        (DemandSpec, {"cars_per_hour": 0, "bicycles_per_hour": 0, "pedestrians_per_hour": 0}, "nobody"),
+    ],
+)
+def test_wrong_values_are_refused_in_one_line(kind: type, fields: dict[str, object], named: str) -> None:
+    with pytest.raises(NetgenError) as caught:
+        kind(**fields)
+    assert named in str(caught.value)
+    assert "\n" not in str(caught.value)
