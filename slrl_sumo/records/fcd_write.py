@@ -1,0 +1,218 @@
+"""Floating car data (FCD) as SUMO writes it (https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html)."""
+
+import gzip
+import os
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.world.state import WorldState
+
+SUFFIXES = (".xml.gz", ".xml", ".csv")
+"""What the name of an FCD file may end in; it decides the format."""
+
+CSV_COLUMNS = (
+    *("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"),
+    *("vehicle_speed", "vehicle_pos", "vehicle_lane", "vehicle_edge", "vehicle_slope"),
+)
+"""Columns of SUMO 1.28's own CSV. Persons use the same columns: they have an edge and no lane."""
+
+_HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n\n'
+    '<fcd-export xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
+    'xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">\n'
+)
+
+# In the order (id, x, y, angle, type, speed, pos, lane or edge).
+_POSE = ' id="%s" x="%.3f" y="%.3f" angle="%.2f" type="%s" speed="%.3f"'
+_VEHICLE = f'        <vehicle{_POSE} pos="%.3f" lane="%s" slope="0.00"/>\n'
+_PERSON = f'        <person{_POSE} pos="%.3f" edge="%s" slope="0.00"/>\n'
+_VEHICLE_NOWHERE = f'        <vehicle{_POSE} slope="0.00"/>\n'
+_PERSON_NOWHERE = f'        <person{_POSE} slope="0.00"/>\n'
+_CSV_POSE = "%s;%.3f;%.3f;%.2f;%s;%.3f"
+_CSV_VEHICLE = f"{_CSV_POSE};%.3f;%s;;0.00\n"
+_CSV_PERSON = f"{_CSV_POSE};%.3f;;%s;0.00\n"
+_CSV_NOWHERE = f"{_CSV_POSE};;;;0.00\n"
+
+_ESCAPES = str.maketrans(
+    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
+)
+_TO_ESCAPE = re.compile(r'[&<>"\n\r\t]')
+_TO_QUOTE = re.compile(r'[;"\n\r]')
+_NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+
+_FLUSH_CHARACTERS = 1 << 18
+
+
+@dataclass(frozen=True)
+class Places:
+    """What FCD says about the road users of a WorldState beside their motion; parallel to it."""
+
+    sumo_type: tuple[str, ...]
+    """SUMO vehicle type id of each."""
+    lane: tuple[str, ...]
+    """Lane id of a vehicle, edge id of a person; '' where SUMO maps the road user nowhere."""
+    lane_position: Floats
+    """m from the start of the lane or edge, (n,); without meaning where `lane` is ''."""
+    person: NDArray[np.bool_]
+    """True for SUMO's persons, False for its vehicles, (n,)."""
+
+
+def check_fcd_path(path: str | os.PathLike[str]) -> str:
+    """The suffix (one of SUFFIXES) of an FCD file's name; InputError where there is none."""
+    for suffix in SUFFIXES:
+        if os.fspath(path).lower().endswith(suffix):
+            return suffix
+    raise InputError(f"{os.fspath(path)}: FCD files end in .xml, .xml.gz or .csv; give it one of these names")
+
+
+class FcdWriter:
+    """Writes an FCD file, one whole time step after the other; a context manager.
+
+    The same worlds give the same bytes. The file on disk is valid at any time, even where the process dies, and after
+    `close` it holds every time step up to the last one that could be written whole. Raises InputError, with the path
+    and the reason, where the name has no known suffix or the file cannot be written (on construction), and where
+    writing fails later (in `write` or `close`; the file is closed then).
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        suffix = check_fcd_path(path)
+        self._gzip = suffix == ".xml.gz"
+        self._csv = suffix == ".csv"
+        self._tail = b"" if self._csv else self._encode("</fcd-export>\n")
+        self._whole = 0
+        """Bytes on disk that end with a whole time step; the tail follows them and the next steps overwrite it."""
+        self._waiting: list[str] = []
+        self._waiting_characters = 0
+        try:
+            self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
+        except OSError as e:
+            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
+        self._put([";".join(CSV_COLUMNS) + "\n" if self._csv else _HEAD])
+
+    def write(self, time: float, world: WorldState, places: Places) -> None:
+        """Add the time step `time` (s): first the vehicles, then the persons, each in the order of `world`.
+
+        Positions become those of front bumpers, headings SUMO's angles. Raises ValueError where a figure is not finite.
+        """
+        if self._file.closed:
+            raise ValueError(f"{self.path} is closed")
+        x, y = front_from_centre(world.x, world.y, world.heading, world.length)
+        position = places.lane_position
+        if not np.isfinite(position).all():
+            position = np.where(np.array(places.lane) == "", 0.0, position)
+        numbers = np.stack([x, y, world.speed, position])
+        angle = np.round(heading_to_sumo(world.heading), 2) % 360.0  # 359.996 would print as 360.00
+        if not (np.isfinite(numbers).all() and np.isfinite(angle).all()):
+            raise ValueError(f"world at {time} s: positions, headings and speeds must be finite")
+        numbers = np.round(numbers, 3)
+        numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
+        x, y, speed, position = numbers + 0.0  # no "-0.000"
+        escape = _quoted if self._csv else _escaped
+        rows = zip(
+            *(escape(world.ids), x.tolist(), y.tolist(), angle.tolist(), escape(places.sumo_type)),
+            *(speed.tolist(), position.tolist(), escape(places.lane)),
+            strict=True,
+        )
+        stamp = f"{time + 0.0:.2f}" if abs(round(time, 2) - time) < 1e-6 else f"{time:.3f}"
+        if self._csv:
+            with_lane, nowhere = stamp + ";" + _CSV_VEHICLE, stamp + ";" + _CSV_NOWHERE
+            with_edge, person_nowhere = stamp + ";" + _CSV_PERSON, nowhere
+        else:
+            with_lane, nowhere = _VEHICLE, _VEHICLE_NOWHERE
+            with_edge, person_nowhere = _PERSON, _PERSON_NOWHERE
+        if places.person.any():
+            vehicles, persons = [], []
+            for person, row in zip(places.person.tolist(), rows, strict=True):
+                if person:
+                    persons.append(with_edge % row if row[7] else person_nowhere % row[:6])
+                else:
+                    vehicles.append(with_lane % row if row[7] else nowhere % row[:6])
+            text = "".join(vehicles) + "".join(persons)
+        else:
+            text = "".join([with_lane % row if row[7] else nowhere % row[:6] for row in rows])
+        if not self._csv:
+            text = (
+                f'    <timestep time="{stamp}">\n{text}    </timestep>\n'
+                if text
+                else f'    <timestep time="{stamp}"/>\n'
+            )
+        self._waiting.append(text)
+        self._waiting_characters += len(text)
+        if self._waiting_characters >= _FLUSH_CHARACTERS:
+            self._flush()
+
+    def close(self) -> None:
+        """Finish the file. Doing it twice does no harm."""
+        if not self._file.closed:
+            self._flush()
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            self.close()
+        except InputError:
+            if error is None:  # else the error that came first says more
+                raise
+
+    def _flush(self) -> None:
+        steps, self._waiting, self._waiting_characters = self._waiting, [], 0
+        if steps:
+            self._put(steps)
+
+    def _encode(self, text: str) -> bytes:
+        # Each piece is a gzip member of its own, so that the file can be cut back to the last whole one.
+        return gzip.compress(text.encode(), compresslevel=4, mtime=0) if self._gzip else text.encode()
+
+    def _put(self, steps: list[str]) -> None:
+        """Write whole time steps and the tail; where that fails, as many of them as find room."""
+        try:
+            self._put_text("".join(steps))
+        except OSError as e:
+            with suppress(OSError):
+                for step in steps:
+                    self._put_text(step)
+            with suppress(OSError):
+                self._put_text("")
+            self._file.close()
+            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
+
+    def _put_text(self, text: str) -> None:
+        data = self._encode(text) if text else b""
+        rest = memoryview(data + self._tail)
+        try:
+            self._file.seek(self._whole)
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError:
+            self._file.truncate(self._whole)
+            raise
+        self._whole += len(data)
+
+
+def _escaped(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:
+    """Names as XML attribute values; most need no change, which one search over all of them shows."""
+    together = "".join(names)
+    if _NOT_IN_XML.search(together):
+        bad = next(name for name in names if _NOT_IN_XML.search(name))
+        raise InputError(f"id {bad!r} has a character that XML cannot hold; rename it")
+    return [name.translate(_ESCAPES) for name in names] if _TO_ESCAPE.search(together) else names
+
+
+def _quoted(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:
+    """Names as CSV fields."""
+    if not _TO_QUOTE.search("".join(names)):
+        return names
+    return ['"' + name.replace('"', '""') + '"' if _TO_QUOTE.search(name) else name for name in names]
