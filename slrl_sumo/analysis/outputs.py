@@ -1,0 +1,169 @@
+"""What a run leaves behind: trace, summary, report."""
+
+import json
+import os
+import resource
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from slrl_sumo.analysis.progress import progress
+from slrl_sumo.analysis.report import ReportBuilder
+from slrl_sumo.errors import InputError, SlrlError
+from slrl_sumo.records.fcd_write import FcdWriter
+from slrl_sumo.simulation.cosimulation import Decision
+from slrl_sumo.simulation.run import RunSettings, Started, Views, run
+from slrl_sumo.simulation.tally import Tally
+from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
+
+VIEWS_AT = frozenset({10, 40, 80, 140})
+"""Decisions before which the report takes a picture of what some road users see."""
+
+
+def write_run(
+    settings: RunSettings, *, fcd: Path | None, summary: Path | None, report: Path | None, quiet: bool
+) -> int:
+    """Run `settings` and write what was asked for. Returns 0, or the number of the signal that interrupted the run.
+
+    Outputs are checked before SUMO starts. An interrupt (SIGINT, SIGTERM) or an error of SUMO ends the run after a
+    whole step; everything up to there is written.
+    """
+    for path in (summary, report):
+        if path is not None:
+            _check_writable(path)
+    with ExitStack() as stack:
+        writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
+        caught = stack.enter_context(_signals())
+        bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
+        events = run(settings, VIEWS_AT if report is not None else frozenset())
+        stack.callback(events.close)
+        started = next(events)
+        assert isinstance(started, Started)
+        task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
+        for notice in () if quiet else started.notices:
+            Console(stderr=True).print(f"note: {notice}", highlight=False)
+        tally = Tally(started.step.world)
+        pictures = ReportBuilder(started) if report is not None else None
+        if writer is not None:
+            writer.write(started.step.time, started.step.world, started.step.places)
+        begin = time.perf_counter()
+        failure: SlrlError | None = None
+        while not caught:
+            try:
+                event = next(events, None)
+            except SlrlError as error:
+                failure = error
+                break
+            if event is None:
+                break
+            if isinstance(event, Views) and pictures is not None:
+                pictures.add_views(event)
+            if isinstance(event, Decision):
+                if writer is not None:
+                    for step in event.steps:
+                        writer.write(step.time, step.world, step.places)
+                tally.add(event)
+                if pictures is not None:
+                    pictures.add(event)
+                elapsed = time.perf_counter() - begin
+                bar.update(task, advance=1, factor=tally.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
+        wall = time.perf_counter() - begin
+        events.close()
+    result = _summary(settings, started, tally, wall)
+    if summary is not None:
+        _write_json(summary, result)
+    if report is not None and pictures is not None:
+        pictures.write(report)
+    if not quiet:
+        Console().print(summary_table(result))
+    if failure is not None:
+        raise failure
+    return caught[0] if caught else 0
+
+
+def _summary(settings: RunSettings, started: Started, tally: Tally, wall_s: float) -> dict[str, Any]:
+    return {
+        "scenario": started.scenario,
+        "seed": settings.seed,
+        "bundle": started.bundle,
+        "selector": started.selector,
+        "sumo_step_s": started.step_length,
+        "begin_s": started.begin,
+        **tally.summary(wall_s, DECISION_INTERVAL),
+        "peak_memory_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "notices": list(started.notices),
+    }
+
+
+def summary_table(result: dict[str, Any]) -> Table:
+    """The summary as a table for people."""
+    table = Table(
+        title=(
+            f"{result['scenario']}: {result['agent_steps']} agent-steps in {result['wall_s']:.1f} s "
+            f"({result['real_time_factor'] or 0:.1f}x real time), {result['looped']} looped, {result['lost']} lost"
+        ),
+        title_justify="left",
+    )
+    columns = {
+        "count": "count",
+        "mean speed (m/s)": "mean_speed_mps",
+        "standing": "standing_share",
+        "collisions": "collisions",
+        "overlaps": "overlaps",
+        "survival (steps)": "survival_steps",
+        "success": "success_rate",
+        "off surface": "off_surface_share",
+    }
+    table.add_column("type")
+    for column in columns:
+        table.add_column(column, justify="right")
+    for name in TYPE_NAMES:
+        row = result["per_type"][name]
+        if row["count"]:
+            table.add_row(name, *(_cell(key, row[key]) for key in columns.values()))
+    return table
+
+
+def _cell(key: str, value: float) -> str:
+    if key in ("standing_share", "success_rate", "off_surface_share"):
+        return f"{100 * value:.1f} %"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)
+
+
+def _check_writable(path: Path) -> None:
+    parent = path.resolve().parent
+    existing = path if path.exists() else parent
+    if not parent.is_dir():
+        raise InputError(f"{path}: the folder {parent} does not exist; create it or name another")
+    if not os.access(existing, os.W_OK):
+        raise InputError(f"{path}: cannot be written; name a place where you may write")
+
+
+def _write_json(path: Path, result: dict[str, Any]) -> None:
+    try:
+        path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); name a place where you may write") from None
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """Collects SIGINT and SIGTERM in a list instead of dying of them."""
+    caught: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        caught.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,160 @@
+"""The command line: parses, calls, prints. Heavy modules are imported inside the commands, so that --help is quick."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slrl_sumo import __version__
+from slrl_sumo.errors import InputError, SlrlError, SumoError
+
+app = typer.Typer(
+    help="Learned cars, cyclists and pedestrians inside SUMO scenarios.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _root(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False) -> None:
+    pass
+
+
+@app.command()
+def scenarios() -> None:
+    """List the scenarios that ship with the package."""
+    from slrl_sumo.sumo.scenario import shipped_scenarios
+
+    for name in shipped_scenarios():
+        typer.echo(name)
+
+
+@app.command()
+def run(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    agents: Annotated[int, typer.Option(help="Learned road users to spawn.")],
+    mix: Annotated[str | None, typer.Option(help="Shares, e.g. car=0.5,bicycle=0.2,pedestrian=0.3.")] = None,
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
+    selector: Annotated[str, typer.Option(help="Who picks the modes: prior.")] = "prior",
+    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
+    until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
+    seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
+    step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
+    fcd: Annotated[Path | None, typer.Option(help="Trace: .xml, .xml.gz or .csv.")] = None,
+    summary: Annotated[Path | None, typer.Option(help="Summary as JSON.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for pictures.")] = None,
+    sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
+    quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
+) -> None:
+    """Run learned road users in a scenario and write what happened."""
+    if steps is not None and until is not None:
+        raise InputError("--steps and --until were both given; give one of them")
+    from slrl_sumo.simulation.run import RunSettings
+
+    settings = RunSettings(
+        scenario=scenario,
+        agents=agents,
+        bundle=bundle,
+        selector=selector,
+        mix=mix,
+        steps=steps,
+        until=until,
+        seed=seed,
+        step_length=step_length,
+        sumo_outputs=sumo_outputs,
+    )
+    from slrl_sumo.analysis.outputs import write_run
+
+    interrupted_by = write_run(settings, fcd=fcd, summary=summary, report=report, quiet=quiet)
+    if interrupted_by:
+        raise typer.Exit(128 + interrupted_by)
+
+
+@app.command()
+def generate(
+    family: Annotated[str, typer.Argument(help="intersection, shared-space or random.")],
+    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 1,
+    size: Annotated[int | None, typer.Option(help="Streets of a random network.")] = None,
+) -> None:
+    """Make a network with demand: a folder that plain SUMO runs."""
+    from netgen.errors import NetgenError
+    from netgen.families import generate as make
+
+    try:
+        typer.echo(make(family, seed, out, size))
+    except NetgenError as error:
+        raise InputError(str(error)) from None
+
+
+@app.command()
+def record(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    out: Annotated[Path, typer.Option(help="Trajectories file to write, .npz.")],
+    seconds: Annotated[float, typer.Option(help="Simulated time to record.")] = 600.0,
+    seed: Annotated[int, typer.Option(help="SUMO's seed.")] = 1,
+    step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
+) -> None:
+    """Record plain SUMO traffic as trajectories: teacher data for `fit`."""
+    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.simulation.record import record as play
+    from slrl_sumo.sumo.scenario import find_scenario
+
+    _check_output(out)
+    with progress() as bar:
+        task = bar.add_task("recording", total=1.0)
+        for item in play(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):
+            if isinstance(item, float):
+                bar.update(task, completed=item)
+            else:
+                trajectories = item
+    trajectories.save(out)
+    typer.echo(f"{out}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+
+
+@app.command()
+def fit(
+    files: Annotated[list[Path], typer.Argument(help="Trajectories files.")],
+    out: Annotated[Path, typer.Option(help="Bundle folder to write.")],
+    seed: Annotated[int, typer.Option(help="The same seed gives the same bundle.")] = 1,
+    epochs: Annotated[int, typer.Option(help="Passes over the windows.")] = 35,
+) -> None:
+    """Learn modes, displacement models and prior from trajectories."""
+    from slrl_sumo.learning.fit import fit as learn
+    from slrl_sumo.records.trajectories import load_trajectories
+
+    bundle = learn([load_trajectories(file) for file in files], name=out.name, seed=seed, epochs=epochs)
+    bundle.save(out)
+    typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
+
+
+def _check_output(file: Path) -> None:
+    if not file.resolve().parent.is_dir():
+        raise InputError(f"{file}: the folder {file.resolve().parent} does not exist; create it or name another")
+
+
+def main() -> None:
+    """Entry point. Exit codes: 0 done, 1 wrong input (one line on stderr), 2 usage, 3 SUMO died."""
+    try:
+        app()
+    except InputError as error:
+        _fail(1, error)
+    except SumoError as error:
+        _fail(3, error)
+
+
+def _fail(code: int, error: SlrlError) -> None:
+    print(f"slrl-sumo: {error}", file=sys.stderr)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""Road users that leave the scene come back on its other side (paper, section 3.4)."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.world.geometry import wrap_angle
+from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import RoadUserType
+
+CANDIDATES = 24
+"""Entry places that are looked at for each returning road user."""
+
+
+def left_scene(world: WorldState, roadmap: RoadMap) -> NDArray[np.bool_]:
+    """Who has left the scene, (n,): outside the network's bounding box, or about 10 m away from every surface."""
+    x0, y0, x1, y1 = roadmap.bounds
+    inside = (world.x >= x0) & (world.x <= x1) & (world.y >= y0) & (world.y <= y1)
+    return ~(inside & roadmap.near_surface(world.x, world.y))
+
+
+def bring_back(
+    world: WorldState, gone: NDArray[np.bool_], others: WorldState, points: tuple[LanePoints, ...], roadmap: RoadMap
+) -> WorldState:
+    """`world` with the road users `gone` (n,) moved to the other side of the scene.
+
+    A torus as in the paper: the position is shifted back along the heading by the extent of the scene, then snapped to
+    the nearest legal place of the type that leads into the same half-plane, free of the road users of `world` and
+    `others`. Speed is kept up to the limit there.
+    """
+    x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
+    x0, y0, x1, y1 = roadmap.bounds
+    for row in np.flatnonzero(gone):
+        kind = int(world.type[row])
+        source = points[kind]
+        c, s = np.cos(heading[row]), np.sin(heading[row])
+        extent = min((x1 - x0) / max(abs(c), 1e-6), (y1 - y0) / max(abs(s), 1e-6))
+        wrapped_x = np.clip(x[row] - extent * c, x0, x1)
+        wrapped_y = np.clip(y[row] - extent * s, y0, y1)
+        rows = source.nearest(np.array([wrapped_x]), np.array([wrapped_y]), CANDIDATES)[0]
+        turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
+        if kind == RoadUserType.PEDESTRIAN:
+            turn = np.minimum(turn, np.pi - turn)
+        stay = np.arange(len(world)) != row
+        crowd_x = np.concatenate([x[stay], others.x])
+        crowd_y = np.concatenate([y[stay], others.y])
+        gap = np.hypot(source.x[rows, None] - crowd_x, source.y[rows, None] - crowd_y).min(axis=1, initial=np.inf)
+        away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
+        # Ordered wishes: room to stop, the same direction of travel, near the mirrored point.
+        room = gap >= (10.0, 4.0, 1.5)[kind]
+        best = rows[np.lexsort((away, turn > 0.5 * np.pi, ~room))[0]]
+        x[row], y[row] = source.x[best], source.y[best]
+        direction = source.heading[best]
+        if kind == RoadUserType.PEDESTRIAN and abs(wrap_angle(direction - heading[row])) > 0.5 * np.pi:
+            direction += np.pi
+        heading[row] = wrap_angle(direction)
+        speed[row] = min(speed[row], source.lanes[source.lane[best]].max_speed)
+    return replace(world, x=x, y=y, heading=heading, speed=speed)

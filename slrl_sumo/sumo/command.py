@@ -1,0 +1,96 @@
+"""The command line that SUMO is started with, and what it changes in the user's scenario."""
+
+from pathlib import Path
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.world.types import DECISION_INTERVAL
+
+LOG_OPTIONS = ("log", "message-log", "error-log")
+
+
+def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, list[str]]:
+    """The SUMO step to run with (s), and notices for the user.
+
+    The step must divide the decision interval of 0.4 s. A `wanted` step that does not is an InputError; a scenario
+    whose own step does not (SUMO's default is 1 s) is run at 0.4 s, which changes its traffic: hence the notice.
+    """
+    if wanted is not None:
+        if not _divides(wanted):
+            raise InputError(
+                f"--step-length {wanted:g}: the decision interval of {DECISION_INTERVAL:g} s is no multiple of it; "
+                "use 0.4, 0.2, 0.1 or 0.05"
+            )
+        return wanted, []
+    own = scenario.seconds("step-length")
+    own = 1.0 if own is None else own
+    if _divides(own):
+        return own, []
+    return DECISION_INTERVAL, [
+        f"SUMO step {DECISION_INTERVAL:g} s instead of the scenario's {own:g} s, "
+        "because decisions are taken every 0.4 s; this changes background traffic slightly"
+    ]
+
+
+def _divides(step: float) -> bool:
+    if step < 0.001:
+        return False
+    ratio = DECISION_INTERVAL / step
+    # SUMO counts time in whole milliseconds, so a step of 0.4 / 3 would drift.
+    return ratio >= 0.999 and abs(ratio - round(ratio)) < 1e-6 and abs(step * 1000 - round(step * 1000)) < 1e-6
+
+
+def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_to: Path | None) -> list[str]:
+    """Arguments for libsumo.start.
+
+    `outputs_to`: folder into which everything that the scenario's own configuration and detectors write is diverted;
+    None lets the scenario write its outputs where it says.
+    """
+    command = ["sumo", "-c", str(scenario.config), "--step-length", f"{step_length:g}", "--seed", str(seed)]
+    # Warnings of SUMO would tear the progress bar apart; errors still come through.
+    command += [
+        "--no-step-log",
+        "true",
+        "--no-warnings",
+        "true",
+        "--verbose",
+        "false",
+        "--duration-log.disable",
+        "true",
+    ]
+    # A moved road user may stand anywhere for long, and overlap others: SUMO's answers to both are to remove it.
+    command += ["--time-to-teleport", "-1", "--collision.action", "warn"]
+    if "pedestrian.model" in scenario.options:
+        command += ["--pedestrian.model", "striping"]
+    if outputs_to is not None:
+        # SUMO puts the prefix in front of the last path component only, so it must climb to the root first.
+        command += ["--output-prefix", "../" * 40 + str(outputs_to.resolve()).lstrip("/") + "/"]
+        for option in LOG_OPTIONS:
+            if option in scenario.options:
+                command += [f"--{option}", str(outputs_to / option)]
+    return command
+
+
+def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
+    """What `start_command` changes in this scenario, one line each, for the user."""
+    options = scenario.options
+    lines = []
+    if options.get("mesosim", "false").lower() in ("true", "1", "yes", "on", "x", "t"):
+        raise InputError(f"{scenario.config}: mesoscopic simulation has no positions to move; remove option mesosim")
+    teleport = scenario.seconds("time-to-teleport")
+    if teleport is not None and teleport > 0:
+        lines.append(
+            f"teleporting off (the scenario: after {teleport:g} s), because it would remove learned road users"
+        )
+    if options.get("collision.action", "warn") not in ("warn", "none"):
+        lines.append(f"collision.action warn, not {options['collision.action']}, which would remove learned road users")
+    if options.get("pedestrian.model", "striping") != "striping":
+        lines.append(f"pedestrian.model striping, not {options['pedestrian.model']}, which forbids moves")
+    written = [
+        o for o in options if o.endswith("-output") or o in ("summary", "tripinfo", "netstate-dump", *LOG_OPTIONS)
+    ]
+    if written and not outputs_kept:
+        lines.append(
+            f"the scenario's own outputs are left out ({', '.join(sorted(written))}); --sumo-outputs writes them"
+        )
+    return lines

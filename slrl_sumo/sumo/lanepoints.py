@@ -1,0 +1,66 @@
+"""Points sampled along lanes: places to start at, and the lane that lies under a position."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from slrl_sumo.sumo.network import Lane
+from slrl_sumo.world.geometry import Floats
+
+
+class LanePoints:
+    """Points on the centre lines of `lanes`, every `spacing` metres, at least half of that from the lane's ends.
+
+    Arrays of length p: `x`, `y` (m), `heading` (rad, the lane's direction), `offset` (m along the lane, in SUMO's
+    measure), `lane` (index into `lanes`). A lane shorter than `spacing` gets its middle.
+    """
+
+    def __init__(self, lanes: Sequence[Lane], spacing: float) -> None:
+        self.lanes = tuple(lanes)
+        columns = [_sample(lane, spacing) for lane in self.lanes]
+        stacked = np.concatenate(columns) if columns else np.zeros((0, 4))
+        self.x, self.y, self.heading, self.offset = (np.ascontiguousarray(c) for c in stacked.T)
+        self.lane = np.repeat(np.arange(len(columns)), [len(c) for c in columns])
+        self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
+        self._spacing = spacing
+        self._tree = cKDTree(stacked[:, :2]) if len(stacked) else None
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def nearest(self, x: Floats, y: Floats, count: int = 1) -> NDArray[np.intp]:
+        """Indices of the `count` points nearest to each of n positions, nearest first: (n, min(count, p))."""
+        if self._tree is None:
+            return np.zeros((len(x), 0), np.intp)
+        count = min(count, len(self))
+        _, rows = self._tree.query(np.column_stack([x, y]), k=np.arange(1, count + 1))
+        return np.asarray(rows, np.intp)
+
+    def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
+        """Index of the lane whose surface lies under each of n positions, -1 where none does."""
+        if self._tree is None:
+            return np.full(len(x), -1, np.intp)
+        distance, rows = self._tree.query(np.column_stack([x, y]))
+        lane = self.lane[np.asarray(rows, np.intp)]
+        reach = np.hypot(self._half_width[lane], 0.5 * self._spacing)
+        return np.where(np.asarray(distance) <= reach, lane, -1)
+
+
+def _sample(lane: Lane, spacing: float) -> Floats:
+    """Rows x, y, heading, offset of the points on one lane."""
+    steps = np.diff(lane.shape, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    total = along[-1]
+    if total <= 0.0:
+        return np.zeros((0, 4))
+    count = max(1, int(total // spacing))
+    s = (np.arange(count) + 0.5) * total / count
+    segment = np.minimum(np.searchsorted(along, s, side="right") - 1, len(steps) - 1)
+    heading = np.arctan2(steps[segment, 1], steps[segment, 0])
+    # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
+    return np.column_stack(
+        [np.interp(s, along, lane.shape[:, 0]), np.interp(s, along, lane.shape[:, 1]), heading, s * lane.length / total]
+    )

@@ -1,0 +1,114 @@
+"""The road network as SUMO has loaded it: lanes, who may use them, and the surfaces that they make."""
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.world.surfaces import Area, Ribbon, Surface, SurfaceShapes
+
+MOTOR_CLASSES = frozenset(
+    {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}
+)
+"""SUMO vehicle classes whose lanes are carriageway. "delivery" and "emergency" are not among them: they are often
+allowed on footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
+
+_WALKING_AREA = re.compile(r"^:.+_w\d+_\d+$")
+_CROSSING = re.compile(r"^:.+_c\d+_\d+$")
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane: `shape` is its centre line (k, 2) in m, or the outline where it is a walking area."""
+
+    id: str
+    edge: str
+    shape: NDArray[np.float64]
+    width: float
+    length: float
+    max_speed: float
+    """m/s."""
+    allowed: frozenset[str]
+    """SUMO vehicle classes that may use it."""
+    internal: bool
+    """Part of a junction."""
+    surface: Surface
+
+
+@dataclass(frozen=True)
+class Network:
+    """All lanes and junction outlines of a loaded SUMO network."""
+
+    lanes: tuple[Lane, ...]
+    junctions: tuple[Area, ...]
+
+    def surfaces(self) -> SurfaceShapes:
+        """The surfaces in paint order: junctions, walking areas, sidewalks, cycle lanes, carriageway, crossings.
+
+        Later shapes lie on earlier ones, so that a cycle lane inside a junction does not cut the carriageway.
+        """
+        shapes: list[Area | Ribbon] = sorted(self.junctions, key=lambda a: a.surface == Surface.ROAD, reverse=True)
+        for surface in (Surface.SIDEWALK, Surface.CYCLEWAY, Surface.ROAD, Surface.CROSSING):
+            for lane in self.lanes:
+                if lane.surface != surface:
+                    continue
+                if _WALKING_AREA.match(lane.id):
+                    shapes.append(Area(surface, lane.shape))
+                else:
+                    shapes.append(Ribbon(surface, lane.shape, lane.width))
+        return SurfaceShapes(tuple(shapes))
+
+
+def read_network(api: Any) -> Network:
+    """Read the network through `api` (libsumo or a TraCI connection): about 4 us a lane and call with libsumo."""
+    lanes = []
+    for lane_id in api.lane.getIDList():
+        allowed, disallowed = api.lane.getAllowed(lane_id), api.lane.getDisallowed(lane_id)
+        # An empty list stands for "all" as well as for "none": the other list tells which.
+        classes = frozenset(allowed) if allowed or disallowed else MOTOR_CLASSES | {"bicycle", "pedestrian"}
+        lanes.append(
+            Lane(
+                id=lane_id,
+                edge=api.lane.getEdgeID(lane_id),
+                shape=np.array(api.lane.getShape(lane_id), np.float64).reshape(-1, 2),
+                width=api.lane.getWidth(lane_id),
+                length=api.lane.getLength(lane_id),
+                max_speed=api.lane.getMaxSpeed(lane_id),
+                allowed=classes,
+                internal=lane_id.startswith(":"),
+                surface=_lane_surface(lane_id, classes),
+            )
+        )
+    return Network(tuple(lanes), tuple(_junctions(api, lanes)))
+
+
+def _lane_surface(lane_id: str, classes: frozenset[str]) -> Surface:
+    if _CROSSING.match(lane_id):
+        return Surface.CROSSING
+    if _WALKING_AREA.match(lane_id):
+        # In a shared space the corners between the lanes are part of the surface that everybody uses.
+        return Surface.ROAD if classes & MOTOR_CLASSES else Surface.SIDEWALK
+    if classes & MOTOR_CLASSES:
+        return Surface.ROAD
+    if "pedestrian" in classes:
+        return Surface.SIDEWALK
+    return Surface.CYCLEWAY if "bicycle" in classes else Surface.NONE
+
+
+def _junctions(api: Any, lanes: list[Lane]) -> list[Area]:
+    """Junction outlines, with the strongest surface among the lanes that meet there."""
+    rank = {Surface.ROAD: 3, Surface.CYCLEWAY: 2, Surface.SIDEWALK: 1}
+    by_edge: dict[str, Surface] = {}
+    for lane in lanes:
+        if rank.get(lane.surface, 0) > rank.get(by_edge.get(lane.edge, Surface.NONE), 0):
+            by_edge[lane.edge] = lane.surface
+    areas = []
+    for junction in api.junction.getIDList():
+        outline = np.array(api.junction.getShape(junction), np.float64).reshape(-1, 2)
+        edges = (*api.junction.getIncomingEdges(junction), *api.junction.getOutgoingEdges(junction))
+        surface = max((by_edge.get(e, Surface.NONE) for e in edges), key=lambda s: rank.get(s, 0), default=Surface.NONE)
+        if len(outline) >= 3 and surface != Surface.NONE:
+            areas.append(Area(surface, outline))
+    return areas

@@ -1,0 +1,135 @@
+"""One running SUMO simulation: the only module that imports libsumo."""
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Self
+
+from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.sumo.command import notices, start_command, sumo_step_length
+from slrl_sumo.sumo.network import Network, read_network
+from slrl_sumo.sumo.placement import Placement
+from slrl_sumo.sumo.reader import Reader
+from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.world.types import DECISION_INTERVAL
+
+
+class SumoSession:
+    """A SUMO simulation of one scenario, from start to close; a context manager.
+
+    libsumo holds one simulation per process: opening a second session is an error. After `__enter__`:
+
+    - `network`: the lanes and junctions; `reader`: reads all road users; `placement`: adds and moves learned ones;
+    - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
+    - `notices`: what was changed in the scenario, one line each.
+
+    Raises InputError when SUMO refuses the scenario, with SUMO's own reason; SumoError when it fails later.
+    """
+
+    def __init__(
+        self, scenario: Scenario, *, seed: int = 1, step_length: float | None = None, keep_outputs: bool = False
+    ) -> None:
+        self.scenario = scenario
+        self.step_length, step_notices = sumo_step_length(scenario, step_length)
+        self.substeps = round(DECISION_INTERVAL / self.step_length)
+        self.notices = step_notices + notices(scenario, keep_outputs)
+        self._seed = seed
+        self._scratch = None if keep_outputs else Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+
+    def __enter__(self) -> Self:
+        import libsumo
+
+        if libsumo.isLoaded():
+            self._clean_up()
+            raise InputError(
+                "a SUMO simulation is already open in this process; close it first (libsumo holds only one)"
+            )
+        self._api: Any = libsumo
+        command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
+        with _captured_output() as printed:
+            try:
+                libsumo.start(command)
+            except libsumo.TraCIException as error:
+                self._clean_up()
+                raise InputError(f"{self.scenario.config}: {_sumo_reason(printed, str(error))}") from None
+        try:
+            self.network: Network = read_network(libsumo)
+            self.placement = Placement(libsumo, self.network)
+            self.reader = Reader(libsumo)
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @property
+    def time(self) -> float:
+        """Simulation time in s: that of the next step, as libsumo counts."""
+        return float(self._api.simulation.getTime())
+
+    @property
+    def end(self) -> float | None:
+        """The scenario's end in s, None where it has none."""
+        return self.scenario.seconds("end")
+
+    def step(self) -> None:
+        """One SUMO step. Raises SumoError when SUMO gives up."""
+        time = self.time
+        try:
+            self._api.simulationStep()
+        except self._api.TraCIException as error:
+            raise SumoError(f"SUMO stopped at {time:g} s: {' '.join(str(error).split())}") from None
+
+    def close(self) -> None:
+        """End the simulation and remove what SUMO wrote on the side."""
+        try:
+            if self._api.isLoaded():
+                self._api.close()
+        finally:
+            self._clean_up()
+
+    def _clean_up(self) -> None:
+        if self._scratch is not None:
+            shutil.rmtree(self._scratch, ignore_errors=True)
+
+
+def _sumo_reason(printed: IO[bytes], message: str) -> str:
+    """SUMO's reason for refusing a scenario as one line: its first error with the lines that continue it."""
+    printed.seek(0)
+    lines = [line.rstrip() for line in printed.read().decode(errors="replace").splitlines()]
+    starts = [i for i, line in enumerate(lines) if line.startswith("Error:")]
+    if not starts:
+        return f"SUMO refuses it ({' '.join(message.split())})"
+    reason = [lines[starts[0]].removeprefix("Error:").strip()]
+    for line in lines[starts[0] + 1 :]:
+        if line.startswith(("Error:  ", " ")):
+            reason.append(line.removeprefix("Error:").strip())
+        else:
+            break
+    return f"SUMO refuses it: {' '.join(reason)}"
+
+
+@contextmanager
+def _captured_output() -> Iterator[IO[bytes]]:
+    """Everything that this process, C++ code included, prints to stdout and stderr meanwhile goes to a file."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    with tempfile.TemporaryFile() as file:
+        saved = [(fd, os.dup(fd)) for fd in (1, 2)]
+        try:
+            for fd, _ in saved:
+                os.dup2(file.fileno(), fd)
+            yield file
+        finally:
+            for fd, copy in saved:
+                os.dup2(copy, fd)
+                os.close(copy)
