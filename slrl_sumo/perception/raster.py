@@ -18,16 +18,20 @@ BEHIND, AHEAD, SIDE = 8.0, 32.0, 10.0
 FINE = 2
 """Pixels per metre while drawing; averaged 2 x 2 in the end, which smooths the edges."""
 ROWS, COLS = EGO_ROWS * FINE, EGO_COLS * FINE
-MAX_WIDTH = 4.0
-"""Boxes are drawn at most this wide (m; trams have 2.65), so that nothing reaches across the gap between two views."""
-GAP = 2 * round(MAX_WIDTH * FINE / 2) + 2
-"""Rows between two views: a line, cut MAX_WIDTH / 2 outside its view, reaches half its thickness farther."""
+THICKNESS = np.array([2, 3, 5, 7])
+"""Line thicknesses that differ in OpenCV; 4 px draws what 3 px does. 1 px is left out: too faint for pedestrians."""
+DRAWN_WIDTH = np.array([2.9, 4.7, 6.6, 8.3])
+"""How wide OpenCV really draws lines of these thicknesses, in px (mean over directions and sub-pixel places)."""
+CUT = 4.5
+"""Lines are cut this many rows outside their view, from where the thickest one just does not show."""
+GAP = 10
+"""Rows between two views: CUT and half the thickest line, so that nobody shows in the view above or below."""
 MIN_LENGTH = 1.0
 """Boxes are drawn at least this long (m), so that pedestrians are seen."""
 SHIFT = 4
 """Fractional bits of the coordinates given to OpenCV: 1/16 px."""
-VIEWS_AT_ONCE = 256
-"""Views on one canvas: keeps it in the cache and the memory bounded."""
+VIEWS_AT_ONCE = 1024
+"""Views on one canvas, to bound the memory (16 MB)."""
 
 PAINT = 8
 """Canvas value of road user type 0; the values below are those of Surface."""
@@ -44,13 +48,13 @@ def ego_images(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap) -> N
     """The images of the road users `rows` of `world`, (len(rows), EGO_ROWS, EGO_COLS, 3) RGB.
 
     The ego is at a fixed place, 8 m from the left border and half-way up, and looks right; row 0 is the far left.
-    Ground in its colours, black outside; everybody is a line along its heading, as long and about as wide as its box:
-    cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too.
+    Ground in its colours, black outside. Everybody is a line along its heading, as long and about as wide as its box
+    (at least 1 m): cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too.
     """
     images = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
     if len(rows) == 0:
         return images
-    reach = np.maximum(world.length, MIN_LENGTH) / 2 + np.minimum(world.width, MAX_WIDTH) / 2
+    reach = (np.maximum(world.length, MIN_LENGTH) + DRAWN_WIDTH[-1] / FINE) / 2
     everyone = cKDTree(np.stack([world.x, world.y], axis=1))
     for start in range(0, len(rows), VIEWS_AT_ONCE):
         chunk = rows[start : start + VIEWS_AT_ONCE]
@@ -89,19 +93,18 @@ def _draw_road_users(
     visible = (np.abs(x - middle) < (AHEAD + BEHIND) / 2 + reach[seen]) & (np.abs(y) < SIDE + reach[seen])
     view, seen, ego, x, y = view[visible], seen[visible], ego[visible], x[visible], y[visible]
 
-    thickness = np.clip(np.rint(world.width[seen] * FINE), 1, MAX_WIDTH * FINE).astype(np.intp)
-    # OpenCV's lines have round caps: half the thickness is added at both ends.
+    nearest = np.searchsorted((DRAWN_WIDTH[1:] + DRAWN_WIDTH[:-1]) / 2, world.width[seen] * FINE)
+    thickness = THICKNESS[nearest]
+    # Thick lines have round caps, which add half the thickness at both ends.
     half = np.maximum((np.maximum(world.length[seen], MIN_LENGTH) * FINE - thickness) / 2, 0.0)
     turn_cos = cos[seen] * cos[ego] + sin[seen] * sin[ego]
     turn_sin = sin[seen] * cos[ego] - cos[seen] * sin[ego]
     col, row = (x + BEHIND) * FINE - 0.5, (SIDE - y) * FINE - 0.5
     step_col, step_row = half * turn_cos, -half * turn_sin
 
-    # Cut at the rows from where nothing is visible, so that no line reaches into the view above or below.
-    # Position along the line, from -1 to 1, where it enters and leaves the band of rows.
-    cut = MAX_WIDTH * FINE / 2
+    # Where, from -1 to 1 along itself, a line enters and leaves the rows within which it is drawn.
     slope = np.where(np.abs(step_row) < 1e-9, 1e-9, step_row)
-    ends = np.stack([(-0.5 - cut - row) / slope, (ROWS - 0.5 + cut - row) / slope])
+    ends = np.stack([(-0.5 - CUT - row) / slope, (ROWS - 0.5 + CUT - row) / slope])
     first, last = np.clip(ends.min(axis=0), -1, 1), np.clip(ends.max(axis=0), -1, 1)
     top = view * (ROWS + GAP) + row
     lines = np.empty((len(view), 2, 2))
@@ -111,10 +114,9 @@ def _draw_road_users(
     corners = np.rint(lines * (1 << SHIFT)).astype(np.int32)
 
     kind = world.type[seen]
-    inside = first < last
     for user in RoadUserType:  # cars first: whoever is vulnerable is never hidden
         for width in np.unique(thickness[kind == user]).tolist():
-            chosen = corners[(kind == user) & (thickness == width) & inside]
+            chosen = corners[(kind == user) & (thickness == width) & (first < last)]
             cv2.polylines(canvas, list(chosen), False, PAINT + int(user), width, cv2.LINE_8, SHIFT)
 
 

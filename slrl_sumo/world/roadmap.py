@@ -2,14 +2,15 @@
 
 import math
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, half_width, paint
+from slrl_sumo.world.shapeindex import index_by_tile, piece_boxes
+from slrl_sumo.world.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, paint
 
 __all__ = ["Area", "Ribbon", "RoadMap", "Surface", "SurfaceShapes"]
 
@@ -49,14 +50,15 @@ class RoadMap:
         self.core = core
         self.margin = margin
         self.memory_limit = memory_limit
-        self.bounds: tuple[float, float, float, float] = _bounds(shapes.shapes)
+        boxes = piece_boxes(shapes.shapes, core)
+        self.bounds: tuple[float, float, float, float] = boxes.bounds
         """(x0, y0, x1, y1) of all shapes in m; zeros without shapes."""
         self._surfaces = frozenset(shape.surface for shape in shapes.shapes)
         self._pixels = round((core + 2 * margin) * resolution)
         self._tiles: OrderedDict[tuple[int, int], Ids] = OrderedDict()
         self._blank: Ids = np.zeros((self._pixels, self._pixels), np.uint8)
         self._blank.flags.writeable = False
-        self._index = _index_by_tile(shapes.shapes, core, margin)
+        self._index = index_by_tile(boxes, core, margin)
         self._near_cell, self._near = _occupancy(shapes.shapes, self.bounds)
 
     def has(self, surface: Surface) -> bool:
@@ -162,58 +164,6 @@ class RoadMap:
         return tile
 
 
-def _bounds(shapes: tuple[Shape, ...]) -> tuple[float, float, float, float]:
-    boxes = [
-        (s.points.min(axis=0) - half_width(s), s.points.max(axis=0) + half_width(s)) for s in shapes if len(s.points)
-    ]
-    if not boxes:
-        return 0.0, 0.0, 0.0, 0.0
-    low, high = np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
-
-
-def _index_by_tile(shapes: tuple[Shape, ...], core: float, margin: float) -> dict[tuple[int, int], NDArray[np.int32]]:
-    """Which shapes (ascending, thus in paint order) may show in each tile."""
-    lows: list[Floats] = []
-    highs: list[Floats] = []
-    owners: list[NDArray[np.int32]] = []
-    for k, shape in enumerate(shapes):
-        points = shape.points
-        if isinstance(shape, Area):
-            low, high = points[:1], points[:1]
-            if len(points):
-                low, high = points.min(axis=0, keepdims=True), points.max(axis=0, keepdims=True)
-        else:
-            # Long segments in pieces, so that a diagonal of kilometres is not listed in every tile of its bounding box.
-            a, b = points[:-1], points[1:]
-            count = np.maximum(1, np.ceil(np.abs(b - a).max(axis=1, initial=0.0) / core).astype(np.intp))
-            which = np.repeat(np.arange(len(a)), count)
-            step = ((b - a) / count[:, None])[which]
-            nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-            p, q = a[which] + step * nth[:, None], a[which] + step * (nth[:, None] + 1)
-            low, high = np.minimum(p, q) - half_width(shape), np.maximum(p, q) + half_width(shape)
-        lows.append(low)
-        highs.append(high)
-        owners.append(np.full(len(low), k, np.int32))
-    if not sum(len(part) for part in owners):
-        return {}
-    owner = np.concatenate(owners)
-    reach = margin + 1.0  # a pixel more than the tile shows, for OpenCV's borders
-    first = np.floor((np.concatenate(lows) - reach) / core).astype(np.int64)
-    last = np.floor((np.concatenate(highs) + reach) / core).astype(np.int64)
-    span = last - first + 1
-    count = span.prod(axis=1)
-    which = np.repeat(np.arange(len(owner)), count)
-    nth = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    column, row = first[which, 0] + nth % span[which, 0], first[which, 1] + nth // span[which, 0]
-    order = np.lexsort((owner[which], column, row))
-    column, row, owner = column[order], row[order], owner[which][order]
-    cuts = np.flatnonzero((np.diff(column) != 0) | (np.diff(row) != 0)) + 1
-    starts = np.concatenate([[0], cuts])
-    keys = zip(column[starts].tolist(), row[starts].tolist(), strict=True)
-    return dict(zip(keys, (np.unique(part) for part in np.split(owner, cuts)), strict=True))
-
-
 def _near_reach(cell: float) -> float:
     """How far a shape's mark on the occupancy grid reaches beyond it, and the grid beyond the bounds, in m.
 
@@ -222,7 +172,7 @@ def _near_reach(cell: float) -> float:
     return NEAR + 2 * cell
 
 
-def _occupancy(shapes: tuple[Shape, ...], bounds: tuple[float, float, float, float]) -> tuple[float, Ids]:
+def _occupancy(shapes: Sequence[Shape], bounds: tuple[float, float, float, float]) -> tuple[float, Ids]:
     """Cell size (m) and the grid of cells near some surface; its corner lies `_near_reach` outside the bounds."""
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
     cell = max(NEAR_CELL, math.sqrt((width + 4 * NEAR) * (height + 4 * NEAR) / MAX_CELLS))

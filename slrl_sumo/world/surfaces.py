@@ -56,11 +56,6 @@ class SurfaceShapes:
     shapes: tuple[Shape, ...]
 
 
-def half_width(shape: Shape) -> float:
-    """How far a shape reaches beyond its points, in m."""
-    return 0.5 * shape.width if isinstance(shape, Ribbon) else 0.0
-
-
 def paint(
     canvas: NDArray[np.uint8],
     shapes: Sequence[Shape],
