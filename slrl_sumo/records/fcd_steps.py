@@ -2,7 +2,6 @@
 
 import csv
 import gzip
-import io
 import re
 import zlib
 from collections.abc import Iterator
@@ -92,7 +91,7 @@ def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     `person` of a row is certain only where the file is of xml2csv.py; else it is whether there is an edge and no lane.
     Raises InputError at the first flaw.
     """
-    lines = csv.reader(io.TextIOWrapper(file, "utf-8", newline=""), delimiter=";", strict=True)
+    lines = csv.reader((line.decode() for line in file), delimiter=";", strict=True)
     complete = 0
     try:
         columns = {column: i for i, column in enumerate(next(lines, []))}

@@ -197,7 +197,8 @@ class FcdWriter:
             while rest:
                 rest = rest[self._file.write(rest) :]
         except OSError:
-            self._file.truncate(self._whole)
+            with suppress(OSError):  # a device cannot be cut
+                self._file.truncate(self._whole)
             raise
         self._whole += len(data)
 
