@@ -8,6 +8,10 @@ from slrl_sumo.world.types import TYPE_NAMES
 def model_card(name: str, training: dict[str, Any]) -> str:
     """Markdown text of the model card of bundle `name`, from its training record (see slrl_sumo.learning.fit)."""
     kinds = training["types"]
+    recordings = [
+        f"| {recording['source'] or 'not stated'} | {recording['licence'] or 'not stated'} | {recording['tracks']} |"
+        for recording in training["recordings"]
+    ]
     sizes = [
         f"| {kind} | {kinds[kind]['tracks']} | {kinds[kind]['windows']} | {kinds[kind]['smallest_mode']} |"
         for kind in TYPE_NAMES
@@ -36,10 +40,11 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "",
             "## Data",
             "",
-            f"- Source: {training['data'] or 'not stated'}",
-            f"- Licence of the data: {training['licence'] or 'not stated; ask whoever made this bundle'}",
-            f"- {training['recordings']} recording(s); one window per recorded moment "
-            f"(every {training['stride']}. frame) with 0.8 s before and 4.8 s after it.",
+            "| source | licence | tracks |",
+            "|---|---|---|",
+            *recordings,
+            "",
+            f"One window per recorded moment (of every {training['stride']}th frame) with 0.8 s before, 4.8 s after.",
             "",
             "| type | tracks | windows | windows in the smallest mode |",
             "|---|---|---|---|",
@@ -47,7 +52,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "",
             "## Errors on held-out tracks",
             "",
-            f"{training['held_out_share']:.0%} of the tracks of each type were kept out of training. One-step error: "
+            f"{training['held_out_share']:.0%} of the tracks of each type were kept out of training. One step error: "
             "mean distance to the recorded position after 0.4 s, with the mode that the recorded destination has; "
             "beside it the error of constant velocity. Cross-entropy and accuracy: of the prior's mode, beside those "
             "of the modes' frequencies and of always taking the most frequent one.",

@@ -1,14 +1,12 @@
 """Supervised fit: recordings -> modes, displacement models and prior (paper, sections 3.1, 3.2 and 4.1)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import sklearn
 import torch
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import track
 from torch.nn import functional
 
 import slrl_sumo
@@ -37,17 +35,20 @@ def fit(
     seed: int,
     epochs: int = 35,
     stride: int = 1,
-    data: str = "",
-    licence: str = "",
 ) -> ModelBundle:
     """Learn a bundle called `name` from recordings of all three road user types.
 
-    `stride` > 1 uses every stride-th frame only. `data` and `licence` say where the recordings come from, for the
-    model card. The same seed and recordings give the same weights on one machine. Raises InputError where a type has
-    too little in the recordings.
+    `stride` > 1 uses every stride-th frame only. The same seed and recordings give the same weights on one machine.
+    Raises InputError where the recordings have another interval or too little of a type.
     """
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
+    for recording in recordings:
+        if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
+            raise InputError(
+                f"recording {recording.source or 'without a source'} has an interval of {recording.dt} s, "
+                f"fit needs {DECISION_INTERVAL} s; import it again with that interval"
+            )
     every = windows(recordings, stride)
     held_out = _hold_out(every, seed)
     train = every.take(~held_out)
@@ -66,13 +67,11 @@ def fit(
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train)
     generator = torch.Generator().manual_seed(seed)
-    train_displacement(models, train, mode[~held_out], _shown(epochs, "displacement models"), epochs, generator)
-    train_prior(prior, train, mode[~held_out], _shown(epochs, "prior"), epochs, generator)
+    train_displacement(models, train, mode[~held_out], epochs, generator)
+    train_prior(prior, train, mode[~held_out], epochs, generator)
 
     training: dict[str, Any] = {
-        "data": data,
-        "licence": licence,
-        "recordings": len(recordings),
+        "recordings": [{"source": r.source, "licence": r.licence, "tracks": len(r.ids)} for r in recordings],
         "stride": stride,
         "seed": seed,
         "epochs": epochs,
@@ -95,12 +94,6 @@ def fit(
         training=training,
         card=model_card(name, training),
     )
-
-
-def _shown(epochs: int, what: str) -> Iterable[int]:
-    """The epochs, with a bar on stderr where somebody watches it."""
-    console = Console(stderr=True)
-    return track(range(epochs), what, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _hold_out(every: Windows, seed: int) -> NDArray[np.bool_]:
@@ -144,7 +137,7 @@ def _set_normalisation(networks: StackedNetworks, train: Windows) -> None:
     for t in RoadUserType:
         vector = train.vector[train.type == t].astype(np.float64)
         mean, deviation = vector.mean(0), vector.std(0)
-        mean[HEADING], deviation[HEADING] = 0.0, np.pi / np.sqrt(3)  # every direction alike: see supervised.turned
+        mean[HEADING], deviation[HEADING] = 0.0, np.pi / np.sqrt(3)  # every direction alike: as `turned` makes them
         varies = deviation > 1e-6
         networks.mean[t] = torch.from_numpy(mean)
         networks.scale[t] = torch.from_numpy(np.where(varies, 1 / np.where(varies, deviation, 1.0), 0.0))

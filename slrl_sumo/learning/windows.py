@@ -49,7 +49,7 @@ class Windows:
 
 
 def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
-    """All windows of the recordings: each row that has 2 rows before it and 12 after it, without a gap, in its track.
+    """All windows of the recordings: each row that has 2 rows before it and 12 after it in its track.
 
     With `stride` > 1 only every stride-th frame number counts. Features come from the same code that live simulation
     uses, with every recorded road user of the frame around.
@@ -61,12 +61,8 @@ def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
 
 def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
     row = np.arange(PAST, len(recording.frame) - FUTURE)
-    first, last = row - PAST, row + FUTURE
-    # Rows are sorted by track, then frame: both ends in one track and PAST + FUTURE frames apart leave no gap.
-    whole = (recording.track[first] == recording.track[last]) & (
-        recording.frame[last] - recording.frame[first] == PAST + FUTURE
-    )
-    row = row[whole & (recording.frame[row] % stride == 0)]
+    # Rows of a track follow each other frame by frame, so both ends in one track mean a window without a gap.
+    row = row[(recording.track[row - PAST] == recording.track[row + FUTURE]) & (recording.frame[row] % stride == 0)]
     heading = recording.heading[row]
 
     def seen_from_here(later: int) -> Floats:
@@ -89,14 +85,10 @@ def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
 def _vectors(recording: Trajectories, row: NDArray[np.intp]) -> NDArray[np.float32]:
     """Feature vectors (len(row), 12) of rows of a recording, frame by frame."""
     vector = np.zeros((len(row), len(FEATURES)), np.float32)
-    if not len(row):
-        return vector
-    order = np.argsort(recording.frame[row], kind="stable")
-    frames, start = np.unique(recording.frame[row][order], return_index=True)
-    number = {name: i for i, name in enumerate(recording.ids)}
-    for frame, here in zip(frames, np.split(order, start[1:]), strict=True):
-        world = recording.world(int(frame))
-        place = np.zeros(len(recording.ids), np.intp)
-        place[[number[name] for name in world.ids]] = np.arange(len(world))
-        vector[here] = features(world, place[recording.track[row[here]]])
+    place = np.full(len(recording), -1)
+    place[row] = np.arange(len(row))
+    for frame in np.unique(recording.frame[row]):
+        here = place[recording.rows_at(frame)]  # in the order of the frame's world
+        wanted = np.flatnonzero(here >= 0)
+        vector[here[wanted]] = features(recording.world(frame), wanted)
     return vector

@@ -37,10 +37,12 @@ class StackedNetworks(nn.Module):
 
     @torch.no_grad()
     def initialise(self, generator: torch.Generator) -> None:
-        """Draw all weights uniformly from ±1/sqrt(inputs) and set the biases to 0."""
-        for weight in self.weight:
+        """Draw the weights uniformly from ±1/sqrt(inputs); biases and the last layer are 0, so all outputs are."""
+        for weight, bias in zip(self.weight, self.bias, strict=True):
             reach = weight.shape[-2] ** -0.5
             weight.uniform_(-reach, reach, generator=generator)
+            bias.zero_()
+        self.weight[-1].zero_()
 
     def standardised(self, vector: Tensor, kind: Tensor) -> Tensor:
         """Feature vectors (n, rows, in) of the types `kind` (n,), standardised and kept within ±LIMIT."""
