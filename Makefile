@@ -1,0 +1,22 @@
+PYTHON ?= $(shell python3.11 -c "" 2>/dev/null && echo python3.11 || echo python3)
+
+.PHONY: demo test check
+
+demo: .venv/.installed
+	mkdir -p out
+	.venv/bin/slrl-sumo run intersection --agents 64 --steps 150 --seed 1 \
+		--fcd out/fcd.xml --summary out/summary.json --report out/report
+
+test check: .venv/.installed-dev
+	tools/check.sh
+
+.venv/bin/python:
+	$(PYTHON) -m venv .venv
+
+.venv/.installed: pyproject.toml | .venv/bin/python
+	.venv/bin/python -m pip install --editable .
+	touch $@
+
+.venv/.installed-dev: pyproject.toml | .venv/bin/python
+	.venv/bin/python -m pip install --editable ".[dev]"
+	touch .venv/.installed $@
