@@ -25,7 +25,9 @@ DRAWN_WIDTH = np.array([2.9, 4.7, 6.6, 8.3])
 CUT = 4.5
 """Lines are cut this many rows outside their view, from where the thickest one just does not show."""
 GAP = 10
-"""Rows between two views: CUT and half the thickest line, so that nobody shows in the view above or below."""
+"""Rows above and below every view: more than CUT and half the thickest line. So nobody shows in the next view, and
+OpenCV never clips at the ends of the canvas: an image does not depend on its place in the batch."""
+STRIDE = GAP + ROWS
 MIN_LENGTH = 1.0
 """Boxes are drawn at least this long (m), so that pedestrians are seen."""
 SHIFT = 4
@@ -58,7 +60,8 @@ def ego_images(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap) -> N
     everyone = cKDTree(np.stack([world.x, world.y], axis=1))
     for start in range(0, len(rows), VIEWS_AT_ONCE):
         chunk = rows[start : start + VIEWS_AT_ONCE]
-        canvas = np.zeros((len(chunk), ROWS + GAP, COLS), np.uint8)
+        # Views below one another, a gap before each and after the last.
+        canvas = np.zeros((len(chunk) * STRIDE + GAP, COLS), np.uint8)
         roadmap.ego_surfaces(
             world.x[chunk],
             world.y[chunk],
@@ -67,20 +70,26 @@ def ego_images(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap) -> N
             ahead=AHEAD,
             side=SIDE,
             resolution=FINE,
-            out=canvas[:, :ROWS],
+            out=_views(canvas),
         )
-        flat = canvas.reshape(-1, COLS)
-        _draw_road_users(flat, world, chunk, everyone, reach)
-        colours = cv2.applyColorMap(flat, PAPER_PALETTE)
-        small = cv2.resize(colours, (EGO_COLS, len(flat) // FINE), interpolation=cv2.INTER_AREA)
-        images[start : start + len(chunk)] = small.reshape(len(chunk), -1, EGO_COLS, 3)[:, :EGO_ROWS]
+        _draw_road_users(canvas, world, chunk, everyone, reach)
+        colours = cv2.applyColorMap(canvas, PAPER_PALETTE)
+        size = EGO_COLS, len(canvas) // FINE
+        small = np.asarray(cv2.resize(colours, size, interpolation=cv2.INTER_AREA), np.uint8)
+        images[start : start + len(chunk)] = _views(small, FINE)
     return images
+
+
+def _views(canvas: NDArray[np.uint8], shrunk: int = 1) -> NDArray[np.uint8]:
+    """The views on a canvas that was made smaller by `shrunk`, (n, rows, cols, ...), sharing its memory."""
+    gap, stride = GAP // shrunk, STRIDE // shrunk
+    return canvas[:-gap].reshape(-1, stride, *canvas.shape[1:])[:, gap:]
 
 
 def _draw_road_users(
     canvas: NDArray[np.uint8], world: WorldState, rows: NDArray[np.intp], everyone: cKDTree, reach: Floats
 ) -> None:
-    """Draw all that the road users `rows` see, each into its own view of the canvas (views below one another)."""
+    """Draw all that the road users `rows` see, each into its own view of the canvas."""
     cos, sin = np.cos(world.heading), np.sin(world.heading)
     # Search round the middle of the views, not round the egos: a third of the area.
     middle = (AHEAD - BEHIND) / 2
@@ -106,12 +115,12 @@ def _draw_road_users(
     slope = np.where(np.abs(step_row) < 1e-9, 1e-9, step_row)
     ends = np.stack([(-0.5 - CUT - row) / slope, (ROWS - 0.5 + CUT - row) / slope])
     first, last = np.clip(ends.min(axis=0), -1, 1), np.clip(ends.max(axis=0), -1, 1)
-    top = view * (ROWS + GAP) + row
     lines = np.empty((len(view), 2, 2))
     for k, at in enumerate((first, last)):
         lines[:, k, 0] = col + at * step_col
-        lines[:, k, 1] = top + at * step_row
+        lines[:, k, 1] = row + at * step_row
     corners = np.rint(lines * (1 << SHIFT)).astype(np.int32)
+    corners[:, :, 1] += ((GAP + view * STRIDE) << SHIFT).astype(np.int32)[:, None]
 
     kind = world.type[seen]
     for user in RoadUserType:  # cars first: whoever is vulnerable is never hidden

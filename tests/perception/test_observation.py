@@ -1,0 +1,37 @@
+"""Observations are the vector and the image of the same road users."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from slrl_sumo.perception.features import features
+from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.raster import ego_images
+from slrl_sumo.world.roadmap import RoadMap, SurfaceShapes
+from slrl_sumo.world.state import WorldState
+
+
+def test_rows_belong_together(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:
+    world, roadmap, rows = crowd(1, 30, 40.0), RoadMap(street), np.array([7, 3, 29])
+    seen = observe(world, rows, roadmap)
+    assert len(seen) == 3
+    assert seen.type.tolist() == world.type[rows].tolist()
+    assert np.array_equal(seen.vector, features(world, rows))
+    assert seen.image is not None
+    assert np.array_equal(seen.image, ego_images(world, rows, roadmap))
+
+
+def test_who_does_not_look_gets_no_image(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:
+    world, roadmap, rows = crowd(1, 30, 40.0), RoadMap(street), np.arange(30)
+    blind = observe(world, rows, roadmap, with_image=False)
+    assert blind.image is None
+    assert np.array_equal(blind.vector, observe(world, rows, roadmap).vector)
+    assert roadmap.resident_bytes > 0
+
+
+def test_nobody(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:
+    seen = observe(crowd(1, 30, 40.0), np.zeros(0, np.intp), RoadMap(street))
+    assert len(seen) == 0
+    assert seen.vector.shape == (0, 12)
+    assert seen.image is not None
+    assert seen.image.shape == (0, 20, 40, 3)
