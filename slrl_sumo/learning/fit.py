@@ -79,7 +79,7 @@ def fit(
         "held_out_share": HELD_OUT,
         "versions": {
             "slrl_sumo": slrl_sumo.__version__,
-            "torch": torch.__version__,
+            "torch": str(torch.__version__),
             "scikit_learn": sklearn.__version__,
         },
         "types": {TYPE_NAMES[t]: _measured(models, prior, every, mode, held_out, counts[t], t) for t in RoadUserType},

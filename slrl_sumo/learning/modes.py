@@ -9,7 +9,7 @@ from slrl_sumo.errors import InputError
 Floats = NDArray[np.float64]
 
 ENOUGH = 200_000
-"""Windows beyond which K-Means sees a random share: 20 centres in the plane need no more."""
+"""Distinct destinations beyond which K-Means sees a random share: 20 centres in the plane need no more."""
 
 
 def cluster(destinations: Floats, k: int, seed: int, name: str = "road user") -> Floats:
@@ -20,16 +20,18 @@ def cluster(destinations: Floats, k: int, seed: int, name: str = "road user") ->
     `name` is the type that its message names.
     """
     destinations = np.asarray(destinations, np.float64)
-    distinct = len(np.unique(destinations, axis=0))
-    if distinct < k:
+    # To the mm, standing road users share one destination: counted once, with its weight, it can neither hide how
+    # little else there is nor crowd the others out of a random share.
+    distinct, weight = np.unique(np.round(destinations, 3), axis=0, return_counts=True)
+    if len(distinct) < k:
         raise InputError(
-            f"{name}: {distinct} distinct destinations in the recordings, {k} modes need at least {k}; "
+            f"{name}: {len(distinct)} distinct destinations in the recordings, {k} modes need at least {k}; "
             f"add recordings with more {name} tracks of 6 s and longer"
         )
-    if len(destinations) > ENOUGH:
-        rows = np.random.default_rng(seed).choice(len(destinations), ENOUGH, replace=False)
-        destinations = destinations[rows]
-    found: Floats = KMeans(k, n_init=4, random_state=seed).fit(destinations).cluster_centers_
+    if len(distinct) > ENOUGH:
+        rows = np.random.default_rng(seed).choice(len(distinct), ENOUGH, replace=False)
+        distinct, weight = distinct[rows], weight[rows]
+    found: Floats = KMeans(k, n_init=4, random_state=seed).fit(distinct, sample_weight=weight).cluster_centers_
     centres = np.round(found, 3) + 0.0  # + 0.0 makes -0.0 plain 0.0
     order = np.lexsort((np.arctan2(centres[:, 1], centres[:, 0]), np.hypot(centres[:, 0], centres[:, 1])))
     return np.asarray(centres[order], np.float64)

@@ -19,7 +19,7 @@ FUTURE = 12
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Windows:
     """N moments of recorded road users, as parallel arrays. Ego frame: that of the moment itself."""
 

@@ -67,13 +67,15 @@ class BundleConfig:
                 f"bundle {where}: its {odd} is {getattr(config, odd)!r}, this slrl_sumo runs {getattr(runs, odd)!r}; "
                 "take another bundle"
             )
-        sizes = (config.modes, *config.displacement_hidden, *config.prior_hidden)
-        if not all(isinstance(size, int) and 0 < size <= 4096 for size in sizes):
-            raise InputError(f"bundle {where}: config.json is damaged (sizes {sizes}); copy the bundle again")
+        layers = (config.displacement_hidden, config.prior_hidden)
+        sizes = [config.modes, *(size for hidden in layers if isinstance(hidden, tuple) for size in hidden)]
+        whole = all(isinstance(hidden, tuple) for hidden in layers)
+        if not whole or not all(isinstance(size, int) and 0 < size <= 4096 for size in sizes):
+            raise InputError(f"bundle {where}: config.json is damaged (sizes of networks); copy the bundle again")
         return config
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ModelBundle:
     """The learned models of all three road user types, with where they come from."""
 
