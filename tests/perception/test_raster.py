@@ -111,6 +111,25 @@ def test_cars_never_hide_vulnerable_road_users(place: Worlds, vulnerable: int, v
     assert seen[:, 15:, 0].max() == 255  # the car sticks out
 
 
+@pytest.mark.parametrize("ego_heading", [0.0, 2.5])
+def test_a_nose_to_the_left_points_up(place: Worlds, ego_heading: float) -> None:
+    x, y = 15 * np.cos(ego_heading), 15 * np.sin(ego_heading)
+    for turn in (0.6, -0.6):
+        world = place([(PEDESTRIAN, 0, 0, ego_heading), (CAR, x, y, ego_heading + turn)])
+        rows, cols = np.nonzero(image(world, GROUNDLESS)[:, :, 0])
+        slope = -np.polyfit(cols, rows, 1)[0]  # rows grow to the right of the ego
+        assert slope == pytest.approx(np.tan(turn), abs=0.3)
+
+
+def test_a_box_beside_the_view_shows_the_side_that_reaches_in(place: Worlds) -> None:
+    # Centre lines 90 cm outside, half widths 1.2 m.
+    world = place([(PEDESTRIAN, 0, 0, 0), (CAR, 15, 10.9, 0), (CAR, 15, -10.9, 0)], np.full(3, 5.0), np.full(3, 2.4))
+    seen = image(world, GROUNDLESS)[:, :, 0]
+    assert seen[0, 22:24].min() >= 64
+    assert seen[19, 22:24].min() >= 64
+    assert seen[1:19].max() == 0
+
+
 def test_a_long_box_whose_centre_is_outside_is_seen(place: Worlds) -> None:
     # A tram of 30 m, centre 40 m ahead, its tail at 25 m; and one across, centre 20 m to the left, its end at 5 m.
     size = np.array([5.0, 30.0, 30.0]), np.array([1.8, 2.65, 2.65])
@@ -164,6 +183,16 @@ def test_a_neighbour_in_the_next_tile_is_seen(place: Worlds, street: SurfaceShap
     assert seen[7:9, 22:24, 1].max() == 255
     assert seen[7:9, 22:24, 0].min() < 100  # green, not the road's white
     assert (seen[10:14, 13:] == WHITE).all()
+
+
+def test_ground_in_the_next_tile_is_seen(place: Worlds) -> None:
+    for angle, (x, y) in ((0.0, (127.0, 64.0)), (np.pi / 2, (64.0, 127.0)), (np.pi, (1.0, 64.0))):
+        centre = np.array([x + 29 * np.cos(angle), y + 29 * np.sin(angle)])
+        corners = centre + 2 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+        shapes = SurfaceShapes((Area(Surface.SIDEWALK, corners),))
+        seen = image(place([(CAR, x, y, angle)]), RoadMap(shapes))
+        assert (seen[8:12, 35:39] == YELLOW).all()
+        assert (seen[:, 15:34] == BLACK).all()
 
 
 def test_a_view_is_the_same_alone_and_among_others(crowd: Worlds, street: SurfaceShapes) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from slrl_sumo.world import roadmap as roadmap_module
 from slrl_sumo.world.roadmap import Area, Ribbon, RoadMap, Surface, SurfaceShapes
 from slrl_sumo.world.shapeindex import index_by_tile, piece_boxes
 
@@ -53,6 +54,11 @@ def test_joints_are_round_and_do_not_stick_out_at_the_ends() -> None:
     assert surfaces(where, (20.0 + rim - 0.2, rim - 0.2), (23.8, -0.9)) == [Surface.ROAD] * 2
     # Beyond the arc, below the butt end, behind the start.
     assert surfaces(where, (20.0 + rim + 0.3, rim + 0.3), (22.0, -1.3), (-0.3, 0.0)) == [Surface.NONE] * 3
+
+
+def test_a_ribbon_that_begins_where_another_ends_is_painted() -> None:
+    where = roadmap(road([(0, 0), (20, 0)]), road([(20, 0), (20, 30)], 4.0, Surface.SIDEWALK))
+    assert surfaces(where, (10.0, 0.0), (20.0, 20.0)) == [Surface.ROAD, Surface.SIDEWALK]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -213,6 +219,16 @@ def test_memory_stays_bounded_on_a_network_of_10_km() -> None:
         assert (found[off > 4.3] == Surface.NONE).all()
     assert max(seen) <= limit
     assert max(seen) > limit / 2  # tiles are really kept
+
+
+def test_the_least_recently_used_tile_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    painted = []
+    monkeypatch.setattr(roadmap_module, "paint", lambda canvas, shapes, x0, y0, *rest, **more: painted.append(x0))
+    where = roadmap(road([(0, 0), (1000, 0)]), memory_limit=2 * 896 * 896)
+    painted.clear()  # the grid for near_surface
+    for column in (0, 1, 0, 2, 0, 1):
+        surfaces(where, (128.0 * column + 5.0, 5.0))
+    assert painted == [128.0 * column - 48.0 for column in (0, 1, 2, 1)]
 
 
 def test_a_limit_below_one_tile_keeps_one() -> None:
