@@ -1,8 +1,8 @@
 """The errors that the package raises on purpose.
 
-    SlrlError
-    ├── InputError      what the user gave is wrong: one line says what, where and how to mend it (exit code 1)
-    └── SumoError       SUMO itself failed while running (exit code 3)
+SlrlError
+├── InputError      what the user gave is wrong: one line says what, where and how to mend it (exit code 1)
+└── SumoError       SUMO itself failed while running (exit code 3)
 """
 
 

@@ -48,7 +48,7 @@ def write_run(
         assert isinstance(started, Started)
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
         for notice in () if quiet else started.notices:
-            Console(stderr=True).print(f"note: {notice}", highlight=False)
+            bar.console.print(f"note: {notice}", highlight=False, soft_wrap=True)
         tally = Tally(started.step.world)
         pictures = ReportBuilder(started) if report is not None else None
         if writer is not None:
@@ -82,7 +82,7 @@ def write_run(
     if report is not None and pictures is not None:
         pictures.write(report)
     if not quiet:
-        Console().print(summary_table(result))
+        _print_table(summary_table(result))
     if failure is not None:
         raise failure
     return caught[0] if caught else 0
@@ -129,6 +129,12 @@ def summary_table(result: dict[str, Any]) -> Table:
         if row["count"]:
             table.add_row(name, *(_cell(key, row[key]) for key in columns.values()))
     return table
+
+
+def _print_table(table: Table) -> None:
+    console = Console()
+    # Where nobody watches, a log should not be squeezed into rich's 80 columns.
+    (console if console.is_terminal else Console(width=120)).print(table)
 
 
 def _cell(key: str, value: float) -> str:

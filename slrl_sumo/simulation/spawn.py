@@ -15,7 +15,13 @@ DEFAULT_MIX = np.array([0.5, 0.2, 0.3])
 """Shares of cars, bicycles and pedestrians when the user gives none."""
 
 SPACING = np.array([9.0, 4.0, 2.0])
-"""m between two places to start at, per type: a car's length and a gap in which it can stop at low speed."""
+"""m between two road users at the start, per type: a car's length and a gap in which it can stop at low speed."""
+
+TIGHT_SPACING = np.array([6.5, 2.4, 1.0])
+"""The same where so many are wanted that they must start closer together: no box touches another."""
+
+POINT_SPACING = SPACING / 4
+"""m between the places that are looked at."""
 
 SHARED_SPEED = 8.4
 """m/s (30 km/h). A carriageway that also admits pedestrians is a place for them up to this limit; SUMO's networks
@@ -41,7 +47,7 @@ def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
 
 def starting_points(network: Network) -> tuple[LanePoints, ...]:
     """Places to start at per type, indexed by RoadUserType; empty where the network has no surface for the type."""
-    return tuple(LanePoints(legal_lanes(network, kind), spacing=float(SPACING[kind])) for kind in RoadUserType)
+    return tuple(LanePoints(legal_lanes(network, kind), spacing=float(POINT_SPACING[kind])) for kind in RoadUserType)
 
 
 def parse_mix(text: str) -> NDArray[np.float64]:
@@ -100,40 +106,53 @@ def draw_starts(
 ) -> tuple[NDArray[np.int8], Floats, Floats, Floats, Floats]:
     """Starting places drawn without overlap: kinds (n,), x, y (m), heading (rad) and the lane's speed limit (m/s).
 
-    Pedestrians walk either way along their lane. Raises InputError when not all of them fit.
+    Pedestrians walk either way along their lane. Where not all fit at a comfortable distance they are packed as tightly
+    as boxes allow. Raises InputError when not all of them fit even so.
     """
-    taken = np.zeros((0, 2))
-    gaps = np.zeros(0)
-    parts = []
-    # The largest first: a car needs a place of its own, a pedestrian fits in between.
-    for kind in RoadUserType:
-        source, wanted = points[kind], int(counts[kind])
-        order = rng.permutation(len(source))
-        places = np.column_stack([source.x[order], source.y[order]])
-        free = _clear_of(places, SPACING[kind], taken, gaps)
-        chosen = order[_apart(places, 0.9 * SPACING[kind], free, wanted)]
-        if len(chosen) < wanted:
+    orders = [rng.permutation(len(source)) for source in points]
+    chosen = _choose(counts, points, orders, SPACING)
+    if any(len(rows) < count for rows, count in zip(chosen, counts, strict=True)):
+        # Along the lanes one after the other is the densest order there is.
+        chosen = _choose(counts, points, [np.arange(len(source)) for source in points], TIGHT_SPACING)
+    for kind, rows in enumerate(chosen):
+        if len(rows) < counts[kind]:
             raise InputError(
-                f"--agents {int(counts.sum())}: only {len(chosen)} of {wanted} {TYPE_NAMES[kind]} road users fit into "
-                "this network; ask for fewer, or change --mix"
+                f"--agents {int(counts.sum())}: only {len(rows)} of {int(counts[kind])} {TYPE_NAMES[kind]} road users "
+                "fit into this network; ask for fewer, or change --mix"
             )
-        heading = source.heading[chosen]
+    parts = []
+    for kind, (source, rows) in enumerate(zip(points, chosen, strict=True)):
+        heading = source.heading[rows]
         if kind == RoadUserType.PEDESTRIAN:
-            heading = wrap_angle(heading + np.pi * rng.integers(0, 2, wanted))
-        limit = np.array([lane.max_speed for lane in source.lanes])[source.lane[chosen]] if wanted else np.zeros(0)
-        parts.append((np.full(wanted, kind, np.int8), source.x[chosen], source.y[chosen], heading, limit))
-        taken = np.concatenate([taken, np.column_stack([source.x[chosen], source.y[chosen]])])
-        gaps = np.concatenate([gaps, np.full(wanted, SPACING[kind])])
+            heading = wrap_angle(heading + np.pi * rng.integers(0, 2, len(rows)))
+        limits = np.array([lane.max_speed for lane in source.lanes], np.float64)
+        limit = limits[source.lane[rows]] if len(rows) else np.zeros(0)
+        parts.append((np.full(len(rows), kind, np.int8), source.x[rows], source.y[rows], heading, limit))
     kinds, x, y, heading, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
     return kinds, x, y, heading, limit
 
 
-def _clear_of(places: Floats, gap: float, taken: Floats, gaps: Floats) -> NDArray[np.bool_]:
-    """Which places keep half of both gaps from all that are taken."""
-    if not len(taken) or not len(places):
-        return np.ones(len(places), np.bool_)
-    distance, nearest = cKDTree(taken).query(places)
-    return np.asarray(distance >= 0.5 * (gap + gaps[nearest]))
+def _choose(
+    counts: NDArray[np.int64], points: tuple[LanePoints, ...], orders: list[NDArray[np.intp]], spacing: Floats
+) -> list[NDArray[np.intp]]:
+    """For each type the first points in its order that keep their distance, as many as wanted or as there are.
+
+    The largest type first: a car needs a place of its own, a pedestrian fits in between. Two of a type keep the type's
+    spacing, two of different types the mean of both.
+    """
+    taken, gaps = np.zeros((0, 2)), np.zeros(0)
+    chosen = []
+    for kind, (source, order) in enumerate(zip(points, orders, strict=True)):
+        places = np.column_stack([source.x[order], source.y[order]])
+        free = np.ones(len(places), np.bool_)
+        if len(taken) and len(places):
+            distance, nearest = cKDTree(taken).query(places)
+            free = np.asarray(distance >= 0.5 * (spacing[kind] + gaps[nearest]))
+        rows = order[_apart(places, float(spacing[kind]), free, int(counts[kind]))]
+        chosen.append(rows)
+        taken = np.concatenate([taken, np.column_stack([source.x[rows], source.y[rows]])])
+        gaps = np.concatenate([gaps, np.full(len(rows), spacing[kind])])
+    return chosen
 
 
 def _apart(places: Floats, gap: float, free: NDArray[np.bool_], wanted: int) -> NDArray[np.intp]:
