@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
-
-Floats = NDArray[np.float64]
+from slrl_sumo.world.geometry import Floats
 
 ENOUGH = 200_000
 """Distinct destinations beyond which K-Means sees a random share: 20 centres in the plane need no more."""

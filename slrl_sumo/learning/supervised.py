@@ -22,6 +22,10 @@ LEARNING_RATE = 3e-3
 TYPE_EPOCHS = 10
 """Epochs in which all modes of a type learn as one before they part: a mode may have only a handful of windows."""
 
+STEPS = 8
+"""Steps an epoch has at least, where there are windows enough for it: else little data would mean hardly any steps.
+Many more of them made modes with few windows overfit (tried on the HC recordings)."""
+
 KINEMATIC_WEIGHT = 0.1
 """Weight of the acceleration and yaw rate errors beside the displacement error: near standstill the displacement
 says nothing about the turn, and nothing about how hard a stopped road user brakes."""
@@ -59,6 +63,7 @@ def _batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) 
         made.append(filled.reshape(n, rows))
         place.append((np.arange(n) + random.random(n)) / n)
     mixed = np.concatenate(made)[np.argsort(np.concatenate(place), kind="stable")]
+    blocks = min(blocks, -(-len(mixed) // STEPS))
     for first in range(0, len(mixed), blocks):
         yield torch.from_numpy(mixed[first : first + blocks])
 

@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from slrl_sumo.perception.features import FEATURES, features
 from slrl_sumo.records.trajectories import Trajectories
-from slrl_sumo.world.geometry import to_ego
+from slrl_sumo.world.geometry import Floats, to_ego
 
 PAST = 2
 """Intervals a road user must have been recorded for: a speed needs one, an acceleration two."""
 
 FUTURE = 12
 """Intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

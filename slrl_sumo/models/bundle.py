@@ -25,12 +25,12 @@ from slrl_sumo.models.displacement import MODES, DisplacementModels
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 FORMAT_VERSION = 1
 SHIPPED = Path(__file__).parent.parent / "bundles"
 FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

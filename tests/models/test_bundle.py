@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +28,9 @@ def test_what_is_saved_is_loaded(bundle: ModelBundle, seen: Observation, tmp_pat
     for one, other in ((loaded.displacement, bundle.displacement), (loaded.prior, bundle.prior)):
         torch.testing.assert_close(dict(one.state_dict()), dict(other.state_dict()), rtol=0, atol=0)
     modes = np.arange(300) % 20
-    for one, other in zip(loaded.motion(seen, modes), bundle.motion(seen, modes), strict=True):
-        assert one.dtype == np.float64
-        np.testing.assert_array_equal(one, other)
+    for read, written in zip(loaded.motion(seen, modes), bundle.motion(seen, modes), strict=True):
+        assert read.dtype == np.float64
+        np.testing.assert_array_equal(read, written)
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["made", *FILES])  # nothing temporary stays behind
 
 
@@ -66,14 +67,14 @@ def test_save_that_fails_leaves_the_old_bundle(
     bundle: ModelBundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bundle.save(tmp_path / "a")
-    rename = module.os.rename
+    rename = os.rename
 
     def full(source: Path, target: Path) -> None:
         if Path(source).name == "new":
             raise OSError(28, "No space left on device")
         rename(source, target)
 
-    monkeypatch.setattr(module.os, "rename", full)
+    monkeypatch.setattr(os, "rename", full)
     with pytest.raises(InputError, match="No space left"):
         bundle.save(tmp_path / "a")
     monkeypatch.undo()

@@ -1,0 +1,56 @@
+import numpy as np
+import pytest
+from sklearn.cluster import KMeans
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning import modes
+from slrl_sumo.learning.modes import assign, cluster
+from slrl_sumo.world.geometry import Floats
+
+
+def blobs(random: np.random.Generator, middles: list[tuple[float, float]], each: int = 200) -> Floats:
+    return np.concatenate([random.normal(middle, 0.1, (each, 2)) for middle in middles])
+
+
+def test_clusters_are_found_and_sorted_by_distance_then_angle() -> None:
+    middles = [(0.0, 0.0), (5.0, 0.0), (12.0, -8.0), (12.0, 8.0), (30.0, 0.0)]
+    points = blobs(np.random.default_rng(0), middles)
+    points[:200] = 0.0  # exactly one place, as of road users that stand
+    shuffled = np.random.default_rng(1).permutation(points)
+    centres = cluster(shuffled, 5, seed=3)
+    near = np.hypot(*centres.T)
+    assert (np.diff(near) > -1e-12).all()
+    centres[2:4] = centres[2:4][np.argsort(centres[2:4, 1])]  # about equally far: either may come first
+    np.testing.assert_allclose(centres, middles, atol=0.05)
+    np.testing.assert_array_equal(assign(points, centres), np.repeat(np.arange(5), 200))
+    np.testing.assert_array_equal(cluster(np.array([[3.0, 4], [5, 0], [0, 5], [0, -5]]), 4, 0)[:, 1], [-5, 0, 4, 5])
+
+
+def test_same_seed_same_centres() -> None:
+    points = np.random.default_rng(0).normal(0, 10, (3000, 2))
+    np.testing.assert_array_equal(cluster(points, 20, 1), cluster(points, 20, 1))
+    assert (cluster(points, 20, 1) != cluster(points, 20, 2)).any()
+
+
+def test_too_few_distinct_destinations_name_type_and_count() -> None:
+    random = np.random.default_rng(0)
+    points = np.repeat(np.round(random.normal(0, 10, (19, 2)), 2), 50, 0)
+    points += random.normal(0, 1e-9, points.shape)  # rounding errors make no new destination
+    with pytest.raises(InputError, match=r"bicycle: 19 distinct destinations .* 20 modes"):
+        cluster(points, 20, 0, "bicycle")
+
+
+def test_a_share_is_enough_where_there_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    middles = [(0.0, 0.0), (10.0, 0.0), (20.0, 5.0)]
+    points = blobs(np.random.default_rng(0), middles, 2000)
+    seen = []
+    real = KMeans.fit
+
+    def fit(self: KMeans, x: Floats, sample_weight: Floats) -> KMeans:
+        seen.append(len(x))
+        return real(self, x, sample_weight=sample_weight)
+
+    monkeypatch.setattr(modes, "ENOUGH", 500)
+    monkeypatch.setattr(KMeans, "fit", fit)
+    np.testing.assert_allclose(cluster(points, 3, 0), middles, atol=0.05)
+    assert seen == [500]
