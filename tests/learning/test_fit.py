@@ -15,6 +15,7 @@ from slrl_sumo.perception.features import FEATURES, features
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.records.trajectories import Trajectories
 from slrl_sumo.world.advance import advance
+from slrl_sumo.world.geometry import from_ego, wrap_angle
 from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 
@@ -91,13 +92,13 @@ def test_prior_learned_that_the_fast_get_far(learned: ModelBundle) -> None:
         assert record["prior_accuracy"] > record["most_frequent_accuracy"] + 0.1
 
 
-def test_north_does_not_matter(learned: ModelBundle) -> None:
-    vector, kind = cruising(RoadUserType.CAR, 6.0, headings=60)
-    acceleration, yaw_rate = learned.displacement.motion_all(vector, kind)
-    used = torch.from_numpy(learned.mode_counts[0] > 100)
-    spread = yaw_rate[:, used].std(0)
-    assert float(spread.mean()) < 0.15 * float(yaw_rate[:, used].mean(0).std())
-    assert float(acceleration[:, used].std(0).mean()) < 0.2
+def test_a_recording_that_is_turned_teaches_the_same(traffic: list[Trajectories]) -> None:
+    plain = traffic[0]
+    x, y = from_ego(plain.x, plain.y, 1.1)
+    turned = replace(plain, x=x, y=y, heading=wrap_angle(plain.heading + 1.1))
+    one, other = (fit([recording], name="a", seed=1, epochs=3) for recording in (plain, turned))
+    np.testing.assert_array_equal(one.mode_centres, other.mode_centres)
+    torch.testing.assert_close(weights(one), weights(other), rtol=0, atol=1e-3)
 
 
 def test_closed_loop_stays_within_what_was_recorded(learned: ModelBundle, traffic: list[Trajectories]) -> None:
