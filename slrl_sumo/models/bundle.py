@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 from torch import Tensor
 
 from slrl_sumo.errors import InputError
@@ -137,7 +137,8 @@ class ModelBundle:
         (folder / "config.json").write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
         (folder / "training.json").write_text(json.dumps(self.training, indent=2) + "\n", encoding="utf-8")
         (folder / "MODEL_CARD.md").write_text(self.card, encoding="utf-8")
-        save_file({k: v.contiguous() for k, v in state.items()}, folder / "weights.safetensors")
+        # Not save_file: that makes a file which only its owner may read.
+        (folder / "weights.safetensors").write_bytes(save({k: v.contiguous() for k, v in state.items()}))
 
 
 def tensors(observation: Observation) -> tuple[Tensor, Tensor]:

@@ -31,6 +31,7 @@ def test_what_is_saved_is_loaded(bundle: ModelBundle, seen: Observation, tmp_pat
     for read, written in zip(loaded.motion(seen, modes), bundle.motion(seen, modes), strict=True):
         assert read.dtype == np.float64
         np.testing.assert_array_equal(read, written)
+    assert len({(tmp_path / "made" / file).stat().st_mode for file in FILES}) == 1  # whoever may read one may read all
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["made", *FILES])  # nothing temporary stays behind
 
 
