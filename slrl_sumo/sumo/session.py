@@ -55,7 +55,8 @@ class SumoSession:
             try:
                 libsumo.start(command)
             except libsumo.TraCIException as error:
-                self._clean_up()
+                # Refused while reading routes, SUMO stays half loaded and would block every later session.
+                self.close()
                 raise InputError(f"{self.scenario.config}: {_sumo_reason(printed, str(error))}") from None
         try:
             self.network: Network = read_network(libsumo)
