@@ -1,0 +1,64 @@
+"""What tests of several packages need: the command line as a process, a bundle, scenarios of people who know nothing of
+this package."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import sumo
+
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.sumo.scenario import find_scenario
+
+Cli = Callable[..., subprocess.CompletedProcess[str]]
+CopyScenario = Callable[..., Path]
+
+
+@pytest.fixture(scope="session")
+def cli() -> Cli:
+    """Runs `slrl-sumo` with the given words as a process of its own; a crash is a return code below 0."""
+
+    def call(*words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "slrl_sumo.cli", *map(str, words)]
+        environment = {**os.environ, "COLUMNS": "200"}
+        return subprocess.run(
+            command, cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=300
+        )
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def game() -> Path:
+    """SUMO's game: scenarios that came with the eclipse-sumo wheel."""
+    return Path(sumo.SUMO_HOME) / "tools" / "game"
+
+
+@pytest.fixture(scope="session")
+def shipped_bundle() -> ModelBundle:
+    """The bundle that runs use unless told otherwise."""
+    return load_bundle("intersection")
+
+
+@pytest.fixture
+def copy_scenario(tmp_path: Path) -> CopyScenario:
+    """Copies a shipped scenario into a folder of the test, and replaces texts in its files.
+
+    `changes`: (suffix of the file's name, what stands there, what shall stand there).
+    """
+
+    def copy(name: str, *changes: tuple[str, str, str], to: str = "scenario") -> Path:
+        folder = tmp_path / to
+        shutil.copytree(find_scenario(name).config.parent, folder)
+        for suffix, old, new in changes:
+            file = next(folder.glob(f"*{suffix}"))
+            text = file.read_text()
+            assert old in text, f"{old} does not stand in {file}"
+            file.write_text(text.replace(old, new))
+        return next(folder.glob("*.sumocfg"))
+
+    return copy
