@@ -1,0 +1,281 @@
+"""Background vehicles brake for every learned road user that their path meets, whether SUMO sees it or not.
+
+SUMO lets a vehicle see what it has mapped to the vehicle's lane. A road user that is moved from outside is often mapped
+elsewhere or nowhere: partly on the lane, inside a junction, on a crossing, off its route. So before each SUMO step the
+boxes that the background vehicles are about to sweep are compared with those of the learned road users, now and over
+the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's own rules stay in
+force: a vehicle that is held drives as fast as set, or slower where SUMO wants that. See docs/yielding.md.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.paths import SPACING, Paths, Sweep, sweep
+from slrl_sumo.sumo.reader import Snapshot
+from slrl_sumo.world.geometry import Floats, boxes_overlap, front_from_centre
+from slrl_sumo.world.state import WorldState
+
+HORIZON = 1.5
+"""s that learned road users are predicted, going on as they do now."""
+MOMENTS = np.linspace(0.0, HORIZON, 6)
+MARGIN = 0.3
+"""m kept free on either side of a vehicle."""
+STOP_SHORT = 1.0
+"""m that vehicles stop before a road user where they can."""
+SHARPEST_TURN = 1.0
+"""rad/s; faster turns are not expected to go on."""
+MAX_DECELERATION_BIT = 4
+"""Of a speed mode: brake no harder than `decel` (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html)."""
+
+
+class Yielding:
+    """Holds back the background vehicles of a simulation for learned road users.
+
+    `api`: libsumo or a TraCI connection; `step_length`: SUMO's step in s. Call `apply` before each SUMO step.
+    `interventions` counts how often a vehicle began to be held, `held` are those that are held now.
+    """
+
+    def __init__(self, api: Any, network: Network, step_length: float) -> None:
+        self._api = api
+        self._dt = step_length
+        self._paths = Paths(api, network)
+        self._types: dict[str, tuple[float, float, float, str]] = {}
+        self._ways: dict[str, tuple[str, str, int]] = {}
+        self._speed_modes: dict[str, int] = {}
+        self._hard: set[str] = set()
+        self.interventions = 0
+
+    @property
+    def held(self) -> frozenset[str]:
+        """Ids of the vehicles that are held now."""
+        return frozenset(self._speed_modes)
+
+    def apply(self, snapshot: Snapshot, learned: WorldState) -> None:
+        """Hold or release the vehicles of `snapshot` (SUMO's last step) with regard to `learned`, now.
+
+        Road users of the snapshot whose ids are in `learned` are left alone.
+        """
+        own = frozenset(learned.ids)
+        for road_user in own & self._speed_modes.keys():
+            self._forget(road_user)
+        rows = np.array(
+            [
+                i
+                for i, (road_user, lane) in enumerate(zip(snapshot.ids, snapshot.lane, strict=True))
+                if lane and road_user not in own and not snapshot.person[i]
+            ],
+            np.intp,
+        )
+        speeds: dict[str, tuple[float, bool]] = {}
+        if len(rows) and len(learned):
+            speeds = self._speeds(snapshot, rows, learned)
+        self.release(self._speed_modes.keys() - speeds.keys())
+        for vehicle, (speed, hard) in speeds.items():
+            self._hold(vehicle, speed, hard)
+
+    def release(self, vehicles: Iterable[str] | None = None) -> None:
+        """Give vehicles (None: all that are held) back to SUMO, with the speed mode that they had before."""
+        releasing = [v for v in (self.held if vehicles is None else vehicles) if v in self._speed_modes]
+        present = frozenset(self._api.vehicle.getIDList()) if releasing else frozenset()
+        for vehicle in releasing:
+            if vehicle in present:
+                self._api.vehicle.setSpeed(vehicle, -1.0)
+                if vehicle in self._hard:
+                    self._api.vehicle.setSpeedMode(vehicle, self._speed_modes[vehicle])
+            self._forget(vehicle)
+
+    def _forget(self, vehicle: str) -> None:
+        del self._speed_modes[vehicle]
+        self._hard.discard(vehicle)
+
+    def _hold(self, vehicle: str, speed: float, hard: bool) -> None:
+        if vehicle not in self._speed_modes:
+            self._speed_modes[vehicle] = self._api.vehicle.getSpeedMode(vehicle)
+            self.interventions += 1
+        mode = self._speed_modes[vehicle]
+        if hard and vehicle not in self._hard:
+            self._api.vehicle.setSpeedMode(vehicle, mode & ~MAX_DECELERATION_BIT)
+            self._hard.add(vehicle)
+        elif not hard and vehicle in self._hard:
+            self._api.vehicle.setSpeedMode(vehicle, mode)
+            self._hard.discard(vehicle)
+        self._api.vehicle.setSpeed(vehicle, speed)
+
+    def _speeds(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> dict[str, tuple[float, bool]]:
+        """Speeds (m/s) of the vehicles `rows` of the snapshot that must be held, and whether that is hard braking."""
+        limits = np.array([self._limits(snapshot.sumo_type[i])[:3] for i in rows])
+        look = _look_ahead(snapshot.speed[rows], limits[:, 1], self._dt) + 0.5 * snapshot.length[rows]
+        spread = 0.5 * np.hypot(learned.length, learned.width) + learned.speed * HORIZON
+        dx = snapshot.x[rows][:, None] - learned.x
+        dy = snapshot.y[rows][:, None] - learned.y
+        near = dx * dx + dy * dy < (look[:, None] + spread) ** 2
+        chosen = np.flatnonzero(near.any(axis=1))
+        if not len(chosen):
+            return {}
+        rows, limits, near = rows[chosen], limits[chosen], near[chosen]
+        speed, length, heading = snapshot.speed[rows], snapshot.length[rows], snapshot.heading[rows]
+        front_x, front_y = front_from_centre(snapshot.x[rows], snapshot.y[rows], heading, length)
+        count = int(look[chosen].max() / SPACING) + 2
+        path_x, path_y, room = self._paths.sample(self._path_rows(snapshot, rows), snapshot.lane_position[rows], count)
+        size = np.column_stack([length, snapshot.width[rows]])
+        ahead = sweep(path_x, path_y, room, front_x, front_y, heading, size)
+        boxes = predicted(learned, MOMENTS)
+        vehicle, agent = np.nonzero(near)
+        enter, leave = meetings(ahead, vehicle, boxes, agent, learned.speed > 0.05)
+        target, hard = safe_speeds(
+            enter,
+            leave,
+            speed[vehicle],
+            _speed_along(ahead, vehicle, enter, boxes, agent, learned.speed),
+            limits[vehicle],
+            self._dt,
+        )
+        slowest = np.full(len(rows), np.inf)
+        np.minimum.at(slowest, vehicle, target)
+        brakes_hard = np.zeros(len(rows), np.bool_)
+        np.logical_or.at(brakes_hard, vehicle, hard & (target <= slowest[vehicle]))
+        holding = np.flatnonzero(slowest < speed + limits[:, 0] * self._dt)
+        return {snapshot.ids[rows[i]]: (float(slowest[i]), bool(brakes_hard[i])) for i in holding}
+
+    def _limits(self, sumo_type: str) -> tuple[float, float, float, str]:
+        """Acceleration, deceleration and emergency deceleration (m/s²) of a vehicle type, and its class."""
+        limits = self._types.get(sumo_type)
+        if limits is None:
+            types = self._api.vehicletype
+            limits = self._types[sumo_type] = (
+                types.getAccel(sumo_type),
+                types.getDecel(sumo_type),
+                types.getEmergencyDecel(sumo_type),
+                types.getVehicleClass(sumo_type),
+            )
+        return limits
+
+    def _path_rows(self, snapshot: Snapshot, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The path of each of the vehicles `rows`; asked anew of SUMO only on a new lane or with a new route."""
+        if self._paths.full or len(self._ways) > 20_000:
+            self._paths.clear()
+            self._ways.clear()
+        vehicles = self._api.vehicle
+        paths = []
+        for i in rows.tolist():
+            vehicle, lane = snapshot.ids[i], snapshot.lane[i]
+            route = vehicles.getRouteID(vehicle)
+            way = self._ways.get(vehicle)
+            if way is None or way[0] != lane or way[1] != route:
+                index = vehicles.getRouteIndex(vehicle)
+                following = vehicles.getRoute(vehicle)[max(index, 0) + 1 : max(index, 0) + 25]
+                path = self._paths.row(lane, tuple(following), self._limits(snapshot.sumo_type[i])[3])
+                way = self._ways[vehicle] = (lane, route, path)
+            paths.append(way[2])
+        return np.array(paths, np.intp)
+
+
+def _look_ahead(speed: Floats, deceleration: Floats, dt: float) -> Floats:
+    """How far ahead of their fronts vehicles have to look, in m: the way to a stop, and a bit."""
+    return speed * (dt + 0.5) + speed * speed / (2.0 * deceleration) + STOP_SHORT + 5.0
+
+
+def predicted(learned: WorldState, moments: Floats) -> Floats:
+    """Boxes of n road users that keep speed and yaw rate: (n, q, 5) rows as in `boxes_overlap`, at `moments` (q,) in s.
+
+    Constant turn rate and velocity, the yaw rate limited to `SHARPEST_TURN`.
+    """
+    turn = np.clip(learned.yaw_rate, -SHARPEST_TURN, SHARPEST_TURN)[:, None] * moments
+    chord = learned.speed[:, None] * moments * np.sinc(turn / (2.0 * np.pi))
+    towards = learned.heading[:, None] + 0.5 * turn
+    boxes = np.empty((*turn.shape, 5))
+    boxes[..., 0] = learned.x[:, None] + chord * np.cos(towards)
+    boxes[..., 1] = learned.y[:, None] + chord * np.sin(towards)
+    boxes[..., 2] = learned.heading[:, None] + turn
+    boxes[..., 3] = learned.length[:, None]
+    boxes[..., 4] = learned.width[:, None]
+    return boxes
+
+
+def meetings(
+    ahead: Sweep, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp], moving: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Where vehicles would touch road users: m driven at first and at last touch, (p, q); inf and -inf: never.
+
+    For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments). Those not
+    `moving` (n,) get only their first moment. Vehicles keep `MARGIN` to either side of them from what lies ahead of
+    their front; whom they pass already is no reason to stop, unless they would cut into it.
+    """
+    p, q, k = len(vehicle), boxes.shape[1], ahead.x.shape[1]
+    enter, leave = np.full(p * q, np.inf), np.full(p * q, -np.inf)
+    half_vehicle = 0.5 * np.hypot(ahead.length, ahead.width.max(axis=1) + 2.0 * MARGIN)
+    close = (half_vehicle[vehicle] + 0.5 * np.hypot(boxes[agent, 0, 3], boxes[agent, 0, 4])) ** 2
+    # First whole pairs, on every fourth place, with a circle round all moments; then place by place.
+    middle = 0.5 * (boxes[:, 0, :2] + boxes[:, -1, :2])
+    radius = np.max(np.hypot(boxes[..., 0] - middle[:, :1], boxes[..., 1] - middle[:, 1:]), axis=1)
+    wide = (np.sqrt(close) + radius[agent] + 2.0 * SPACING) ** 2
+    sparse = np.arange(0, k, 4)
+    dx = ahead.x[:, sparse][vehicle] - middle[agent, :1]
+    dy = ahead.y[:, sparse][vehicle] - middle[agent, 1:]
+    pairs = np.flatnonzero((dx * dx + dy * dy < wide[:, None]).any(axis=1))
+    v, a = vehicle[pairs], agent[pairs]
+    used = np.where(moving[a][:, None], True, np.arange(q) == 0)
+    pair_row, moment = np.nonzero(used)
+    dx = ahead.x[v[pair_row]] - boxes[a[pair_row], moment, 0][:, None]
+    dy = ahead.y[v[pair_row]] - boxes[a[pair_row], moment, 1][:, None]
+    row, place = np.nonzero((dx * dx + dy * dy < close[pairs][pair_row][:, None]) & ahead.valid[v[pair_row]])
+    pair_row, moment = pair_row[row], moment[row]
+    v, theirs = v[pair_row], boxes[a[pair_row], moment]
+    nose_x = theirs[:, 0] - ahead.x[v, 0]
+    nose_y = theirs[:, 1] - ahead.y[v, 0]
+    before = nose_x * np.cos(ahead.heading[v, 0]) + nose_y * np.sin(ahead.heading[v, 0]) > 0.5 * ahead.length[v]
+    width = ahead.width[v, place] + np.where(before, 2.0 * MARGIN, 0.0)
+    ours = np.column_stack([ahead.x[v, place], ahead.y[v, place], ahead.heading[v, place], ahead.length[v], width])
+    hit = boxes_overlap(ours, theirs)
+    key = pairs[pair_row] * q + moment
+    np.minimum.at(enter, key[hit], place[hit] * SPACING)
+    np.maximum.at(leave, key[hit], place[hit] * SPACING)
+    passing = key[hit & ~before & (place == 0)]
+    enter[passing], leave[passing] = np.inf, -np.inf
+    return enter.reshape(p, q), leave.reshape(p, q)
+
+
+def _speed_along(
+    ahead: Sweep, vehicle: NDArray[np.intp], enter: Floats, boxes: Floats, agent: NDArray[np.intp], speed: Floats
+) -> Floats:
+    """Speed of the road users in the direction in which the vehicles would touch them, at least 0, (p, q) in m/s."""
+    place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
+    turn = boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place]
+    return np.maximum(speed[agent, None] * np.cos(turn), 0.0)
+
+
+def safe_speeds(
+    enter: Floats, leave: Floats, speed: Floats, leading: Floats, limits: Floats, dt: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Speeds for the next step that let vehicles stop in time, (p,) in m/s, and where that is harder than `decel`.
+
+    `enter`, `leave`: metres driven at first and last touch at each of `MOMENTS`, (p, q); `speed`: of the vehicles,
+    (p,); `leading`: of the road users along the way, (p, q); `limits`: acceleration, deceleration, emergency
+    deceleration, (p, 3). inf where nothing is in the way. The speed is Krauss' safe speed with a reaction time of one
+    step (https://sumo.dlr.de/docs/Car-Following-Models.html); where `decel` does not suffice it is the least braking
+    that does, up to the emergency deceleration.
+    """
+    acceleration, comfortable, emergency = limits[:, :1], limits[:, 1:2], limits[:, 2:]
+    v = speed[:, None]
+    # Who will only come later is met if it stays (last moment) or if the vehicle may be there at the same time ...
+    reached = v * MOMENTS + 0.5 * acceleration * MOMENTS**2 + STOP_SHORT
+    matters = (enter <= reached) | (MOMENTS == 0.0) | (MOMENTS >= HORIZON)
+    # ... and is not past before.
+    matters &= (MOMENTS == 0.0) | (leave + SPACING >= v * MOMENTS)
+    enter = np.where(matters, enter, np.inf)
+    gap = np.maximum(enter - STOP_SHORT, 0.0)
+    delay = comfortable * dt
+    with np.errstate(invalid="ignore"):
+        target = np.sqrt(delay * delay + leading * leading + 2.0 * comfortable * gap) - delay
+    least = v - comfortable * dt
+    hard_gap = np.maximum(enter - SPACING, 1e-3)
+    needed = np.clip((v * v - leading * leading) / (2.0 * hard_gap), comfortable, emergency)
+    hard = (target < least) & (needed > comfortable)
+    target = np.maximum(np.where(target < least, v - needed * dt, target), 0.0)
+    which = np.argmin(target, axis=1)
+    pick = np.arange(len(target)), which
+    return target[pick], hard[pick]

@@ -1,0 +1,462 @@
+"""Do background vehicles brake for learned road users whom their path meets, only for those, and at what cost?
+
+    python tools/yield_bench.py [--json FILE] [--without] [--seconds 600] [--only meet|beside|cost]
+
+Three parts; every case is a process of its own, because libsumo holds one simulation:
+
+- meet: one learned road user appears again and again where SUMO may not see it (lane edge, junction, crossing, off its
+  route, walking across); how many background vehicles that had room to stop drive into its box?
+- beside: learned road users stand beside the ways of the background cars; how many cars brake more than in plain SUMO?
+- cost: time of a step with many background vehicles and 64 learned road users.
+
+`--without` also runs `meet` without yielding, to compare.
+"""
+
+import argparse
+import json
+import math
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import libsumo
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from netgen.scenario import scenario_files
+from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec
+from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.network import Lane
+from slrl_sumo.sumo.reader import Snapshot
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.yielding import Yielding
+from slrl_sumo.world.geometry import boxes_overlap, to_ego
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.surfaces import Surface
+from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+
+STEP = 0.4
+WALKING_SPEED, RIDING_SPEED = 1.3, 2.0
+CASES = ("lane centre", "0.7 m off", "1.4 m off", "1.6 m off", "junction", "crossing", "opposite lane", "walks across")
+CASES += ("along the edge",)
+BESIDE = ("sidewalk", "beside the road", "opposite lane", "cycle lane", "kerb")
+CROSS = IntersectionSpec(arm_length=150.0)
+IN, OUT = "in2", "out0"
+"""Edges of the straight way east; its car lane is the last one."""
+
+
+def write(spec: NetSpec, demand: DemandSpec, folder: Path, *, sublane: bool, routes: str = "") -> Path:
+    """A scenario for a bench, with or without the sublane model, `routes` in place of the demand's."""
+    files = scenario_files(spec, demand, "bench")
+    if sublane:
+        option = b'<processing>\n    <lateral-resolution value="0.8"/>'
+        files["bench.sumocfg"] = files["bench.sumocfg"].replace(b"<processing>", option)
+        assert option in files["bench.sumocfg"]
+    if routes:
+        files["bench.rou.xml"] = routes.encode()
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
+    return folder / "bench.sumocfg"
+
+
+def world(ids: tuple[str, ...], kinds: np.ndarray, pose: np.ndarray, speed: np.ndarray) -> WorldState:
+    """Learned road users with rows x, y, heading in `pose`."""
+    n = len(ids)
+    return WorldState(
+        time=0.0,
+        ids=ids,
+        type=kinds.astype(np.int8),
+        x=pose[:, 0],
+        y=pose[:, 1],
+        heading=pose[:, 2],
+        speed=speed,
+        acceleration=np.zeros(n),
+        yaw_rate=np.zeros(n),
+        length=DEFAULT_LENGTH[kinds],
+        width=DEFAULT_WIDTH[kinds],
+        learned=np.ones(n, np.bool_),
+    )
+
+
+def move(session: SumoSession, users: WorldState) -> None:
+    """As CoSimulation does it."""
+    session.placement.move(users.ids, users.type, users.x, users.y, users.heading, users.speed, users.length)
+
+
+def lane_of(session: SumoSession, lane_id: str) -> Lane:
+    """The lane of that id."""
+    return next(lane for lane in session.network.lanes if lane.id == lane_id)
+
+
+def meet_case(session: SumoSession, case: str, kind: RoadUserType) -> tuple[np.ndarray, float]:
+    """Where the road user appears (x, y, heading) and its speed."""
+    lanes = [lane for lane in session.network.lanes if lane.edge == IN]
+    (x0, y), (x1, _) = lanes[-1].shape[0], lanes[-1].shape[-1]
+    x = x0 + 0.55 * (x1 - x0)
+    crossing = min(
+        (lane.shape.mean(axis=0)[0] for lane in session.network.lanes if lane.surface == Surface.CROSSING),
+        key=lambda cx: abs(cx - x1),
+    )
+    middle = lane_of(session, next(lane.id for lane in session.network.lanes if lane.id == ":centre_22_0")).shape
+    ahead = math.pi / 2 if kind == RoadUserType.PEDESTRIAN else 0.0
+    table = {
+        "lane centre": (x, y, ahead, 0.0),
+        "0.7 m off": (x, y - 0.7, ahead, 0.0),
+        "1.4 m off": (x, y - 1.4, ahead, 0.0),
+        "1.6 m off": (x, y - 1.6, ahead, 0.0),
+        "junction": (middle[:, 0].mean(), y, math.pi / 2, 0.0),
+        "crossing": (crossing, y, math.pi / 2, 0.0),
+        "opposite lane": (x, y + 3.2, math.pi, 0.0),
+        "walks across": (x, y - 5.4, math.pi / 2, WALKING_SPEED),
+        "along the edge": (x0 + 0.3 * (x1 - x0), y - 1.2, 0.0, RIDING_SPEED),
+    }
+    *pose, speed = table[case]
+    return np.array(pose), speed
+
+
+def meet(
+    case: str, kind: RoadUserType, off_route: bool, sublane: bool, yields: bool, seconds: float, seed: int
+) -> dict[str, Any]:
+    """One case of the first part."""
+    demand = DemandSpec(
+        cars_per_hour=1600, bicycles_per_hour=300, pedestrians_per_hour=0, duration=seconds + 100, seed=seed
+    )
+    with TemporaryDirectory() as name:
+        config = write(CROSS, demand, Path(name), sublane=sublane)
+        with SumoSession(find_scenario(str(config)), seed=seed, step_length=STEP) as session:
+            return _meet(session, case, kind, off_route, yields, seconds)
+
+
+def _meet(
+    session: SumoSession, case: str, kind: RoadUserType, off_route: bool, yields: bool, seconds: float
+) -> dict[str, Any]:
+    start, speed = meet_case(session, case, kind)
+    away = np.array([-60.0, -60.0, 0.0])
+    home = lane_of(session, "in1_2" if off_route else f"{IN}_2").shape.mean(axis=0)
+    kinds = np.array([int(kind)])
+    session.placement.add(("learned.0",), kinds, home[:1], home[1:])
+    yielding = Yielding(libsumo, session.network, STEP)
+    present, clock, pose = False, 0.0, away
+    met: set[tuple[str, int]] = set()
+    hit: set[tuple[str, int]] = set()
+    no_room: set[tuple[str, int]] = set()
+    blocked: set[str] = set()
+    stopped: set[tuple[str, int]] = set()
+    appearances = 0
+    hard = 0
+    before: dict[str, float] = {}
+    snapshot = session.reader.read()
+    took = []
+    until = 20.0 if speed == 0.0 else (13.0 / speed if case == "walks across" else 80.0 / speed)
+    for _ in range(round(seconds / STEP)):
+        clock += STEP
+        if not present and clock > 8.0 and can_appear(snapshot, start):
+            present, clock, pose = True, 0.0, start.copy()
+            appearances += 1
+            blocked = no_room_to_stop(snapshot, start) if speed == 0.0 else set()
+        elif present and clock > until:
+            present, clock, pose = False, 0.0, away
+        now = world(("learned.0",), kinds, pose[None], np.array([speed if present else 0.0]))
+        if present:
+            pose = pose + speed * STEP * np.array([math.cos(pose[2]), math.sin(pose[2]), 0.0])
+        following = world(("learned.0",), kinds, pose[None], now.speed)
+        begun = time.perf_counter()
+        if yields:
+            yielding.apply(snapshot, now)
+        took.append(time.perf_counter() - begun)
+        move(session, following)
+        session.step()
+        snapshot = session.reader.read()
+        others = [i for i, v in enumerate(snapshot.ids) if v != "learned.0" and not snapshot.person[i]]
+        speeds = {snapshot.ids[i]: snapshot.speed[i] for i in others}
+        hard += sum(v in before and s - before[v] < -5.1 * STEP for v, s in speeds.items())
+        before = speeds
+        if not present or not others:
+            continue
+        ours = np.column_stack([snapshot.x, snapshot.y, snapshot.heading, snapshot.length, snapshot.width])[others]
+        theirs = np.broadcast_to([*pose, now.length[0], now.width[0]], ours.shape)
+        ahead, beside = to_ego(pose[0] - ours[:, 0], pose[1] - ours[:, 1], ours[:, 2])
+        touching = boxes_overlap(ours, np.ascontiguousarray(theirs))
+        for k, i in enumerate(others):
+            key = snapshot.ids[i], appearances
+            if 0 < ahead[k] - 0.5 * ours[k, 3] < 25 and abs(beside[k]) < 3.0:
+                met.add(key)
+                if snapshot.speed[i] < 0.1 and ahead[k] < 12:
+                    stopped.add(key)
+            if touching[k]:
+                (no_room if key[0] in blocked else hit).add(key)
+    return {
+        "appearances": appearances, "met": len(met), "overlapped": len(hit), "no_room": len(no_room),
+        "stopped": len(stopped), "interventions": yielding.interventions, "harder_than_5": int(hard),
+        "who": sorted(v for v, _ in hit), "apply_ms": round(1e3 * float(np.median(took)), 3),
+    }  # fmt: skip
+
+
+def can_appear(snapshot: Snapshot, start: np.ndarray) -> bool:
+    """Nobody is where it will be."""
+    return not (np.hypot(snapshot.x - start[0], snapshot.y - start[1])[~snapshot.person] < 6.0).any()
+
+
+def no_room_to_stop(snapshot: Snapshot, start: np.ndarray) -> set[str]:
+    """Vehicles nearer than the way they need to stop in with their `decel`, two steps and 2 m included."""
+    distance = np.hypot(snapshot.x - start[0], snapshot.y - start[1])
+    decel = np.array(
+        [
+            4.0 if person else libsumo.vehicle.getDecel(v)
+            for v, person in zip(snapshot.ids, snapshot.person, strict=True)
+        ]
+    )
+    need = snapshot.speed**2 / (2 * decel) + snapshot.speed * 2 * STEP + 0.5 * snapshot.length + 4.5
+    return {v for v, short in zip(snapshot.ids, distance < need, strict=True) if short}
+
+
+def straight_routes(case: str, duration: float) -> str:
+    """Cars on the straight way only; both directions where the opposite lane is free."""
+    ways = [(IN, OUT)] if case == "opposite lane" else [(IN, OUT), ("in0", "out2")]
+    flows = "".join(
+        f'<flow id="f{k}" type="c" begin="0" end="{duration:g}" period="exp(0.15)" from="{a}" to="{b}" '
+        'departLane="best" departSpeed="max"/>'
+        for k, (a, b) in enumerate(ways)
+    )
+    return f'<routes><vType id="c" vClass="passenger"/>{flows}</routes>'
+
+
+def beside(case: str, setting: str, sublane: bool, seconds: float, seed: int) -> dict[str, Any]:
+    """One case of the second part; `setting`: plain SUMO, agents without yielding, agents with yielding."""
+    demand = DemandSpec(duration=seconds, seed=seed)
+    with TemporaryDirectory() as name:
+        config = write(CROSS, demand, Path(name), sublane=sublane, routes=straight_routes(case, seconds))
+        with SumoSession(find_scenario(str(config)), seed=seed, step_length=STEP) as session:
+            return _beside(session, case, setting, seconds)
+
+
+def _beside(session: SumoSession, case: str, setting: str, seconds: float) -> dict[str, Any]:
+    lanes = [lane for lane in session.network.lanes if lane.edge == IN]
+    (x0, y), (x1, _) = lanes[-1].shape[0], lanes[-1].shape[-1]
+    x = x0 + np.array([0.4, 0.5, 0.6, 0.7, 0.8, 0.9]) * (x1 - x0)
+    sets = {
+        "sidewalk": (lanes[0].shape[0, 1], (2, 2, 2, 1, 2, 2), 0.0),
+        "beside the road": (lanes[0].shape[0, 1] - 3.0, (0, 1, 2, 0, 1, 2), 0.0),
+        "opposite lane": (y + 3.2, (0, 1, 2, 0, 1, 2), math.pi),
+        "cycle lane": (lanes[1].shape[0, 1], (1, 2, 1, 2, 1, 2), 0.0),
+        "kerb": (lanes[0].shape[0, 1] + 1.0, (2, 2, 2, 2, 2, 2), math.pi / 2),
+    }
+    lateral, kinds_list, heading = sets[case]
+    kinds = np.array(kinds_list)
+    ids = tuple(f"learned.{k}" for k in range(len(x)))
+    users = world(
+        ids, kinds, np.column_stack([x, np.full(len(x), lateral), np.full(len(x), heading)]), np.zeros(len(x))
+    )
+    if setting != "plain":
+        session.placement.add(ids, users.type, users.x, users.y)
+    yielding = Yielding(libsumo, session.network, STEP)
+    snapshot = session.reader.read()
+    last: dict[str, float] = {}
+    cars: set[str] = set()
+    braked: set[str] = set()
+    warm_up = 3
+    for step in range(round(seconds / STEP)):
+        if setting == "yielding" and step >= warm_up:
+            yielding.apply(snapshot, users)
+        if setting != "plain":
+            move(session, users)
+        session.step()
+        snapshot = session.reader.read()
+        speeds = {
+            v: s for v, s in zip(snapshot.ids, snapshot.speed.tolist(), strict=True) if not v.startswith("learned")
+        }
+        cars |= speeds.keys()
+        braked |= {v for v, s in speeds.items() if v in last and (last[v] - s > 1.0 * STEP or s < 0.1)}
+        last = speeds
+    return {"cars": len(cars), "braked": len(braked), "interventions": yielding.interventions}
+
+
+def cost(seconds: float, seed: int, agents: int = 64) -> dict[str, Any]:
+    """The third part: a street net with about 500 vehicles; a third of the road users on each kind of lane, moving."""
+    demand = DemandSpec(cars_per_hour=14000, bicycles_per_hour=2000, pedestrians_per_hour=0, duration=10000, seed=seed)
+    with TemporaryDirectory() as name:
+        config = write(RandomSpec(iterations=150, seed=seed), demand, Path(name), sublane=False)
+        with SumoSession(find_scenario(str(config)), seed=seed, step_length=STEP) as session:
+            return _cost(session, seconds, seed, agents)
+
+
+def _cost(session: SumoSession, seconds: float, seed: int, agents: int) -> dict[str, Any]:
+    rng = np.random.default_rng(seed)
+    kinds = np.arange(agents) % 3
+    surfaces = (Surface.ROAD, Surface.CYCLEWAY, Surface.SIDEWALK)
+    rows = []
+    for kind in kinds:
+        points = LanePoints(
+            [lane for lane in session.network.lanes if lane.surface == surfaces[kind] and not lane.internal], 2.0
+        )
+        pick = rng.integers(len(points))
+        rows.append((points.x[pick], points.y[pick], points.heading[pick]))
+    home = np.array(rows)
+    speed = np.array([3.0, 3.0, 1.3])[kinds]
+    ids = tuple(f"learned.{k}" for k in range(agents))
+    yielding = Yielding(libsumo, session.network, STEP)
+    while len(libsumo.vehicle.getIDList()) < 500 and session.time < 400:
+        session.step()
+    users = world(ids, kinds, home, speed)
+    session.placement.add(ids, users.type, users.x, users.y)
+    move(session, users)
+    session.step()
+    snapshot = session.reader.read()
+    took: dict[str, list[float]] = {"apply": [], "step": [], "read": [], "move": []}
+    counts, holding = [], []
+    for step in range(round(seconds / STEP)):
+        # To and fro along the lane, 10 s each.
+        phase = (step * STEP) % 20.0
+        along = speed * np.minimum(phase, 20.0 - phase)
+        pose = home + np.column_stack([along * np.cos(home[:, 2]), along * np.sin(home[:, 2]), np.zeros(agents)])
+        users = world(ids, kinds, pose, speed)
+        marks = [time.perf_counter()]
+        yielding.apply(snapshot, users)
+        marks.append(time.perf_counter())
+        move(session, users)
+        marks.append(time.perf_counter())
+        session.step()
+        marks.append(time.perf_counter())
+        snapshot = session.reader.read()
+        marks.append(time.perf_counter())
+        for part, span in zip(("apply", "move", "step", "read"), np.diff(marks), strict=True):
+            took[part].append(1e3 * span)
+        counts.append(int((~snapshot.person).sum()) - int((kinds < 2).sum()))
+        holding.append(len(yielding.held))
+    ms = {part: float(np.median(spans)) for part, spans in took.items()}
+    return {
+        "vehicles": int(np.median(counts)), "agents": agents, "held": float(np.median(holding)),
+        "apply_ms": round(ms["apply"], 2), "apply_ms_p90": round(float(np.quantile(took["apply"], 0.9)), 2),
+        "step_ms": round(ms["step"], 2), "read_ms": round(ms["read"], 2), "move_ms": round(ms["move"], 2),
+        "share_of_floor": round(ms["apply"] / (ms["step"] + ms["read"] + ms["move"]), 2),
+    }  # fmt: skip
+
+
+def case_arguments(only: str, without: bool, seconds: float, seeds: int) -> Iterator[dict[str, Any]]:
+    """All cases, as the arguments of their functions."""
+    if only in ("meet", "all"):
+        for sublane in (False, True):
+            for case in CASES:
+                for kind in range(3):
+                    if case == "along the edge" and kind == 2:
+                        continue
+                    # Persons are always on their route: Placement renews their walks.
+                    for off_route in (False, True) if kind < 2 else (False,):
+                        for yields in (True, False) if without else (True,):
+                            yield {
+                                "part": "meet", "case": case, "kind": kind, "off_route": off_route,
+                                "sublane": sublane, "yields": yields, "seconds": seconds, "seed": 1,
+                            }  # fmt: skip
+    if only in ("beside", "all"):
+        for sublane in (False, True):
+            for case in BESIDE:
+                for setting in ("plain", "agents", "yielding"):
+                    for seed in range(1, seeds + 1):
+                        yield {
+                            "part": "beside", "case": case, "setting": setting, "sublane": sublane,
+                            "seconds": seconds, "seed": seed,
+                        }  # fmt: skip
+    if only in ("cost", "all"):
+        yield {"part": "cost", "seconds": min(seconds, 80.0), "seed": 1}
+
+
+def run_case(arguments: dict[str, Any]) -> dict[str, Any]:
+    """A case in a process of its own; a process that dies is a result."""
+    done = subprocess.run(
+        [sys.executable, __file__, "--case", json.dumps(arguments)], capture_output=True, text=True, check=False
+    )
+    lines = done.stdout.strip().splitlines()
+    if done.returncode or not lines:
+        return arguments | {"died": done.returncode, "said": done.stderr.strip().splitlines()[-1:]}
+    return arguments | json.loads(lines[-1])
+
+
+def one_case(arguments: dict[str, Any]) -> dict[str, Any]:
+    """A case in this process."""
+    part = arguments.pop("part")
+    if part == "meet":
+        return meet(**(arguments | {"kind": RoadUserType(arguments["kind"])}))
+    return beside(**arguments) if part == "beside" else cost(**arguments)
+
+
+def print_tables(rows: list[dict[str, Any]], console: Console) -> None:
+    """For people."""
+    dead = [r for r in rows if "died" in r]
+    rows = [r for r in rows if "died" not in r]
+    met = [r for r in rows if r["part"] == "meet"]
+    if met:
+        table = Table(
+            title="background vehicles that drove into the road user / that met it (those without room apart)"
+        )
+        for column in (
+            "case",
+            "road user",
+            "sublane",
+            "yielding",
+            "on its route",
+            "off its route",
+            "no room",
+            "stopped",
+        ):
+            table.add_column(column)
+        for key in dict.fromkeys((r["case"], r["kind"], r["sublane"], r["yields"]) for r in met):
+            both = {r["off_route"]: r for r in met if (r["case"], r["kind"], r["sublane"], r["yields"]) == key}
+            shares = [f"{both[o]['overlapped']}/{both[o]['met']}" if o in both else "" for o in (False, True)]
+            table.add_row(
+                key[0], TYPE_NAMES[key[1]], *("yes" if k else "no" for k in key[2:]), *shares,
+                str(sum(r["no_room"] for r in both.values())), str(sum(r["stopped"] for r in both.values())),
+            )  # fmt: skip
+        console.print(table)
+    seen = [r for r in rows if r["part"] == "beside"]
+    if seen:
+        table = Table(title="cars that braked by more than 1 m/s² or stopped, of all cars")
+        for column in ("case", "sublane", "plain SUMO", "agents, no yielding", "agents, yielding", "interventions"):
+            table.add_column(column)
+        for key in dict.fromkeys((r["case"], r["sublane"]) for r in seen):
+            cells = []
+            for setting in ("plain", "agents", "yielding"):
+                some = [r for r in seen if (r["case"], r["sublane"]) == key and r["setting"] == setting]
+                cells.append(f"{sum(r['braked'] for r in some)}/{sum(r['cars'] for r in some)}")
+            table.add_row(key[0], "yes" if key[1] else "no", *cells, str(sum(r["interventions"] for r in some)))
+        console.print(table)
+    for r in rows:
+        if r["part"] == "cost":
+            console.print({k: v for k, v in r.items() if k not in ("part", "seed")})
+    for r in dead:
+        console.print("DIED", r)
+
+
+def main() -> None:
+    """Run all cases and print what came out."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="also write all rows to this file")
+    parser.add_argument("--only", choices=("meet", "beside", "cost", "all"), default="all")
+    parser.add_argument("--without", action="store_true", help="also without yielding, to compare")
+    parser.add_argument("--seconds", type=float, default=600.0, help="simulated time of each case")
+    parser.add_argument("--seeds", type=int, default=3, help="demand seeds of each case of `beside`")
+    parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
+    parser.add_argument("--case", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.case:
+        print(json.dumps(one_case(json.loads(arguments.case))))
+        return
+    cases = list(case_arguments(arguments.only, arguments.without, arguments.seconds, arguments.seeds))
+    # The timing must not share the machine with other cases.
+    timed = [c for c in cases if c["part"] == "cost"]
+    with ThreadPoolExecutor(arguments.jobs) as pool:
+        rows = list(pool.map(run_case, [c for c in cases if c["part"] != "cost"]))
+    rows += [run_case(c) for c in timed]
+    print_tables(rows, Console(width=140))
+    if arguments.json:
+        arguments.json.write_text(json.dumps({"rows": rows}, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
