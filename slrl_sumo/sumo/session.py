@@ -54,7 +54,7 @@ class SumoSession:
         with _captured_output() as printed:
             try:
                 libsumo.start(command)
-            except libsumo.TraCIException as error:
+            except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
                 # Refused while reading routes, SUMO stays half loaded and would block every later session.
                 self.close()
                 raise InputError(f"{self.scenario.config}: {_sumo_reason(printed, str(error))}") from None
@@ -87,7 +87,7 @@ class SumoSession:
         time = self.time
         try:
             self._api.simulationStep()
-        except self._api.TraCIException as error:
+        except (self._api.TraCIException, self._api.FatalTraCIError) as error:
             raise SumoError(f"SUMO stopped at {time:g} s: {' '.join(str(error).split())}") from None
 
     def close(self) -> None:
