@@ -62,9 +62,7 @@ def test_road_users_are_never_removed_by_sumo() -> None:
 
 
 def test_a_scenario_that_needs_no_change_gets_no_notice() -> None:
-    calm = scenario(
-        net_file="a.net.xml", time_to_teleport="-1", collision__action="none", pedestrian__model="striping"
-    )
+    calm = scenario(net_file="a.net.xml", time_to_teleport="-1", collision__action="none", pedestrian__model="striping")
     assert notices(calm, outputs_kept=False) == []
 
 
