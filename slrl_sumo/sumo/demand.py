@@ -1,0 +1,175 @@
+"""What a scenario's demand files ask for, read in one pass without SUMO and with bounded memory."""
+
+import gzip
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, cast
+
+from lxml import etree
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.sumo.options import clock, input_files
+from slrl_sumo.sumo.scenario import Scenario
+
+OWN_PREFIX = "learned_"
+"""How ids, routes and types of learned road users begin."""
+
+VEHICLES = frozenset({"vehicle", "trip", "flow"})
+PERSONS = frozenset({"person", "personFlow"})
+DETECTORS = frozenset(
+    {
+        *("inductionLoop", "e1Detector", "instantInductionLoop", "laneAreaDetector", "e2Detector"),
+        *("entryExitDetector", "e3Detector", "edgeData", "laneData", "routeProbe", "vTypeProbe", "timedEvent"),
+    }
+)
+"""Elements of additional files that write files of their own."""
+
+
+@dataclass
+class Demand:
+    """Counts over all route and additional files. Times in s."""
+
+    road_users: int = 0
+    """Vehicles, trips, flows, persons and person flows; a flow counts once."""
+    first: float | None = None
+    """Earliest departure."""
+    stopping: int = 0
+    """Vehicles and flows with stops on their way."""
+    first_stopping: str = ""
+    """Id of the first of them."""
+    riding: int = 0
+    """Persons and person flows with a ride."""
+    rerouting_types: set[str] = field(default_factory=set)
+    rerouters: int = 0
+    writers: int = 0
+    """Detectors and the like that write files."""
+    types: set[str] = field(default_factory=set)
+    """Ids of vTypes and of their distributions."""
+    types_used: dict[str, tuple[str, float]] = field(default_factory=dict)
+    """Type to the first road user that asks for it and its departure."""
+    edges_used: dict[str, tuple[str, float]] = field(default_factory=dict)
+    """Edge to the first road user or route that names it and its departure."""
+    own_ids: list[str] = field(default_factory=list)
+    """Ids that begin as those of learned road users do."""
+    own_routes: list[str] = field(default_factory=list)
+    unsorted: dict[Path, tuple[int, str]] = field(default_factory=dict)
+    """Route file to how many depart before the one above them, and the first of these. SUMO drops them."""
+    unreadable: dict[Path, str] = field(default_factory=dict)
+    """File to why it is no XML."""
+
+
+def read_demand(scenario: Scenario) -> Demand:
+    """Read all route and additional files, .gz too, and those that they include. Missing files are left out."""
+    demand = Demand()
+    stopping_routes: set[str] = set()
+    # In SUMO's order: types and routes of the additional files are known when the route files are read.
+    for name in ("additional-files", "route-files"):
+        for path in input_files(scenario, name):
+            _read_file(path, demand, stopping_routes, name == "route-files")
+    return demand
+
+
+def _read_file(path: Path, demand: Demand, stopping_routes: set[str], in_order: bool) -> None:
+    last = -1.0
+    try:
+        for element in elements(path):
+            if element.tag == "include" and element.get("href"):
+                _read_file(path.parent / element.get("href", ""), demand, stopping_routes, in_order)
+            for item in element.iter():
+                depart = _read_item(item, demand, stopping_routes, max(last, 0.0))
+                if depart is None or not in_order:
+                    continue
+                if depart < last:
+                    count, first = demand.unsorted.get(path, (0, item.get("id", "")))
+                    demand.unsorted[path] = (count + 1, first)
+                last = max(last, depart)
+    except FileNotFoundError:
+        return
+    except (etree.XMLSyntaxError, OSError, EOFError) as error:
+        demand.unreadable[path] = str(getattr(error, "msg", None) or error)
+
+
+def elements(path: Path) -> Iterator[etree._Element]:
+    """The elements below the root of an XML file, plain or gzipped, each freed after its turn."""
+    with path.open("rb") as probe:
+        zipped = probe.read(2) == b"\x1f\x8b"
+    with cast(IO[bytes], gzip.open(path)) if zipped else path.open("rb") as stream:
+        depth = 0
+        for event, element in etree.iterparse(stream, events=("start", "end"), remove_comments=True, huge_tree=True):
+            depth += 1 if event == "start" else -1
+            if event == "end" and depth == 1:
+                yield element
+                element.clear()
+                parent = element.getparent()
+                while parent is not None and element.getprevious() is not None:
+                    del parent[0]
+
+
+def net_attributes(path: Path) -> dict[str, str]:
+    """The attributes of the root of a network file."""
+    with path.open("rb") as probe:
+        zipped = probe.read(2) == b"\x1f\x8b"
+    with cast(IO[bytes], gzip.open(path)) if zipped else path.open("rb") as stream:
+        for _, root in etree.iterparse(stream, events=("start",)):
+            if root.tag != "net":
+                raise InputError(f"{path}: this is a <{root.tag}> file, not a SUMO network; give a .net.xml")
+            return {str(key): str(value) for key, value in root.attrib.items()}
+    return {}
+
+
+def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], last: float) -> float | None:
+    """Take one element into account. Returns its departure where it is a road user with one."""
+    tag, name = str(item.tag), item.get("id", "")
+    if tag in ("vType", "vTypeDistribution"):
+        demand.types.add(name)
+        on = {key for p in item.iterfind("param") if (key := p.get("key")) and p.get("value", "").lower() == "true"}
+        if "has.rerouting.device" in on:
+            demand.rerouting_types.add(name)
+    elif tag == "rerouter":
+        demand.rerouters += 1
+    elif tag in DETECTORS and (item.get("file") or item.get("dest")):
+        demand.writers += 1
+    elif tag == "route":
+        parent = item.getparent()
+        if parent is None or parent.tag not in VEHICLES:
+            if item.find("stop") is not None:
+                stopping_routes.add(name)
+            if name.startswith(OWN_PREFIX):
+                demand.own_routes.append(name)
+            _use_edges(item, demand, f"route {name}", last)
+    elif tag == "calibrator":
+        # It inserts traffic of its own; its flows have no ids.
+        demand.road_users, demand.first = demand.road_users + 1, 0.0
+    elif tag in VEHICLES | PERSONS and name:
+        # A flow without a begin starts with the simulation.
+        depart = clock(item.get("begin", "0") if tag in ("flow", "personFlow") else item.get("depart"))
+        demand.road_users += 1
+        if depart is not None:
+            demand.first = depart if demand.first is None else min(demand.first, depart)
+        when = last if depart is None else depart
+        who = f"{tag} {name}"
+        for part in item.iter():
+            _use_edges(part, demand, who, when)
+        if type_id := item.get("type"):
+            demand.types_used.setdefault(type_id, (who, when))
+        if name.startswith(OWN_PREFIX):
+            demand.own_ids.append(name)
+        if tag in PERSONS:
+            demand.riding += item.find(".//ride") is not None or "public" in _modes(item)
+        elif item.find(".//stop") is not None or item.get("route") in stopping_routes:
+            demand.stopping += 1
+            demand.first_stopping = demand.first_stopping or name
+        return depart
+    return None
+
+
+def _modes(person: etree._Element) -> set[str]:
+    return {mode for trip in person.iterfind(".//personTrip") for mode in trip.get("modes", "").split()}
+
+
+def _use_edges(item: etree._Element, demand: Demand, who: str, when: float) -> None:
+    for key in ("edges", "from", "to", "via"):
+        for edge in item.get(key, "").split():
+            if edge not in demand.edges_used or when < demand.edges_used[edge][1]:
+                demand.edges_used[edge] = (who, when)

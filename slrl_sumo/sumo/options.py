@@ -1,0 +1,43 @@
+"""Options of a scenario's configuration, as SUMO understands them."""
+
+import os
+import re
+from pathlib import Path
+
+from slrl_sumo.sumo.scenario import Scenario
+
+SYNONYMS = {
+    "net-file": ("net", "n"),
+    "route-files": ("routes", "r"),
+    "additional-files": ("additional", "a"),
+    "begin": ("b",),
+    "end": ("e",),
+}
+"""Other names that SUMO accepts in a configuration (`sumo --save-template`)."""
+
+YES = ("true", "1", "yes", "on", "x", "t")
+
+
+def option(scenario: Scenario, name: str) -> str | None:
+    """An option of the configuration under any of its names, None where it is not set."""
+    return next((scenario.options[key] for key in (name, *SYNONYMS.get(name, ())) if key in scenario.options), None)
+
+
+def switched_on(scenario: Scenario, name: str) -> bool:
+    """Whether a yes-or-no option is set to yes."""
+    return (option(scenario, name) or "false").lower() in YES
+
+
+def input_files(scenario: Scenario, name: str) -> list[Path]:
+    """The files that an option lists, relative ones from the configuration's folder, as SUMO takes them."""
+    names = [item.strip() for item in re.split("[,;]", option(scenario, name) or "")]
+    return [scenario.config.parent / os.path.expandvars(item) for item in names if item]
+
+
+def clock(text: str | None) -> float | None:
+    """Seconds from SUMO's [days:]hours:minutes:seconds or a number; None for words such as 'triggered'."""
+    try:
+        parts = [float(part) for part in (text or "").split(":")]
+    except ValueError:
+        return None
+    return sum(part * scale for part, scale in zip(reversed(parts), (1, 60, 3600, 86400), strict=False))
