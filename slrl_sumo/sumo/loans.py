@@ -1,0 +1,193 @@
+"""Road users of the scenario that are moved from outside for a while, and given back to SUMO as they were.
+
+The rules (measured with libsumo 1.28, see docs/takeover.md):
+
+- Vehicles move with keepRoute 3, so that their route survives, with speed mode and lane change mode 0; both are put
+  back on return (without that SUMO drives them through everything), and `setSpeed(-1)` ends our say over the speed.
+- A vehicle with stops ahead loses them silently when it is moved past one: those are left to SUMO.
+- A walk over many edges ends in "Disconnected walk" or a crash when the person is moved. While a person is moved its
+  walk is that of the one edge under it; on return it gets the rest of its walk again, and keeps its later stages.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
+
+LEFT_TO_SUMO = frozenset(
+    {
+        *("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car"),
+        *("ship", "container", "aircraft", "drone"),
+    }
+)
+"""Vehicle classes that are never taken over (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
+KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
+MATCH_THRESHOLD = 5.0
+"""m; SUMO's default of 100 m makes a call up to 40 times slower."""
+WALKING = 2
+"""Type of a walking stage (https://sumo.dlr.de/docs/TraCI/Person_Value_Retrieval.html)."""
+
+
+@dataclass
+class _Walk:
+    """A lent person's walk: where it was to go, and the one edge that it has while we move it."""
+
+    edges: tuple[str, ...]
+    arrival: float
+    stop: str
+    here: str | None
+
+
+class Loans:
+    """Road users of the scenario that SUMO has lent to us, through `api` (libsumo or a TraCI connection)."""
+
+    def __init__(self, api: Any, network: Network) -> None:
+        self._api = api
+        self._modes: dict[str, tuple[int, int]] = {}
+        self._walks: dict[str, _Walk] = {}
+        self._lengths: dict[str, float] = {}
+        walkable = [lane for lane in network.lanes if not lane.internal and "pedestrian" in lane.allowed]
+        for lane in walkable:
+            self._lengths.setdefault(lane.edge, lane.length)
+        self._ground = LanePoints(walkable, spacing=2.0)
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Everybody on loan now."""
+        return frozenset(self._modes) | frozenset(self._walks)
+
+    def eligible(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Who of n road users on the network may be taken over, (n,); `person` (n,) tells persons from vehicles.
+
+        Vehicles on a lane without stops ahead that are no trains, ships or aircraft; persons that walk.
+        """
+        walks, drives = self._may_walk, self._may_drive
+        return np.array([walks(i) if p else drives(i) for i, p in zip(ids, person.tolist(), strict=True)], np.bool_)
+
+    def take(self, ids: Sequence[str], person: NDArray[np.bool_]) -> None:
+        """Take over n eligible road users; from now on `move` them in every SUMO step."""
+        for road_user, walks in zip(ids, person.tolist(), strict=True):
+            if walks:
+                stage = self._api.person.getStage(road_user, 0)
+                # getEdges begins with the edge that the person is on, the stage with the one that it began on.
+                edges = tuple(self._api.person.getEdges(road_user, 0)) or tuple(stage.edges)
+                self._walks[road_user] = _Walk(edges, stage.arrivalPos, stage.destStop, None)
+            else:
+                vehicle = self._api.vehicle
+                self._modes[road_user] = (vehicle.getSpeedMode(road_user), vehicle.getLaneChangeMode(road_user))
+                vehicle.setSpeedMode(road_user, 0)
+                vehicle.setLaneChangeMode(road_user, 0)
+
+    def move(
+        self,
+        ids: Sequence[str],
+        person: NDArray[np.bool_],
+        x: Floats,
+        y: Floats,
+        heading: Floats,
+        speed: Floats,
+        length: Floats,
+    ) -> None:
+        """Say where n lent road users are after the next SUMO step: centres (m), headings (rad), speeds (m/s), (n,)."""
+        front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
+        angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
+        lanes_under = iter(self._ground.lanes_under(x[person], y[person]).tolist())
+        vehicle, persons = self._api.vehicle, self._api.person
+        for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
+            if walks:
+                self._cut_walk(road_user, next(lanes_under))
+                persons.moveToXY(road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD)
+            else:
+                vehicle.moveToXY(
+                    road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
+                )
+                vehicle.setSpeed(road_user, speeds[i])
+
+    def give_back(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Give n lent road users back to SUMO, (n,): False where SUMO has one on no road now, so that it stays ours.
+
+        Who stays must be moved on; try again after the next steps.
+        """
+        walks, drives = self._walk_on, self._drive_on
+        return np.array([walks(i) if p else drives(i) for i, p in zip(ids, person.tolist(), strict=True)], np.bool_)
+
+    def forget(self, ids: Sequence[str]) -> None:
+        """Drop the loans of road users that are no longer in the simulation."""
+        for road_user in ids:
+            self._modes.pop(road_user, None)
+            self._walks.pop(road_user, None)
+
+    def release(self) -> tuple[str, ...]:
+        """Give everybody back who can be; returns the ids of those who cannot, whom SUMO has on no road."""
+        present = frozenset(self._api.vehicle.getIDList()) | frozenset(self._api.person.getIDList())
+        self.forget([road_user for road_user in self.ids if road_user not in present])
+        held = sorted(self.ids)
+        back = self.give_back(held, np.array([road_user in self._walks for road_user in held], np.bool_))
+        return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
+
+    def _may_drive(self, road_user: str) -> bool:
+        vehicle = self._api.vehicle
+        if vehicle.getLaneID(road_user) == "" or vehicle.getNextStops(road_user):
+            return False
+        # Bits 1 and 8 and up of the stop state: standing at a stop, parked, or waiting for somebody.
+        return vehicle.getStopState(road_user) == 0 and vehicle.getVehicleClass(road_user) not in LEFT_TO_SUMO
+
+    def _may_walk(self, road_user: str) -> bool:
+        person = self._api.person
+        return bool(
+            person.getVehicle(road_user) == ""
+            and person.getRoadID(road_user) != ""
+            and person.getStage(road_user, 0).type == WALKING
+        )
+
+    def _cut_walk(self, road_user: str, lane: int) -> None:
+        """A moved person walks on one edge at a time: the one under it. -1 (no edge under it) keeps the last one."""
+        walk = self._walks[road_user]
+        edge = self._ground.lanes[lane].edge if lane >= 0 else walk.here or walk.edges[0]
+        if edge != walk.here:
+            self._set_walk(road_user, (edge,), 0.5 * self._lengths.get(edge, 0.0), "")
+            walk.here = edge
+
+    def _set_walk(self, road_user: str, edges: tuple[str, ...], arrival: float, stop: str) -> None:
+        stage = self._api.simulation.Stage(type=WALKING, edges=list(edges), arrivalPos=arrival, destStop=stop)
+        self._api.person.replaceStage(road_user, 0, stage)
+
+    def _drive_on(self, road_user: str) -> bool:
+        vehicle = self._api.vehicle
+        if vehicle.getRoadID(road_user) == "":
+            return False
+        speed_mode, lane_change_mode = self._modes.pop(road_user)
+        vehicle.setSpeed(road_user, -1.0)
+        vehicle.setSpeedMode(road_user, speed_mode)
+        vehicle.setLaneChangeMode(road_user, lane_change_mode)
+        return True
+
+    def _walk_on(self, road_user: str) -> bool:
+        walk = self._walks[road_user]
+        if walk.here is None:
+            # Taken but never moved: its walk is still whole.
+            del self._walks[road_user]
+            return True
+        if self._api.person.getRoadID(road_user) != walk.here:
+            return False
+        edges = self._rest_of(walk)
+        if not edges:
+            return False
+        arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
+        self._set_walk(road_user, edges, arrival, walk.stop)
+        del self._walks[road_user]
+        return True
+
+    def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
+        """The edges from where a person is to where it was to go; () where no way is known."""
+        assert walk.here is not None
+        if walk.here in walk.edges:
+            return walk.edges[walk.edges.index(walk.here) :]
+        stages = self._api.simulation.findIntermodalRoute(walk.here, walk.edges[-1], "")
+        return tuple(edge for stage in stages if stage.type == WALKING for edge in stage.edges)
