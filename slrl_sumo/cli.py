@@ -136,6 +136,35 @@ def fit(
     typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
 
 
+@app.command()
+def doctor(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    json_file: Annotated[Path | None, typer.Option("--json", help="The findings as JSON.")] = None,
+) -> None:
+    """Say what in a scenario will hurt learned road users, and what to do about it."""
+    import json
+
+    from slrl_sumo.analysis.findings import findings_record, print_findings
+    from slrl_sumo.simulation.doctor import examine
+    from slrl_sumo.sumo.scenario import find_scenario
+
+    if json_file is not None:
+        _check_output(json_file)
+    found = find_scenario(scenario)
+    findings = examine(found)
+    if json_file is not None:
+        text = json.dumps(findings_record(found.name, findings), indent=2) + "\n"
+        try:
+            json_file.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{json_file}: cannot be written ({error.strerror}); name another file") from None
+    print_findings(findings)
+    problems = [finding for finding in findings if finding.severity == "problem"]
+    if problems:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(f"{found.config}: cannot be run: {problems[0].what}{more}; {problems[0].fix}")
+
+
 def _check_output(file: Path) -> None:
     if not file.resolve().parent.is_dir():
         raise InputError(f"{file}: the folder {file.resolve().parent} does not exist; create it or name another")
