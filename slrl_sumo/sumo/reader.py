@@ -99,11 +99,13 @@ class Reader:
         if len(known) > 2 * len(ids) + 1000:
             for gone in set(known) - set(ids):
                 del known[gone]
+        results = dict(domain.getAllSubscriptionResults())
         for road_user in ids:
-            if road_user not in known:
+            # Not by `known`: a road user that left and came again under its id has lost its subscription.
+            if road_user not in known or road_user not in results:
                 known[road_user] = _static(domain, road_user, place == ROAD_ID)
                 domain.subscribe(road_user, variables)
-        results = domain.getAllSubscriptionResults()
+                results[road_user] = domain.getSubscriptionResults(road_user)
         rows = []
         for road_user in ids:
             values = results[road_user]
