@@ -62,3 +62,20 @@ def copy_scenario(tmp_path: Path) -> CopyScenario:
         return next(folder.glob("*.sumocfg"))
 
     return copy
+
+
+@pytest.fixture
+def bare_network(tmp_path: Path) -> Callable[[str], Path]:
+    """Makes a scenario without traffic from <edge> elements between the nodes a, b and c, 100 m apart in a row."""
+
+    def make(edges: str) -> Path:
+        nodes = "".join(f'<node id="{name}" x="{100 * i}" y="0"/>' for i, name in enumerate("abc"))
+        (tmp_path / "bare.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+        (tmp_path / "bare.edg.xml").write_text(f"<edges>{edges}</edges>")
+        command = [str(Path(sumo.SUMO_HOME) / "bin" / "netconvert"), "-n", "bare.nod.xml", "-e", "bare.edg.xml"]
+        subprocess.run([*command, "-o", "bare.net.xml"], cwd=tmp_path, check=True, capture_output=True, timeout=60)
+        config = tmp_path / "bare.sumocfg"
+        config.write_text('<configuration><net-file value="bare.net.xml"/><end value="20"/></configuration>')
+        return config
+
+    return make
