@@ -1,5 +1,6 @@
 """The command line: parses, calls, prints. Heavy modules are imported inside the commands, so that --help is quick."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -57,7 +58,7 @@ def run(
     """Run learned road users in a scenario and write what happened."""
     if steps is not None and until is not None:
         raise InputError("--steps and --until were both given; give one of them")
-    from slrl_sumo.simulation.run import RunSettings
+    from slrl_sumo.simulation.events import RunSettings
 
     settings = RunSettings(
         scenario=scenario,
@@ -177,7 +178,11 @@ def main() -> None:
     except InputError as error:
         _fail(1, error)
     except SumoError as error:
-        _fail(3, error)
+        _fail(3, SumoError(f"{error}; outputs are complete up to there; repeat it with: {shlex.join(_command())}"))
+
+
+def _command() -> list[str]:
+    return ["slrl-sumo", *sys.argv[1:]]
 
 
 def _fail(code: int, error: SlrlError) -> None:

@@ -26,7 +26,11 @@ def test_readme_commands_run_in_their_order(tmp_path: Path) -> None:
     for command in COMMANDS:
         words = shlex.split(command.replace("path/to/your.sumocfg", str(scenario)))
         done = subprocess.run(
-            [sys.executable, "-m", "slrl_sumo.cli", *words[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=300
+            [sys.executable, "-m", "slrl_sumo.cli", *words[1:]],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=300,
         )
         assert done.returncode == 0, f"{command}\n{done.stderr}"
         for option in ("--fcd", "--summary", "--out", "--report"):

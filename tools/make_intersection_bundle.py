@@ -2,7 +2,7 @@
 
     python tools/make_intersection_bundle.py --out slrl_sumo/bundles/intersection
 
-Takes about ten minutes on two cores. Recordings are kept in --work, so that an interrupted run goes on where it was.
+Takes two minutes on two cores. Recordings are kept in --work, so that an interrupted run goes on where it was.
 None of the shipped scenarios is among the networks: those are for evaluation.
 """
 

@@ -2,8 +2,8 @@
 
     python tools/measure_runs.py [--repeat 3] [--steps 150]
 
-Each run is a process of its own and writes an XML trace and a summary, as a user's run would. Prints a Markdown table of
-medians; docs/performance.md holds the last results.
+Each run is a process of its own and writes an XML trace and a summary, as a user's run would. Prints a Markdown table
+of medians; docs/performance.md holds the last results.
 """
 
 import argparse
@@ -37,7 +37,8 @@ def main() -> None:
             middle = {key: statistics.median(run[key] for run in runs) for key in keys}
             print(
                 f"| {scenario} | {agents} | {middle['command_s']:.2f} | {middle['wall_s']:.2f} "
-                f"| {middle['real_time_factor']:.0f} | {middle['agent_steps_per_s']:.0f} | {middle['peak_memory_mib']} |",
+                f"| {middle['real_time_factor']:.0f} | {middle['agent_steps_per_s']:.0f} "
+                f"| {middle['peak_memory_mib']} |",
                 flush=True,
             )
 

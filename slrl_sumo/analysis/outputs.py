@@ -6,22 +6,24 @@ import resource
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.analysis.progress import progress
-from slrl_sumo.analysis.report import ReportBuilder
 from slrl_sumo.errors import InputError, SlrlError
-from slrl_sumo.records.fcd_write import FcdWriter
-from slrl_sumo.simulation.cosimulation import Decision
-from slrl_sumo.simulation.run import RunSettings, Started, Views, run
+from slrl_sumo.records.fcd_write import FcdWriter, check_fcd_path
+from slrl_sumo.simulation.contained import run_contained
+from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.simulation.tally import Tally
 from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
+
+if TYPE_CHECKING:
+    from slrl_sumo.analysis.report import ReportBuilder
 
 VIEWS_AT = frozenset({10, 40, 80, 140})
 """Decisions before which the report takes a picture of what some road users see."""
@@ -32,50 +34,49 @@ def write_run(
 ) -> int:
     """Run `settings` and write what was asked for. Returns 0, or the number of the signal that interrupted the run.
 
-    Outputs are checked before SUMO starts. An interrupt (SIGINT, SIGTERM) or an error of SUMO ends the run after a
-    whole step; everything up to there is written.
+    Where to write is checked before SUMO starts, and nothing is touched until everybody stands at the start. An
+    interrupt (SIGINT, SIGTERM), a full disk or the death of SUMO ends the run after a whole step; what can still be
+    written is, then the error is raised.
     """
-    for path in (summary, report):
+    if fcd is not None:
+        check_fcd_path(fcd)
+    for path in (fcd, summary, report):
         if path is not None:
             _check_writable(path)
     with ExitStack() as stack:
-        writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
         caught = stack.enter_context(_signals())
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
-        events = run(settings, VIEWS_AT if report is not None else frozenset())
-        stack.callback(events.close)
+        events = stack.enter_context(closing(run_contained(settings, VIEWS_AT if report is not None else frozenset())))
         started = next(events)
         assert isinstance(started, Started)
+        begin = time.perf_counter()
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
         for notice in () if quiet else started.notices:
             bar.console.print(f"note: {notice}", highlight=False, soft_wrap=True)
         tally = Tally(started.step.world)
-        pictures = ReportBuilder(started) if report is not None else None
-        if writer is not None:
-            writer.write(started.step.time, started.step.world, started.step.places)
-        begin = time.perf_counter()
+        pictures = _pictures(started) if report is not None else None
         failure: SlrlError | None = None
-        while not caught:
-            try:
-                event = next(events, None)
-            except SlrlError as error:
-                failure = error
-                break
-            if event is None:
-                break
-            if isinstance(event, Views) and pictures is not None:
-                pictures.add_views(event)
-            if isinstance(event, Decision):
-                if writer is not None:
-                    for step in event.steps:
-                        writer.write(step.time, step.world, step.places)
-                tally.add(event)
+        try:
+            writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
+            if writer is not None:
+                writer.write(started.step.time, started.step.world, started.step.places)
+            for event in events:
+                if isinstance(event, Decision):
+                    if writer is not None:
+                        for step in event.steps:
+                            writer.write(step.time, step.world, step.places)
+                    tally.add(event)
+                    elapsed = time.perf_counter() - begin
+                    bar.update(task, advance=1, factor=tally.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
                 if pictures is not None:
                     pictures.add(event)
-                elapsed = time.perf_counter() - begin
-                bar.update(task, advance=1, factor=tally.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
+                if caught:
+                    break
+            if writer is not None:
+                writer.close()
+        except SlrlError as error:
+            failure = error
         wall = time.perf_counter() - begin
-        events.close()
     result = _summary(settings, started, tally, wall)
     if summary is not None:
         _write_json(summary, result)
@@ -88,6 +89,12 @@ def write_run(
     return caught[0] if caught else 0
 
 
+def _pictures(started: Started) -> "ReportBuilder":
+    from slrl_sumo.analysis.report import ReportBuilder  # matplotlib takes its time
+
+    return ReportBuilder(started)
+
+
 def _summary(settings: RunSettings, started: Started, tally: Tally, wall_s: float) -> dict[str, Any]:
     return {
         "scenario": started.scenario,
@@ -97,9 +104,15 @@ def _summary(settings: RunSettings, started: Started, tally: Tally, wall_s: floa
         "sumo_step_s": started.step_length,
         "begin_s": started.begin,
         **tally.summary(wall_s, DECISION_INTERVAL),
-        "peak_memory_mib": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "peak_memory_mib": _peak_memory_mib(),
         "notices": list(started.notices),
     }
+
+
+def _peak_memory_mib() -> int:
+    """Of this process and of the largest that it has waited for (the one that held SUMO), added up."""
+    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return round(sum(resource.getrusage(w).ru_maxrss for w in who) / 1024)
 
 
 def summary_table(result: dict[str, Any]) -> Table:

@@ -7,8 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.simulation.cosimulation import Decision
-from slrl_sumo.simulation.run import Started, Views
+from slrl_sumo.simulation.events import Decision, Event, Started, Views
 from slrl_sumo.world.surfaces import Surface, SurfaceShapes, paint
 from slrl_sumo.world.types import TYPE_NAMES
 
@@ -37,15 +36,14 @@ class ReportBuilder:
         self._breaks: list[NDArray[np.bool_]] = [np.zeros(self._count, np.bool_)]
         self._views: list[Views] = []
 
-    def add(self, decision: Decision) -> None:
-        """Take the positions of one decision."""
-        world = decision.steps[-1].world
-        self._paths.append(_positions(world.x, world.y, self._count))
-        self._breaks.append(decision.looped)
-
-    def add_views(self, views: Views) -> None:
-        """Take images of what some road users see."""
-        self._views.append(views)
+    def add(self, event: Event) -> None:
+        """Take the positions of a decision, or images of what some road users see."""
+        if isinstance(event, Views):
+            self._views.append(event)
+        elif isinstance(event, Decision):
+            world = event.steps[-1].world
+            self._paths.append(_positions(world.x, world.y, self._count))
+            self._breaks.append(event.looped)
 
     def write(self, folder: Path) -> None:
         """Write paths.png and, if views were taken, ego_images.png into `folder`, which is created."""

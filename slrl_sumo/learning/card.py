@@ -8,9 +8,12 @@ from slrl_sumo.world.types import TYPE_NAMES
 def model_card(name: str, training: dict[str, Any]) -> str:
     """Markdown text of the model card of bundle `name`, from its training record (see slrl_sumo.learning.fit)."""
     kinds = training["types"]
+    tracks: dict[tuple[str, str], list[int]] = {}
+    for recording in training["recordings"]:
+        key = (recording["source"] or "not stated", recording["licence"] or "not stated")
+        tracks.setdefault(key, []).append(recording["tracks"])
     recordings = [
-        f"| {recording['source'] or 'not stated'} | {recording['licence'] or 'not stated'} | {recording['tracks']} |"
-        for recording in training["recordings"]
+        f"| {source} | {licence} | {len(counts)} | {sum(counts)} |" for (source, licence), counts in tracks.items()
     ]
     sizes = [
         f"| {kind} | {kinds[kind]['tracks']} | {kinds[kind]['windows']} | {kinds[kind]['smallest_mode']} |"
@@ -40,8 +43,8 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "",
             "## Data",
             "",
-            "| source | licence | tracks |",
-            "|---|---|---|",
+            "| source | licence | recordings | tracks |",
+            "|---|---|---|---|",
             *recordings,
             "",
             f"One window per recorded moment (of every {training['stride']}th frame) with 0.8 s before, 4.8 s after.",
@@ -65,7 +68,8 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "## Limits",
             "",
             "What the models can do is bounded by what was recorded (1st to 99th percentile of road users in motion, "
-            "99.5th for speed). Cars and bicycles turn at most by the given curvature per metre.",
+            "for yaw rates of those that turn, 99.5th for speed). Cars and bicycles turn at most by the given "
+            "curvature per metre.",
             "",
             "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
             "|---|---|---|---|---|",

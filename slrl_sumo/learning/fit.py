@@ -25,6 +25,9 @@ from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 HELD_OUT = 0.1
 """Share of the tracks of each type that is kept out of training."""
 
+TURNING = 0.02
+"""rad/s; a road user with a higher yaw rate is turning."""
+
 Longs = NDArray[np.int64]
 
 
@@ -120,11 +123,14 @@ def _set_bounds(models: DisplacementModels, train: Windows) -> None:
         rows = train.type == t
         moving = rows & (np.maximum(before, after) > 0.1)
         rows = moving if moving.any() else rows
+        # Most moments are straight ahead (walkers in SUMO turn at corners only): their share must not rule the turns.
+        turning = rows & (np.abs(train.yaw_rate) > TURNING)
+        turning = turning if turning.any() else rows
         for bounds, values in (
-            (models.acceleration_bounds, train.acceleration),
-            (models.yaw_rate_bounds, train.yaw_rate),
+            (models.acceleration_bounds, train.acceleration[rows]),
+            (models.yaw_rate_bounds, train.yaw_rate[turning]),
         ):
-            lowest, highest = np.percentile(values[rows], (1, 99))
+            lowest, highest = np.percentile(values, (1, 99))
             bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
         fast = rows & (after > 1.0)
         if fast.any():

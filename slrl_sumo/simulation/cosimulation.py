@@ -1,6 +1,6 @@
 """The loop: learned road users and SUMO, one decision after the other."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.selector import Selector
 from slrl_sumo.perception.observation import Observation, observe
-from slrl_sumo.records.fcd_write import Places
 from slrl_sumo.simulation.background import Differences, background_world, places_of
+from slrl_sumo.simulation.events import Decision, Step
 from slrl_sumo.simulation.looping import bring_back, left_scene
 from slrl_sumo.simulation.spawn import draw_starts, starting_points
 from slrl_sumo.sumo.placement import LEARNED_TYPES
@@ -19,32 +19,6 @@ from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES
-
-
-@dataclass(frozen=True)
-class Step:
-    """All road users after one SUMO step, the learned ones first: what goes into the trace."""
-
-    time: float
-    """s; the time that SUMO's own FCD output gives to this step."""
-    world: WorldState
-    places: Places
-
-
-@dataclass(frozen=True)
-class Decision:
-    """One decision interval of n learned road users as it came out."""
-
-    steps: tuple[Step, ...]
-    """Its SUMO steps; the last one is the state that the next decision starts from."""
-    modes: NDArray[np.int64]
-    """Mode of each learned road user, (n,)."""
-    surface: NDArray[np.uint8]
-    """Surface under each learned road user at the end, (n,)."""
-    looped: NDArray[np.bool_]
-    """Who was brought back to the other side of the scene, (n,)."""
-    lost: NDArray[np.bool_]
-    """Whom SUMO had dropped at the end and who was added again, (n,)."""
 
 
 class CoSimulation:

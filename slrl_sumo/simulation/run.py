@@ -2,76 +2,24 @@
 
 import math
 from collections.abc import Generator
-from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.selector import PriorSelector
-from slrl_sumo.simulation.cosimulation import CoSimulation, Decision, Step
+from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.surfaces import SurfaceShapes
 from slrl_sumo.world.types import DECISION_INTERVAL
 
 SELECTORS = ("prior",)
-DEFAULT_BUNDLE = "intersection"
 
 
-@dataclass(frozen=True)
-class RunSettings:
-    """What to run; the words are those of `slrl-sumo run`."""
-
-    scenario: str
-    agents: int
-    bundle: str = DEFAULT_BUNDLE
-    selector: str = "prior"
-    mix: str | None = None
-    steps: int | None = None
-    """Decisions; None runs until `until`, else until the scenario's own end."""
-    until: float | None = None
-    """Simulation time in s."""
-    seed: int = 1
-    step_length: float | None = None
-    sumo_outputs: bool = False
-
-
-@dataclass(frozen=True)
-class Started:
-    """What is known when everybody stands at the start."""
-
-    scenario: str
-    bundle: str
-    selector: str
-    begin: float
-    """s."""
-    step_length: float
-    """SUMO's step, s."""
-    decisions: int
-    """How many will be taken."""
-    notices: tuple[str, ...]
-    """What was changed in the scenario, or decided for the user; one line each."""
-    surfaces: SurfaceShapes
-    step: Step
-    """Everybody at the start."""
-
-
-@dataclass(frozen=True)
-class Views:
-    """What some learned road users see: images (k, 20, 40, 3) of the road users `ids` at `time` (s)."""
-
-    time: float
-    ids: tuple[str, ...]
-    images: NDArray[np.uint8]
-
-
-def run(
-    settings: RunSettings, views_at: frozenset[int] = frozenset()
-) -> Generator[Started | Decision | Views, None, None]:
+def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
     """Run learned road users in a scenario: yields one Started, then a Decision for every 0.4 s.
 
     Before the decisions whose numbers (from 0) are in `views_at`, also yields the Views of the first learned road user

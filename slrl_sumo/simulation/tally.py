@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.simulation.cosimulation import Decision
+from slrl_sumo.simulation.events import Decision
 from slrl_sumo.world.contacts import Pairs, colliding_pairs, overlapping_pairs
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface

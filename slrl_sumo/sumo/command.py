@@ -60,6 +60,8 @@ def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_
     ]
     # A moved road user may stand anywhere for long, and overlap others: SUMO's answers to both are to remove it.
     command += ["--time-to-teleport", "-1", "--collision.action", "warn"]
+    # A seed that is not used, and a port on which SUMO would wait for somebody else to drive it.
+    command += ["--random", "false", "--remote-port", "0"]
     if "pedestrian.model" in scenario.options:
         command += ["--pedestrian.model", "striping"]
     if outputs_to is not None:

@@ -28,7 +28,8 @@ class SumoSession:
     - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
     - `notices`: what was changed in the scenario, one line each.
 
-    Raises InputError when SUMO refuses the scenario, with SUMO's own reason; SumoError when it fails later.
+    Raises InputError when SUMO refuses the scenario, with SUMO's own reason; SumoError when it fails later: in `step`, or
+    in any call within the with block.
     """
 
     def __init__(
@@ -39,17 +40,19 @@ class SumoSession:
         self.substeps = round(DECISION_INTERVAL / self.step_length)
         self.notices = step_notices + notices(scenario, keep_outputs)
         self._seed = seed
-        self._scratch = None if keep_outputs else Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+        self._keep_outputs = keep_outputs
+        self._scratch: Path | None = None
 
     def __enter__(self) -> Self:
         import libsumo
 
         if libsumo.isLoaded():
-            self._clean_up()
             raise InputError(
                 "a SUMO simulation is already open in this process; close it first (libsumo holds only one)"
             )
         self._api: Any = libsumo
+        if not self._keep_outputs:
+            self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
         command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
         with _captured_output() as printed:
             try:
@@ -70,7 +73,11 @@ class SumoSession:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        refused = error is not None and isinstance(error, self._api.TraCIException)
+        time = self.time if refused else 0.0
         self.close()
+        if refused:
+            raise SumoError(f"SUMO refused a call at {time:g} s: {' '.join(str(error).split())}") from error
 
     @property
     def time(self) -> float:

@@ -5,7 +5,7 @@ from slrl_sumo.models.bundle import ModelBundle
 def test_card_states_data_licence_sizes_and_errors(learned: ModelBundle) -> None:
     card = learned.card
     assert card.startswith("# Model bundle `made`\n")
-    assert "| made traffic 2 | CC0-1.0 | 216 |" in card
+    assert "| made traffic 2 | CC0-1.0 | 1 | 216 |" in card
     for kind, record in learned.training["types"].items():
         errors = f"| {kind} | {record['displacement_error_m']:.3f} | {record['constant_velocity_error_m']:.3f} |"
         assert errors in card
@@ -18,4 +18,4 @@ def test_card_states_data_licence_sizes_and_errors(learned: ModelBundle) -> None
 
 def test_card_says_where_the_licence_is_not_known(learned: ModelBundle) -> None:
     training = learned.training | {"recordings": [{"source": "", "licence": "", "tracks": 3}]}
-    assert "| not stated | not stated | 3 |" in model_card("x", training)
+    assert "| not stated | not stated | 1 | 3 |" in model_card("x", training)

@@ -1,0 +1,104 @@
+"""A run in a process of its own: when SUMO dies, its process dies alone."""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import traceback
+from collections.abc import Generator
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from slrl_sumo.errors import SlrlError, SumoError
+from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
+
+GRACE = 5.0
+"""s that a process may take to end by itself."""
+
+
+def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
+    """The same events as `slrl_sumo.simulation.run.run`, from a child process.
+
+    Raises what `run` raises, and SumoError when the child dies (segmentation fault, kill): the message says of what and
+    at which simulation time. Closing the generator ends the child.
+    """
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+    child = context.Process(target=_serve, args=(sender, settings, views_at, str(folder)), daemon=True)
+    child.start()
+    sender.close()
+    time = None
+    try:
+        while True:
+            try:
+                message = receiver.recv()
+            except (EOFError, OSError):
+                child.join(GRACE)
+                raise SumoError(_epitaph(child.exitcode, time, folder)) from None
+            if message is None:
+                break
+            if isinstance(message, SlrlError):
+                raise message
+            if isinstance(message, str):
+                raise RuntimeError(f"the simulation process failed:\n{message}")
+            yield message
+            if isinstance(message, Started):
+                time = message.step.time
+            elif isinstance(message, Decision):
+                time = message.steps[-1].time
+    finally:
+        receiver.close()
+        child.terminate()
+        child.join(GRACE)
+        if child.is_alive():
+            child.kill()
+            child.join()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _serve(sender: Connection, settings: RunSettings, views_at: frozenset[int], folder: str) -> None:
+    """The child: sends every event, then None; or the error that ended the run, or the traceback of a bug."""
+    # Ctrl-C reaches the whole process group; the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Whatever SUMO leaves behind when it dies lies in a folder that the parent removes.
+    tempfile.tempdir = folder
+    _redirect_output(Path(folder) / "printed")
+    try:
+        from slrl_sumo.simulation.run import run
+
+        for event in run(settings, views_at):
+            sender.send(event)
+        sender.send(None)
+    except SlrlError as error:
+        sender.send(error)
+    except BrokenPipeError:
+        pass  # the parent has gone, and with it the reason to go on
+    except Exception:
+        sender.send(traceback.format_exc())
+
+
+def _redirect_output(file: Path) -> None:
+    """What SUMO's C++ code prints would tear the parent's progress bar apart; its last words are kept in a file."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    for number in (1, 2):
+        os.dup2(descriptor, number)
+    os.close(descriptor)
+
+
+def _epitaph(exitcode: int | None, time: float | None, folder: Path) -> str:
+    """One line on how the child died."""
+    when = "while it was loading" if time is None else f"after {time:g} s of simulation time"
+    how = f"exit code {exitcode}"
+    if exitcode is not None and exitcode < 0:
+        how = signal.Signals(-exitcode).name
+    try:
+        printed = (folder / "printed").read_text(errors="replace").splitlines()
+    except OSError:
+        printed = []
+    words = [line.removeprefix("Error:").strip() for line in printed if line.startswith("Error:")]
+    return f"SUMO died {when} ({how}){': ' + words[-1] if words else ''}"

@@ -1,0 +1,89 @@
+"""What a run is told, and what it tells: plain values that can cross a process border. No simulator, no torch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.records.fcd_write import Places
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.surfaces import SurfaceShapes
+
+DEFAULT_BUNDLE = "intersection"
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What to run; the words are those of `slrl-sumo run`."""
+
+    scenario: str
+    agents: int
+    """Learned road users to spawn."""
+    mix: str | None = None
+    bundle: str = DEFAULT_BUNDLE
+    selector: str = "prior"
+    steps: int | None = None
+    """Decisions; None runs until `until`, else until the scenario's own end."""
+    until: float | None = None
+    """Simulation time in s."""
+    seed: int = 1
+    step_length: float | None = None
+    sumo_outputs: bool = False
+
+
+@dataclass(frozen=True)
+class Step:
+    """All road users after one SUMO step, the learned ones first: what goes into the trace."""
+
+    time: float
+    """s; the time that SUMO's own FCD output gives to this step."""
+    world: WorldState
+    places: Places
+
+
+@dataclass(frozen=True)
+class Started:
+    """What is known when everybody stands at the start."""
+
+    scenario: str
+    bundle: str
+    selector: str
+    begin: float
+    """s."""
+    step_length: float
+    """SUMO's step, s."""
+    decisions: int
+    """How many will be taken."""
+    notices: tuple[str, ...]
+    """What was changed in the scenario, or decided for the user; one line each."""
+    surfaces: SurfaceShapes
+    step: Step
+    """Everybody at the start."""
+
+
+@dataclass(frozen=True)
+class Views:
+    """What some learned road users see: images (k, 20, 40, 3) of the road users `ids` at `time` (s)."""
+
+    time: float
+    ids: tuple[str, ...]
+    images: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One decision interval of the n learned road users: the first n rows of its steps' worlds."""
+
+    steps: tuple[Step, ...]
+    """Its SUMO steps; the last one is the state that the next decision starts from."""
+    modes: NDArray[np.int64]
+    """Mode of each learned road user, (n,)."""
+    surface: NDArray[np.uint8]
+    """Surface under each learned road user at the end, (n,)."""
+    looped: NDArray[np.bool_]
+    """Who was brought back to the other side of the scene, (n,)."""
+    lost: NDArray[np.bool_]
+    """Whom SUMO had dropped at the end and who was added again, (n,)."""
+
+
+Event = Started | Decision | Views
