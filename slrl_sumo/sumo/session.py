@@ -28,8 +28,8 @@ class SumoSession:
     - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
     - `notices`: what was changed in the scenario, one line each.
 
-    Raises InputError when SUMO refuses the scenario, with SUMO's own reason; SumoError when it fails later: in `step`, or
-    in any call within the with block.
+    Raises InputError when SUMO refuses the scenario, with SUMO's own reason; SumoError when it fails later: in `step`,
+    or in any call within the with block.
     """
 
     def __init__(
