@@ -140,18 +140,18 @@ def _choose(
     The largest type first: a car needs a place of its own, a pedestrian fits in between. Two of a type keep the type's
     spacing, two of different types the mean of both.
     """
-    taken, gaps = np.zeros((0, 2)), np.zeros(0)
+    taken: list[cKDTree] = []
     chosen = []
     for kind, (source, order) in enumerate(zip(points, orders, strict=True)):
         places = np.column_stack([source.x[order], source.y[order]])
         free = np.ones(len(places), np.bool_)
-        if len(taken) and len(places):
-            distance, nearest = cKDTree(taken).query(places)
-            free = np.asarray(distance >= 0.5 * (spacing[kind] + gaps[nearest]))
+        # Type by type: a bicycle that is nearer must not hide the car that is too near.
+        for other, tree in enumerate(taken):
+            if tree.n and len(places):
+                free &= tree.query(places)[0] >= 0.5 * (spacing[kind] + spacing[other])
         rows = order[_apart(places, float(spacing[kind]), free, int(counts[kind]))]
         chosen.append(rows)
-        taken = np.concatenate([taken, np.column_stack([source.x[rows], source.y[rows]])])
-        gaps = np.concatenate([gaps, np.full(len(rows), spacing[kind])])
+        taken.append(cKDTree(np.column_stack([source.x[rows], source.y[rows]])))
     return chosen
 
 
