@@ -11,8 +11,11 @@ from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
-CANDIDATES = 24
-"""Entry places that are looked at for each returning road user."""
+CANDIDATES = (24, 384)
+"""Entry places that are looked at for each returning road user; more where the first ones are taken."""
+
+ROOM = np.array([4.7, 2.3, 1.0])
+"""m between the circles round two boxes that a returning road user of each type needs, to be able to stop."""
 
 
 def left_scene(world: WorldState, roadmap: RoadMap) -> NDArray[np.bool_]:
@@ -29,7 +32,7 @@ def bring_back(
 
     A torus as in the paper: the position is shifted back along the heading by the extent of the scene, then snapped to
     the nearest legal place of the type that leads into the same half-plane, free of the road users of `world` and
-    `others`. Speed is kept up to the limit there.
+    `others`; where none is free, to the one with the widest gap. Speed is kept up to the limit there.
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     x0, y0, x1, y1 = roadmap.bounds
@@ -40,18 +43,26 @@ def bring_back(
         extent = min((x1 - x0) / max(abs(c), 1e-6), (y1 - y0) / max(abs(s), 1e-6))
         wrapped_x = np.clip(x[row] - extent * c, x0, x1)
         wrapped_y = np.clip(y[row] - extent * s, y0, y1)
-        rows = source.nearest(np.array([wrapped_x]), np.array([wrapped_y]), CANDIDATES)[0]
-        turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
-        if kind == RoadUserType.PEDESTRIAN:
-            turn = np.minimum(turn, np.pi - turn)
         stay = np.arange(len(world)) != row
         crowd_x = np.concatenate([x[stay], others.x])
         crowd_y = np.concatenate([y[stay], others.y])
-        gap = np.hypot(source.x[rows, None] - crowd_x, source.y[rows, None] - crowd_y).min(axis=1, initial=np.inf)
+        radius = 0.5 * np.hypot(world.length[row], world.width[row])
+        radii = 0.5 * np.concatenate(
+            [np.hypot(world.length[stay], world.width[stay]), np.hypot(others.length, others.width)]
+        )
+        for count in CANDIDATES:
+            rows = source.nearest(np.array([wrapped_x]), np.array([wrapped_y]), count)[0]
+            turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
+            if kind == RoadUserType.PEDESTRIAN:
+                turn = np.minimum(turn, np.pi - turn)
+            apart = np.hypot(source.x[rows, None] - crowd_x, source.y[rows, None] - crowd_y) - radii
+            gap = apart.min(axis=1, initial=np.inf) - radius
+            if ((gap >= ROOM[kind]) & (turn <= 0.5 * np.pi)).any():
+                break
         away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
-        # Ordered wishes: room to stop, the same direction of travel, near the mirrored point.
-        room = gap >= (10.0, 4.0, 1.5)[kind]
-        best = rows[np.lexsort((away, turn > 0.5 * np.pi, ~room))[0]]
+        # Ordered wishes: room to stop, else as much as there is; the same direction; near the mirrored point.
+        crowded = np.where(gap >= ROOM[kind], -np.inf, -gap)
+        best = rows[np.lexsort((away, turn > 0.5 * np.pi, crowded))[0]]
         x[row], y[row] = source.x[best], source.y[best]
         direction = source.heading[best]
         if kind == RoadUserType.PEDESTRIAN and abs(wrap_angle(direction - heading[row])) > 0.5 * np.pi:
