@@ -41,10 +41,15 @@ def scenarios() -> None:
 @app.command()
 def run(
     scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
-    agents: Annotated[int, typer.Option(help="Learned road users to spawn.")],
+    agents: Annotated[int | None, typer.Option(help="Learned road users to spawn.")] = None,
     mix: Annotated[str | None, typer.Option(help="Shares, e.g. car=0.5,bicycle=0.2,pedestrian=0.3.")] = None,
+    takeover: Annotated[str | None, typer.Option(help="Shares of the scenario's own: car=0.3,pedestrian=1.")] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
+    ] = None,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
-    selector: Annotated[str, typer.Option(help="Who picks the modes: prior.")] = "prior",
+    selector: Annotated[str, typer.Option(help="Who picks the modes: prior; or lane: no models.")] = "prior",
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
@@ -52,6 +57,7 @@ def run(
     fcd: Annotated[Path | None, typer.Option(help="Trace: .xml, .xml.gz or .csv.")] = None,
     summary: Annotated[Path | None, typer.Option(help="Summary as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for pictures.")] = None,
+    no_yield: Annotated[bool, typer.Option("--no-yield", help="Background vehicles do not brake for them.")] = False,
     sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
     quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
 ) -> None:
@@ -66,10 +72,13 @@ def run(
         bundle=bundle,
         selector=selector,
         mix=mix,
+        takeover=takeover,
+        region=region,
         steps=steps,
         until=until,
         seed=seed,
         step_length=step_length,
+        yielding=not no_yield,
         sumo_outputs=sumo_outputs,
     )
     from slrl_sumo.analysis.outputs import write_run

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.simulation.events import Decision, Event, Started, Views
+from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface, SurfaceShapes, paint
 from slrl_sumo.world.types import TYPE_NAMES
 
@@ -29,21 +31,30 @@ class ReportBuilder:
 
     def __init__(self, started: Started) -> None:
         self._started = started
-        learned = started.step.world.learned
-        self._count = int(learned.sum())
-        self._type = started.step.world.type[: self._count]
-        self._paths = [_positions(started.step.world.x, started.step.world.y, self._count)]
-        self._breaks: list[NDArray[np.bool_]] = [np.zeros(self._count, np.bool_)]
+        self._kinds: dict[str, int] = {}
+        self._paths: dict[str, list[tuple[float, float]]] = {}
         self._views: list[Views] = []
+        self._seconds = 0.0
+        world = started.step.world
+        self._extend(world, int(world.learned.sum()), np.zeros(len(world), np.bool_))
 
     def add(self, event: Event) -> None:
         """Take the positions of a decision, or images of what some road users see."""
         if isinstance(event, Views):
             self._views.append(event)
         elif isinstance(event, Decision):
-            world = event.steps[-1].world
-            self._paths.append(_positions(world.x, world.y, self._count))
-            self._breaks.append(event.looped)
+            step = event.steps[-1]
+            self._seconds = step.time - self._started.begin
+            self._extend(step.world, len(event.surface), event.looped)
+
+    def _extend(self, world: WorldState, count: int, looped: NDArray[np.bool_]) -> None:
+        for row in range(count):
+            path = self._paths.setdefault(world.ids[row], [])
+            self._kinds[world.ids[row]] = int(world.type[row])
+            # A jump to the other side is not a way that somebody went: the line is cut there.
+            if looped[row]:
+                path.append((np.nan, np.nan))
+            path.append((float(world.x[row]), float(world.y[row])))
 
     def write(self, folder: Path) -> None:
         """Write paths.png and, if views were taken, ego_images.png into `folder`, which is created."""
@@ -56,9 +67,6 @@ class ReportBuilder:
             raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
 
     def _draw_paths(self) -> Figure:
-        paths = np.stack(self._paths)
-        # A jump to the other side is not a way that somebody went: the line is cut there.
-        paths[np.stack(self._breaks)] = np.nan
         ground, extent = draw_ground(self._started.surfaces)
         width, height = extent[1] - extent[0], extent[3] - extent[2]
         scale = 11.0 / max(width, height)
@@ -66,29 +74,33 @@ class ReportBuilder:
         axes = figure.subplots()
         axes.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
         for kind, name in enumerate(TYPE_NAMES):
-            rows = np.flatnonzero(self._type == kind)
-            if not len(rows):
+            paths = [np.array(path) for user, path in self._paths.items() if self._kinds[user] == kind]
+            if not paths:
                 continue
-            lines = axes.plot(paths[:, rows, 0], paths[:, rows, 1], color=TYPE_COLOURS[kind], lw=0.8, alpha=0.8)
-            lines[0].set_label(f"{name} ({len(rows)})")
-            last = np.array([p[np.isfinite(p[:, 0])][-1] for p in paths[:, rows].transpose(1, 0, 2)])
-            axes.plot(last[:, 0], last[:, 1], "o", color=TYPE_COLOURS[kind], ms=3.5, mec="black", mew=0.4)
-        seconds = 0.4 * (len(paths) - 1)
+            lines = LineCollection(paths, colors=TYPE_COLOURS[kind], linewidths=0.8, alpha=0.8)
+            lines.set_label(f"{name} ({len(paths)})")
+            axes.add_collection(lines)
+            ends = np.array([path[-1] for path in paths])
+            axes.plot(ends[:, 0], ends[:, 1], "o", color=TYPE_COLOURS[kind], ms=3.5, mec="black", mew=0.4)
         axes.set_title(
-            f"{self._started.scenario}: paths of learned road users in {seconds:.0f} s (dots: where they end)"
+            f"{self._started.scenario}: paths of learned road users in {self._seconds:.0f} s (dots: their ends)"
         )
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
-        axes.legend(loc="upper right")
+        if self._paths:
+            axes.legend(loc="upper right")
         return figure
 
     def _draw_views(self) -> Figure:
-        ids = self._views[0].ids
-        figure = Figure(figsize=(4.2 * len(self._views), 2.6 * len(ids)), layout="constrained")
-        grid = figure.subplots(len(ids), len(self._views), squeeze=False)
+        rows = max(len(views.ids) for views in self._views)
+        figure = Figure(figsize=(4.2 * len(self._views), 2.6 * rows), layout="constrained")
+        grid = figure.subplots(rows, len(self._views), squeeze=False)
+        for axes in grid.flat:
+            axes.set_visible(False)
         for column, views in enumerate(self._views):
-            for row, road_user in enumerate(ids):
+            for row, road_user in enumerate(views.ids):
                 axes = grid[row, column]
+                axes.set_visible(True)
                 # The image's first row is the left side; 8 m behind to 32 m ahead.
                 axes.imshow(views.images[row], extent=(-8, 32, -10, 10), interpolation="nearest")
                 axes.set_title(f"{road_user} at {views.time:.1f} s", fontsize=9)
@@ -107,7 +119,3 @@ def draw_ground(shapes: SurfaceShapes) -> tuple[NDArray[np.uint8], tuple[float, 
     palette = np.array([SURFACE_GREYS[surface] for surface in Surface], np.uint8)
     extent = (x0, x0 + canvas.shape[1] / resolution, y0, y0 + canvas.shape[0] / resolution)
     return palette[canvas], extent
-
-
-def _positions(x: NDArray[np.float64], y: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    return np.column_stack([x[:count], y[:count]])

@@ -1,118 +1,229 @@
 """The loop: learned road users and SUMO, one decision after the other."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.selector import Selector
 from slrl_sumo.perception.observation import Observation, observe
 from slrl_sumo.simulation.background import Differences, background_world, places_of
+from slrl_sumo.simulation.driver import Driver, Modes
 from slrl_sumo.simulation.events import Decision, Step
 from slrl_sumo.simulation.looping import bring_back, left_scene
+from slrl_sumo.simulation.population import Population
+from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points
-from slrl_sumo.sumo.placement import LEARNED_TYPES
-from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.advance import advance
+from slrl_sumo.simulation.takeover import drawn
+from slrl_sumo.sumo.loans import Loans
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.placement import Placement
+from slrl_sumo.sumo.reader import Reader, Snapshot
+from slrl_sumo.sumo.yielding import Yielding
 from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES
+from slrl_sumo.world.types import DECISION_INTERVAL
+
+HYSTERESIS = 5.0
+"""m that a road user may be outside the region before it is handed back."""
+
+
+class Simulation(Protocol):
+    """What the loop needs of a running SUMO: a SumoSession, or a simulation that somebody else has opened."""
+
+    api: Any
+    network: Network
+    step_length: float
+    placement: Placement
+    reader: Reader
+
+    @property
+    def time(self) -> float:
+        """Simulation time of the next step, s."""
+        ...
+
+    def step(self) -> None:
+        """One SUMO step."""
+        ...
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """Which road users of the scenario become learned: a share of each type, (3,), inside a region, drawn by seed."""
+
+    shares: Floats
+    region: Region
+    seed: int
+
+
+@dataclass
+class _Interval:
+    """A decision interval that is under way."""
+
+    states: list[WorldState]
+    """Where the learned road users are after each of its SUMO steps."""
+    modes: Modes
+    looped: NDArray[np.bool_]
+    steps: list[Step]
+    arrived: set[str]
+    interventions: int
 
 
 class CoSimulation:
-    """Learned road users in a running SumoSession.
+    """Learned road users in a running simulation.
 
-    `counts`: road users to spawn per type, (3,), at legal places drawn by `seed`. Call `start` once, then `decide` for
-    every 0.4 s. `learned` is their present state, `world` that of all road users; `surfaces` and `roadmap` are the
-    ground.
+    Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
+    to give back what is not ours. `population` are the learned road users, `world` all road users as they are now;
+    `surfaces` and `roadmap` are the ground.
     """
 
     def __init__(
-        self, session: SumoSession, bundle: ModelBundle, selector: Selector, counts: NDArray[np.int64], seed: int
+        self, simulation: Simulation, driver: Driver, *, takeover: Takeover | None = None, yielding: bool = True
     ) -> None:
-        self.surfaces = session.network.surfaces()
+        self.surfaces = simulation.network.surfaces()
         self.roadmap = RoadMap(self.surfaces)
-        self._session, self._bundle, self._selector = session, bundle, selector
-        self._points = starting_points(session.network)
+        self._simulation, self._driver, self._takeover = simulation, driver, takeover
+        self._substeps = round(DECISION_INTERVAL / simulation.step_length)
+        self._loans = Loans(simulation.api, simulation.network)
+        self.population = Population(simulation.placement, self._loans)
+        self._points = starting_points(simulation.network)
+        self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
         self._differences = Differences()
-        self.learned = self._spawn(counts, np.random.default_rng(seed))
-        self.world = self.learned
-        self._max_speed = bundle.max_speed[self.learned.type]
-        self._sumo_types = tuple(LEARNED_TYPES[kind] for kind in self.learned.type)
-        self._own_ids = frozenset(self.learned.ids)
+        self._snapshot: Snapshot | None = None
+        self._interval: _Interval | None = None
+        self._finished: set[str] = set()
+        self.world = self.population.world
 
-    def _spawn(self, counts: NDArray[np.int64], rng: np.random.Generator) -> WorldState:
+    def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
+        """Add road users: `counts` per type, (3,), at legal places drawn by `seed`; `max_speed` per type, m/s, (3,)."""
+        rng = np.random.default_rng(seed)
         kinds, x, y, heading, limit = draw_starts(counts, self._points, rng)
-        n = len(kinds)
-        numbers = np.concatenate([np.arange(c) for c in counts])
         # Everybody is under way already, between slow and usual for the type, and no faster than the lane allows.
-        usual = np.minimum(0.5 * self._bundle.max_speed[kinds], limit)
-        return WorldState(
-            time=self._session.time,
-            ids=tuple(f"learned_{TYPE_NAMES[kind]}.{number}" for kind, number in zip(kinds, numbers, strict=True)),
-            type=kinds,
-            x=x,
-            y=y,
-            heading=heading,
-            speed=usual * rng.uniform(0.5, 1.0, n),
-            acceleration=np.zeros(n),
-            yaw_rate=np.zeros(n),
-            length=DEFAULT_LENGTH[kinds],
-            width=DEFAULT_WIDTH[kinds],
-            learned=np.ones(n, np.bool_),
-        )
+        speed = np.minimum(0.5 * max_speed[kinds], limit) * rng.uniform(0.5, 1.0, len(kinds))
+        self.population.spawn(kinds, x, y, heading, speed, self._simulation.time)
 
     def start(self) -> Step:
-        """Bring the learned road users into SUMO: one SUMO step, after which they stand at their starting places."""
-        users = self.learned
-        self._session.placement.add(users.ids, users.type, users.x, users.y)
-        step, _ = self._play([users])
-        return step[0]
+        """One SUMO step, after which spawned road users stand at their places and the first ones are taken over."""
+        users = self.population.world
+        step = self._play(users)
+        self._close(_Interval([users], None, np.zeros(len(users), np.bool_), [step], set(), 0))
+        return step
 
     def decide(self) -> Decision:
-        """One decision of every learned road user and the SUMO steps of its interval."""
-        observation = self.observe(np.arange(len(self.learned)), self._selector.needs_image)
-        modes = self._selector.choose(observation)
-        acceleration, yaw_rate = self._bundle.motion(observation, modes)
-        following = advance(self.learned, acceleration, yaw_rate, self._max_speed, DECISION_INTERVAL)
-        looped = left_scene(following, self.roadmap)
-        if looped.any():
-            background = self.world.take(np.arange(len(self.learned), len(self.world)))
-            following = bring_back(following, looped, background, self._points, self.roadmap)
-        substeps = self._session.substeps
-        states = [between(self.learned, following, k / substeps, looped) for k in range(1, substeps + 1)]
-        steps, lost = self._play(states)
-        surface = self.roadmap.surface_at(self.learned.x, self.learned.y)
-        return Decision(steps, modes, surface, looped, lost)
+        """One decision of every learned road user and all SUMO steps of its interval."""
+        while True:
+            _, decision = self.step()
+            if decision is not None:
+                return decision
+
+    def step(self) -> tuple[Step, Decision | None]:
+        """One SUMO step; with the last one of an interval comes the whole Decision."""
+        interval = self._interval or self._decide()
+        before = self._yielding.interventions if self._yielding is not None else 0
+        step = self._play(interval.states[len(interval.steps)])
+        interval.steps.append(step)
+        interval.arrived.update(self._simulation.api.simulation.getArrivedIDList())
+        interval.arrived.update(self._simulation.api.simulation.getArrivedPersonIDList())
+        if self._yielding is not None:
+            interval.interventions += self._yielding.interventions - before
+        self._interval = interval
+        if len(interval.steps) < self._substeps:
+            return step, None
+        self._interval = None
+        return step, self._close(interval)
 
     def observe(self, rows: NDArray[np.intp], with_image: bool) -> Observation:
         """What the learned road users `rows` see now."""
         return observe(self.world, rows, self.roadmap, with_image=with_image)
 
-    def _play(self, states: list[WorldState]) -> tuple[tuple[Step, ...], NDArray[np.bool_]]:
-        """Move the learned road users through `states`, one SUMO step each; at the end look who is still there."""
-        steps = []
-        for users in states:
-            time = self._session.time
-            self._session.placement.move(
-                users.ids, users.type, users.x, users.y, users.heading, users.speed, users.length
-            )
-            self._session.step()
-            snapshot = self._session.reader.read()
-            background = background_world(snapshot, self._session.time, self._own_ids)
-            places = places_of(users, self._sumo_types, background, snapshot)
-            steps.append(Step(time, replace(users, time=time).join(background), places))
-        self.learned = replace(users, time=self._session.time)
-        self.world = self.learned.join(self._differences.complete(background))
-        present = frozenset(snapshot.ids)
-        lost = np.array([road_user not in present for road_user in users.ids], np.bool_)
-        if lost.any():
-            back = users.take(np.flatnonzero(lost))
-            self._session.placement.remove(back.ids)
-            self._session.placement.add(back.ids, back.type, back.x, back.y)
-        return tuple(steps), lost
+    def release(self) -> None:
+        """Let go of everything that belongs to the scenario, and take out what we added."""
+        if self._yielding is not None:
+            self._yielding.release()
+        self._loans.release()
+        own = self.population.world.take(np.flatnonzero(~self.population.lent))
+        self._simulation.placement.remove(own.ids)
+
+    def _decide(self) -> _Interval:
+        learned = self.population.world
+        following, modes = self._driver.drive(self.world, learned, self.roadmap) if len(learned) else (learned, None)
+        looped = left_scene(following, self.roadmap)
+        if looped.any():
+            background = self.world.take(np.arange(len(learned), len(self.world)))
+            following = bring_back(following, looped, background, self._points, self.roadmap)
+        shares = np.arange(1, self._substeps + 1) / self._substeps
+        states = [between(learned, following, share, looped) for share in shares]
+        return _Interval(states, modes, looped, [], set(), 0)
+
+    def _play(self, users: WorldState) -> Step:
+        """One SUMO step, after which the learned road users are where `users` says."""
+        time = self._simulation.time
+        if self._yielding is not None and self._snapshot is not None:
+            self._yielding.apply(self._snapshot, users)
+        self.population.move(users)
+        self._simulation.step()
+        self._snapshot = self._simulation.reader.read()
+        background = background_world(self._snapshot, self._simulation.time, self.population.ids)
+        places = places_of(users, self.population.sumo_types, background, self._snapshot)
+        return Step(time, replace(users, time=time).join(background), places)
+
+    def _close(self, interval: _Interval) -> Decision:
+        """The end of an interval: see who is still there, hand back, take over, and put the world together."""
+        assert self._snapshot is not None
+        users = replace(interval.states[-1], time=self._simulation.time)
+        surface = self.roadmap.surface_at(users.x, users.y)
+        gone = self.population.settle(users, frozenset(self._snapshot.ids))
+        arrived = np.array([road_user in interval.arrived for road_user in users.ids], np.bool_)
+        handed_back = self._hand_back()
+        background = background_world(self._snapshot, self._simulation.time, frozenset())
+        taken_over = self._take_over(self._differences.complete(background), handed_back)
+        self._driver.forget(handed_back + tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)))
+        return Decision(
+            steps=tuple(interval.steps),
+            modes=interval.modes,
+            surface=surface,
+            looped=interval.looped,
+            lost=gone & ~arrived,
+            arrived=tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)),
+            taken_over=taken_over,
+            handed_back=handed_back,
+            interventions=interval.interventions,
+        )
+
+    def _hand_back(self) -> tuple[str, ...]:
+        if self._takeover is None or not self.population.lent.any():
+            return ()
+        learned = self.population.world
+        ending = self._driver.near_end(learned)
+        leaving = ending | ~self._takeover.region.inside(learned.x, learned.y, HYSTERESIS)
+        ending_ids = {learned.ids[row] for row in np.flatnonzero(ending)}
+        back = self.population.hand_back(leaving)
+        # Who is about to arrive is not taken over once more.
+        self._finished.update(ending_ids.intersection(back))
+        return back
+
+    def _take_over(self, everybody: WorldState, handed_back: tuple[str, ...]) -> tuple[str, ...]:
+        """Take over who is in the region, and set `world`: the learned road users first, then everybody else."""
+        learned_before = self.population.ids
+        taken: tuple[str, ...] = ()
+        if self._takeover is not None and self._snapshot is not None:
+            rule = self._takeover
+            skip = learned_before.union(handed_back, self._finished)
+            wanted = drawn(everybody.ids, everybody.type, rule.shares, rule.seed)
+            wanted &= rule.region.inside(everybody.x, everybody.y)
+            wanted &= np.array([road_user not in skip for road_user in everybody.ids], np.bool_)
+            rows = np.flatnonzero(wanted)
+            ids = tuple(everybody.ids[row] for row in rows)
+            rows = rows[self._loans.eligible(ids, self._snapshot.person[rows])]
+            taken = tuple(everybody.ids[row] for row in rows)
+            if taken:
+                if self._yielding is not None:
+                    self._yielding.release(taken)
+                self.population.take_over(everybody.take(rows), tuple(self._snapshot.sumo_type[row] for row in rows))
+        others = np.array([i for i, user in enumerate(everybody.ids) if user not in self.population.ids], np.intp)
+        self.world = self.population.world.join(everybody.take(others))
+        return taken
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:

@@ -17,9 +17,13 @@ class RunSettings:
     """What to run; the words are those of `slrl-sumo run`."""
 
     scenario: str
-    agents: int
-    """Learned road users to spawn."""
+    agents: int | None = None
+    """Learned road users to spawn; None spawns nobody."""
     mix: str | None = None
+    takeover: str | None = None
+    """Shares of the scenario's own road users that become learned, as 'car=0.3,pedestrian=1'."""
+    region: str | None = None
+    """Where they are learned; None is everywhere."""
     bundle: str = DEFAULT_BUNDLE
     selector: str = "prior"
     steps: int | None = None
@@ -28,6 +32,8 @@ class RunSettings:
     """Simulation time in s."""
     seed: int = 1
     step_length: float | None = None
+    yielding: bool = True
+    """Background vehicles brake for learned road users."""
     sumo_outputs: bool = False
 
 
@@ -72,18 +78,26 @@ class Views:
 
 @dataclass(frozen=True)
 class Decision:
-    """One decision interval of the n learned road users: the first n rows of its steps' worlds."""
+    """One decision interval of the n road users that were learned in it: the first n rows of its steps' worlds."""
 
     steps: tuple[Step, ...]
     """Its SUMO steps; the last one is the state that the next decision starts from."""
-    modes: NDArray[np.int64]
-    """Mode of each learned road user, (n,)."""
+    modes: NDArray[np.int64] | None
+    """Mode of each learned road user, (n,); None where the driver knows no modes."""
     surface: NDArray[np.uint8]
     """Surface under each learned road user at the end, (n,)."""
     looped: NDArray[np.bool_]
     """Who was brought back to the other side of the scene, (n,)."""
     lost: NDArray[np.bool_]
-    """Whom SUMO had dropped at the end and who was added again, (n,)."""
+    """Who was no longer in SUMO at the end without having arrived, (n,). Spawned ones were added again."""
+    arrived: tuple[str, ...]
+    """Lent road users that SUMO took off the network at their destination."""
+    taken_over: tuple[str, ...]
+    """Road users of the scenario that are learned from the end of this interval on."""
+    handed_back: tuple[str, ...]
+    """Road users that are SUMO's again from the end of this interval on."""
+    interventions: int
+    """How often a background vehicle began to brake for a learned road user."""
 
 
 Event = Started | Decision | Views

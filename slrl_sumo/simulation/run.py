@@ -9,14 +9,18 @@ import torch
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.selector import PriorSelector
-from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.driver import Driver, ModelDriver, RouteDriver
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
+from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
+from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.types import DECISION_INTERVAL
 
-SELECTORS = ("prior",)
+SELECTORS = ("prior", "lane")
+"""`prior`: the bundle's mode classifier; `lane`: the baseline that follows lanes and routes, without models."""
 
 
 def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
@@ -31,14 +35,28 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
     # The models are so small that more threads only wait for each other.
     torch.set_num_threads(1)
     mix = None if settings.mix is None else parse_mix(settings.mix)
-    selector = PriorSelector(bundle, settings.seed)
+    shares = None if settings.takeover is None else parse_shares(settings.takeover)
     with SumoSession(
         scenario, seed=settings.seed, step_length=settings.step_length, keep_outputs=settings.sumo_outputs
     ) as session:
         begin = session.time
-        decisions, time_notices = _decisions(settings, begin, session.end)
-        counts, mix_notices = type_counts(settings.agents, mix, starting_points(session.network), str(scenario.config))
-        simulation = CoSimulation(session, bundle, selector, counts, settings.seed)
+        decisions, notices = _decisions(settings, begin, session.end)
+        takeover = None
+        if shares is not None:
+            takeover = Takeover(shares, parse_region(settings.region, session.network, session.api), settings.seed)
+        driver: Driver
+        if settings.selector == "lane":
+            from slrl_sumo.sumo.lanedriver import LaneDriver
+
+            driver = RouteDriver(LaneDriver(session.api, session.network))
+        else:
+            driver = ModelDriver(bundle, PriorSelector(bundle, settings.seed))
+        simulation = CoSimulation(session, driver, takeover=takeover, yielding=settings.yielding)
+        if settings.agents is not None:
+            where = str(scenario.config)
+            counts, mix_notices = type_counts(settings.agents, mix, starting_points(session.network), where)
+            notices += mix_notices
+            simulation.spawn(counts, bundle.max_speed, settings.seed)
         yield Started(
             scenario=scenario.name,
             bundle=bundle.name,
@@ -46,24 +64,37 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             begin=begin,
             step_length=session.step_length,
             decisions=decisions,
-            notices=(*session.notices, *mix_notices, *time_notices),
+            notices=(*session.notices, *notices),
             surfaces=simulation.surfaces,
             step=simulation.start(),
         )
-        _, watched = np.unique(simulation.learned.type, return_index=True)
         for number in range(decisions):
-            if number in views_at:
-                observation = simulation.observe(watched, with_image=True)
-                assert observation.image is not None
-                ids = tuple(simulation.learned.ids[row] for row in watched)
-                yield Views(simulation.learned.time, ids, observation.image)
+            if number in views_at and len(simulation.population.world):
+                yield _views(simulation)
             yield simulation.decide()
+
+
+def _views(simulation: CoSimulation) -> Views:
+    """What the first learned road user of each type sees now."""
+    learned = simulation.population.world
+    _, watched = np.unique(learned.type, return_index=True)
+    image = simulation.observe(watched, with_image=True).image
+    assert image is not None
+    return Views(learned.time, tuple(learned.ids[row] for row in watched), image)
 
 
 def _check(settings: RunSettings) -> None:
     if settings.selector not in SELECTORS:
-        raise InputError(f"--selector {settings.selector}: this bundle has none; use {', '.join(SELECTORS)}")
-    if settings.agents < 1:
+        raise InputError(f"--selector {settings.selector}: there is none of that name; use {', '.join(SELECTORS)}")
+    if settings.agents is None and settings.takeover is None:
+        raise InputError("nobody to learn: give --agents N, or --takeover car=0.3 to take over the scenario's own")
+    if settings.agents is None and settings.mix is not None:
+        raise InputError(f"--mix {settings.mix}: it shares out --agents, which is not given; add --agents N")
+    if settings.takeover is None and settings.region is not None:
+        raise InputError(
+            f"--region {settings.region}: it limits --takeover, which is not given; add --takeover car=0.3"
+        )
+    if settings.agents is not None and settings.agents < 1:
         raise InputError(f"--agents {settings.agents}: at least one learned road user is needed")
     if settings.steps is not None and settings.steps < 1:
         raise InputError(f"--steps {settings.steps}: at least one decision is needed")

@@ -24,7 +24,8 @@ class SumoSession:
 
     libsumo holds one simulation per process: opening a second session is an error. After `__enter__`:
 
-    - `network`: the lanes and junctions; `reader`: reads all road users; `placement`: adds and moves learned ones;
+    - `api`: libsumo; `network`: the lanes and junctions; `reader`: reads all road users; `placement`: adds and moves
+      learned ones;
     - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
     - `notices`: what was changed in the scenario, one line each.
 
@@ -50,7 +51,7 @@ class SumoSession:
             raise InputError(
                 "a SUMO simulation is already open in this process; close it first (libsumo holds only one)"
             )
-        self._api: Any = libsumo
+        self.api: Any = libsumo
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
         command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
@@ -73,7 +74,7 @@ class SumoSession:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        refused = error is not None and isinstance(error, self._api.TraCIException)
+        refused = error is not None and isinstance(error, self.api.TraCIException)
         time = self.time if refused else 0.0
         self.close()
         if refused:
@@ -82,7 +83,7 @@ class SumoSession:
     @property
     def time(self) -> float:
         """Simulation time in s: that of the next step, as libsumo counts."""
-        return float(self._api.simulation.getTime())
+        return float(self.api.simulation.getTime())
 
     @property
     def end(self) -> float | None:
@@ -93,15 +94,15 @@ class SumoSession:
         """One SUMO step. Raises SumoError when SUMO gives up."""
         time = self.time
         try:
-            self._api.simulationStep()
-        except (self._api.TraCIException, self._api.FatalTraCIError) as error:
+            self.api.simulationStep()
+        except (self.api.TraCIException, self.api.FatalTraCIError) as error:
             raise SumoError(f"SUMO stopped at {time:g} s: {' '.join(str(error).split())}") from None
 
     def close(self) -> None:
         """End the simulation and remove what SUMO wrote on the side."""
         try:
-            if self._api.isLoaded():
-                self._api.close()
+            if self.api.isLoaded():
+                self.api.close()
         finally:
             self._clean_up()
 

@@ -1,0 +1,105 @@
+"""Who is learned at the moment: road users that we added, and road users of the scenario that are lent to us."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.sumo.loans import Loans
+from slrl_sumo.sumo.placement import LEARNED_TYPES, Placement
+from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.state import WorldState, empty_world
+from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+
+
+class Population:
+    """The learned road users of a simulation, in SUMO and as a WorldState.
+
+    `world`: their present state, n road users; `lent`: which of them belong to the scenario, (n,); `sumo_types`: their
+    vTypes; `ids`: their ids.
+    """
+
+    def __init__(self, placement: Placement, loans: Loans) -> None:
+        self.world: WorldState = empty_world()
+        self.lent: NDArray[np.bool_] = np.zeros(0, np.bool_)
+        self.sumo_types: tuple[str, ...] = ()
+        self.ids: frozenset[str] = frozenset()
+        self._placement, self._loans = placement, loans
+
+    def spawn(self, kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, speed: Floats, time: float) -> None:
+        """Add road users of ours: RoadUserType, centres (m), headings (rad), speeds (m/s), all (n,)."""
+        n = len(kinds)
+        numbers = [int((kinds[:i] == kinds[i]).sum()) for i in range(n)]
+        users = WorldState(
+            time=time,
+            ids=tuple(f"learned_{TYPE_NAMES[kind]}.{number}" for kind, number in zip(kinds, numbers, strict=True)),
+            type=kinds,
+            x=x,
+            y=y,
+            heading=heading,
+            speed=speed,
+            acceleration=np.zeros(n),
+            yaw_rate=np.zeros(n),
+            length=DEFAULT_LENGTH[kinds],
+            width=DEFAULT_WIDTH[kinds],
+            learned=np.ones(n, np.bool_),
+        )
+        self._placement.add(users.ids, users.type, users.x, users.y)
+        self._join(users, tuple(LEARNED_TYPES[kind] for kind in kinds), lent=False)
+
+    def take_over(self, users: WorldState, sumo_types: tuple[str, ...]) -> None:
+        """Borrow road users of the scenario; they start from the state that SUMO left them in."""
+        self._loans.take(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        self._join(replace(users, learned=np.ones(len(users), np.bool_)), sumo_types, lent=True)
+
+    def hand_back(self, leaving: NDArray[np.bool_]) -> tuple[str, ...]:
+        """Give lent road users `leaving` (n,) back to SUMO. Returns the ids of those that SUMO could take at once."""
+        rows = np.flatnonzero(leaving & self.lent)
+        users = self.world.take(rows)
+        done = self._loans.give_back(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        back = tuple(i for i, gone in zip(users.ids, done.tolist(), strict=True) if gone)
+        self.keep(~np.isin(np.arange(len(self.world)), rows[done]))
+        return back
+
+    def move(self, users: WorldState) -> None:
+        """Tell SUMO where everybody is after its next step; `users` in the order of `world`."""
+        for mask, movable in ((~self.lent, self._placement), (self.lent, self._loans)):
+            rows = np.flatnonzero(mask)
+            if not len(rows):
+                continue
+            u = users.take(rows)
+            if movable is self._placement:
+                self._placement.move(u.ids, u.type, u.x, u.y, u.heading, u.speed, u.length)
+            else:
+                walking = u.type == RoadUserType.PEDESTRIAN
+                self._loans.move(u.ids, walking, u.x, u.y, u.heading, u.speed, u.length)
+
+    def settle(self, users: WorldState, present: frozenset[str]) -> NDArray[np.bool_]:
+        """Take `users` as the new state. Who is not among SUMO's `present` ids has gone: ours are added again.
+
+        Returns who has gone, (n,) in the order before.
+        """
+        self.world = users
+        lost = np.array([road_user not in present for road_user in users.ids], np.bool_)
+        ours = users.take(np.flatnonzero(lost & ~self.lent))
+        if len(ours):
+            self._placement.remove(ours.ids)
+            self._placement.add(ours.ids, ours.type, ours.x, ours.y)
+        gone = lost & self.lent
+        if gone.any():
+            self._loans.forget(users.take(np.flatnonzero(gone)).ids)
+            self.keep(~gone)
+        return lost
+
+    def keep(self, mask: NDArray[np.bool_]) -> None:
+        """Drop road users from the population (not from SUMO): those where `mask` (n,) is False."""
+        rows = np.flatnonzero(mask)
+        self.world, self.lent = self.world.take(rows), self.lent[rows]
+        self.sumo_types = tuple(self.sumo_types[row] for row in rows)
+        self.ids = frozenset(self.world.ids)
+
+    def _join(self, users: WorldState, sumo_types: tuple[str, ...], *, lent: bool) -> None:
+        self.world = replace(self.world, time=users.time).join(users)
+        self.lent = np.concatenate([self.lent, np.full(len(users), lent)])
+        self.sumo_types += sumo_types
+        self.ids = frozenset(self.world.ids)
