@@ -1,0 +1,100 @@
+"""Signals and priority at the places where the ways of vehicles enter junctions."""
+
+import math
+from typing import Any
+
+from slrl_sumo.sumo.ways import Gate, LaneGraph
+
+STOP_LINE = 1.0
+"""m that vehicles stop before a line."""
+LINE_OF_SIGHT = 4.5
+"""m before a junction from which vehicles see those that they have to let pass (SUMO's foeVisibilityDistance)."""
+PATIENCE = 15.0
+"""s after which a vehicle that stands before an empty junction goes, although others could come."""
+
+
+class RightOfWay:
+    """Whether vehicles may enter, as SUMO's signals and links say now. Call `renew` when SUMO has made a step."""
+
+    def __init__(self, api: Any, graph: LaneGraph) -> None:
+        self._api = api
+        self._graph = graph
+        self._states: dict[str, dict[tuple[str, str], tuple[bool, bool, str]]] = {}
+        self._before: dict[tuple[str, str], tuple[str, ...]] = {}
+        self._inside: dict[str, tuple[str, ...]] = {}
+
+    def renew(self) -> None:
+        """Forget what was read of SUMO's last step."""
+        self._states.clear()
+
+    def red(self, gate: Gate) -> bool:
+        """Whether a crossing or junction is closed by a signal now."""
+        return self._state(gate)[2] in "ru"
+
+    def speed(self, gate: Gate, distance: float, speed: float, limits: tuple[float, float], waited: float) -> float:
+        """The speed (m/s) that signal and priority at a gate allow a vehicle; inf where they have no say.
+
+        `distance`: m from its front to the line; `speed`: its own in m/s; `limits`: its acceleration and deceleration
+        in m/s²; `waited`: s that it has stood.
+        """
+        acceleration, deceleration = limits
+        to_stop = speed * speed / (2.0 * deceleration)
+        prior, is_open, state = self._state(gate)
+        stop = math.sqrt(2.0 * deceleration * max(distance - STOP_LINE, 0.0))
+        if state in "ru":
+            return stop
+        if state in "yY":
+            return stop if to_stop + STOP_LINE <= distance else math.inf
+        if prior or state in "GM":
+            return math.inf
+        approach = math.sqrt(2.0 * deceleration * max(distance, LINE_OF_SIGHT))
+        if to_stop > distance + 1.0:
+            # Too late to stop: those with priority had been far away.
+            return math.inf
+        if distance > LINE_OF_SIGHT + speed:
+            return approach
+        if waited > PATIENCE and not self._busy(gate):
+            return approach
+        clear = _time(distance + gate.out - gate.line + 5.0, max(speed, 0.0), acceleration)
+        if not is_open or self._comes(gate, clear):
+            return stop
+        return approach
+
+    def _state(self, gate: Gate) -> tuple[bool, bool, str]:
+        """Of a link: whether it has priority, whether it is open now, and its state as SUMO's letter."""
+        states = self._states.get(gate.lane)
+        if states is None:
+            states = self._states[gate.lane] = {
+                (link[0], link[4]): (link[1], link[2], link[5]) for link in self._api.lane.getLinks(gate.lane)
+            }
+        return states.get((gate.target, gate.via), (True, True, "M"))
+
+    def _comes(self, gate: Gate, within: float) -> bool:
+        """Whether a moving vehicle with priority reaches the junction within so many seconds."""
+        key = (gate.lane, gate.target)
+        lanes = self._before.get(key)
+        if lanes is None:
+            foes = {} if gate.lane.startswith(":") else dict.fromkeys(self._api.lane.getFoes(*key))
+            lanes = self._before[key] = tuple(lane for lane in foes if not lane.startswith(":"))
+        vehicle = self._api.vehicle
+        for lane in lanes:
+            length = self._graph.lanes[lane].length
+            for foe in self._api.lane.getLastStepVehicleIDs(lane):
+                pace = vehicle.getSpeed(foe)
+                if pace > 1.0 and length - vehicle.getLanePosition(foe) < pace * within:
+                    return True
+        return False
+
+    def _busy(self, gate: Gate) -> bool:
+        """Whether somebody moves on the lanes inside the junction that cross this one."""
+        lanes = self._inside.get(gate.via)
+        if lanes is None:
+            foes = self._api.lane.getInternalFoes(gate.via)
+            lanes = self._inside[gate.via] = tuple(lane for lane in foes if lane in self._graph.lanes)
+        vehicle = self._api.vehicle
+        return any(vehicle.getSpeed(foe) > 0.5 for lane in lanes for foe in self._api.lane.getLastStepVehicleIDs(lane))
+
+
+def _time(distance: float, speed: float, acceleration: float) -> float:
+    """s to cover `distance` (m) from `speed` (m/s) with `acceleration` (m/s²)."""
+    return (math.sqrt(speed * speed + 2.0 * acceleration * distance) - speed) / acceleration

@@ -1,0 +1,117 @@
+"""How the driver `lane` moves persons: along the edges of their walk, at their own pace."""
+
+import math
+import random
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.walks import Kerb, Walk, Walkways
+from slrl_sumo.world.geometry import wrap_angle
+
+AIM = 1.0
+"""m along the walk to the point that a person heads for."""
+CLEARANCE = 0.3
+"""m kept from the edge of what can be walked on."""
+KERB = 0.6
+"""m before a crossing at which persons wait for its signal."""
+STRAYED = 0.5
+"""m from where it was moved to: somebody else moved the person, and its walk is looked for anew."""
+
+
+@dataclass
+class _Stroll:
+    walk: Walk | None
+    s: float
+    beside: float
+    """m to the left of the walk's line that the person keeps."""
+    pace: float
+    x: float
+    y: float
+
+
+class Strolls:
+    """Persons under way, through `api` (libsumo or a TraCI connection)."""
+
+    def __init__(self, api: Any, network: Network) -> None:
+        self._api = api
+        self._ways = Walkways(api, network)
+        self._under = LanePoints(
+            [lane for lane in network.lanes if "pedestrian" in lane.allowed and not lane.internal], spacing=2.0
+        )
+        self._strolls: dict[str, _Stroll] = {}
+
+    def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
+        """Where a person at a position (m) with a heading (rad) is `dt` s later."""
+        stroll = self._strolls.get(person)
+        if stroll is None or math.hypot(x - stroll.x, y - stroll.y) > STRAYED or self._is_out(person, stroll):
+            stroll = self._strolls[person] = self._begin(person, x, y, heading)
+        if stroll.walk is not None:
+            x, y, heading = self._onward(stroll, stroll.walk, x, y, heading, dt)
+        stroll.x, stroll.y = x, y
+        return x, y, heading
+
+    def left(self, person: str) -> float:
+        """m that a person still has to walk; inf for one that is not known, or walks without destination."""
+        stroll = self._strolls.get(person)
+        if stroll is None or person.startswith("learned_"):
+            return math.inf
+        return stroll.walk.line.end - stroll.s if stroll.walk is not None else 0.0
+
+    def forget(self, ids: tuple[str, ...]) -> None:
+        """Drop what is known of persons."""
+        for person in ids:
+            self._strolls.pop(person, None)
+
+    def _is_out(self, person: str, stroll: _Stroll) -> bool:
+        """Walks without destination are drawn anew at their end."""
+        return person.startswith("learned_") and stroll.walk is not None and stroll.walk.line.end - stroll.s < 2.0 * AIM
+
+    def _begin(self, person: str, x: float, y: float, heading: float) -> _Stroll:
+        if person.startswith("learned_"):
+            walk = self._wander(person, x, y, heading)
+            pace = 1.3
+        else:
+            # Asked before the walk is cut to the edge under the person (see `Loans.move`).
+            edges = tuple(self._api.person.getEdges(person, 0))
+            walk = self._ways.walk(edges, self._api.person.getStage(person, 0).arrivalPos)
+            pace = self._api.person.getMaxSpeed(person)
+        if walk is None:
+            return _Stroll(None, 0.0, 0.0, pace, x, y)
+        s, beside = walk.line.nearest(x, y, end=walk.first)
+        room = max(walk.half_width - CLEARANCE, 0.0)
+        return _Stroll(walk, s, min(max(beside, -room), room), pace, x, y)
+
+    def _wander(self, person: str, x: float, y: float, heading: float) -> Walk | None:
+        if not len(self._under):
+            return None
+        point = int(self._under.nearest(np.array([x]), np.array([y]))[0, 0])
+        forward = abs(float(wrap_angle(self._under.heading[point] - heading))) < 0.5 * math.pi
+        edge = self._under.lanes[self._under.lane[point]].edge
+        return self._ways.wandering(edge, forward, random.Random(f"{person}:{edge}"))
+
+    def _onward(
+        self, stroll: _Stroll, walk: Walk, x: float, y: float, heading: float, dt: float
+    ) -> tuple[float, float, float]:
+        line = walk.line
+        room = min(stroll.pace * dt, line.end - stroll.s)
+        for kerb in walk.kerbs:
+            if kerb.s - KERB - stroll.pace * dt < stroll.s < kerb.s and self._red(kerb):
+                room = min(room, max(kerb.s - KERB - stroll.s, 0.0))
+        if room <= 0.01:
+            return x, y, heading
+        aim_x, aim_y, direction = line.at(min(stroll.s + max(AIM, 2.0 * room), line.end + AIM))
+        aim_x -= stroll.beside * math.sin(direction)
+        aim_y += stroll.beside * math.cos(direction)
+        heading = math.atan2(aim_y - y, aim_x - x)
+        x, y = x + room * math.cos(heading), y + room * math.sin(heading)
+        reached, _ = line.nearest(x, y, begin=stroll.s, end=stroll.s + 4.0 * room + AIM)
+        # Where the line turns back on itself the nearest place can stand still: go on with it.
+        stroll.s = max(reached, stroll.s + 0.2 * room)
+        return x, y, heading
+
+    def _red(self, kerb: Kerb) -> bool:
+        return any(link[0] == kerb.crossing and link[5] in "ru" for link in self._api.lane.getLinks(kerb.lane))
