@@ -1,20 +1,23 @@
 """Who moves learned road users: a selector with the models of a bundle, or the lane follower."""
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.selector import Selector
+from slrl_sumo.models.selector import PriorSelector, Selector
 from slrl_sumo.perception.observation import observe
+from slrl_sumo.sumo.lanedriver import LaneDriver
+from slrl_sumo.sumo.network import Network
 from slrl_sumo.world.advance import advance
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
 
-if TYPE_CHECKING:
-    from slrl_sumo.sumo.lanedriver import LaneDriver
+SELECTORS = ("prior", "lane")
+"""`prior`: the bundle's mode classifier; `lane`: the baseline that follows lanes and routes, without models."""
 
 Modes = NDArray[np.int64] | None
 
@@ -61,12 +64,13 @@ class ModelDriver:
 class RouteDriver:
     """The baseline `lane`: everybody follows the own lane and route."""
 
-    def __init__(self, lanes: "LaneDriver") -> None:
+    def __init__(self, lanes: LaneDriver) -> None:
         self._lanes = lanes
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """See Driver."""
-        return self._lanes.drive(learned, DECISION_INTERVAL), None
+        others = world.take(np.arange(len(learned), len(world)))
+        return self._lanes.drive(learned, DECISION_INTERVAL, others), None
 
     def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
         """See Driver: SUMO finishes trips, because only it can take a road user off the network as arrived."""
@@ -75,3 +79,12 @@ class RouteDriver:
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""
         self._lanes.forget(ids)
+
+
+def make_driver(selector: str, bundle: ModelBundle, api: Any, network: Network, seed: int) -> Driver:
+    """The driver of one of SELECTORS, in a simulation seen through `api`. Raises InputError for any other name."""
+    if selector == "lane":
+        return RouteDriver(LaneDriver(api, network))
+    if selector == "prior":
+        return ModelDriver(bundle, PriorSelector(bundle, seed))
+    raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")

@@ -8,9 +8,8 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.selector import PriorSelector
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.driver import Driver, ModelDriver, RouteDriver
+from slrl_sumo.simulation.driver import SELECTORS, make_driver
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
@@ -18,9 +17,6 @@ from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.types import DECISION_INTERVAL
-
-SELECTORS = ("prior", "lane")
-"""`prior`: the bundle's mode classifier; `lane`: the baseline that follows lanes and routes, without models."""
 
 
 def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
@@ -44,13 +40,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         takeover = None
         if shares is not None:
             takeover = Takeover(shares, parse_region(settings.region, session.network, session.api), settings.seed)
-        driver: Driver
-        if settings.selector == "lane":
-            from slrl_sumo.sumo.lanedriver import LaneDriver
-
-            driver = RouteDriver(LaneDriver(session.api, session.network))
-        else:
-            driver = ModelDriver(bundle, PriorSelector(bundle, settings.seed))
+        driver = make_driver(settings.selector, bundle, session.api, session.network, settings.seed)
         simulation = CoSimulation(session, driver, takeover=takeover, yielding=settings.yielding)
         if settings.agents is not None:
             where = str(scenario.config)
@@ -85,7 +75,7 @@ def _views(simulation: CoSimulation) -> Views:
 
 def _check(settings: RunSettings) -> None:
     if settings.selector not in SELECTORS:
-        raise InputError(f"--selector {settings.selector}: there is none of that name; use {', '.join(SELECTORS)}")
+        raise InputError(f"--selector {settings.selector}: there is none of that name; use {' or '.join(SELECTORS)}")
     if settings.agents is None and settings.takeover is None:
         raise InputError("nobody to learn: give --agents N, or --takeover car=0.3 to take over the scenario's own")
     if settings.agents is None and settings.mix is not None:

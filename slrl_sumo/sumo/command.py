@@ -16,7 +16,7 @@ def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, l
     whose own step does not (SUMO's default is 1 s) is run at 0.4 s, which changes its traffic: hence the notice.
     """
     if wanted is not None:
-        if not _divides(wanted):
+        if not divides_interval(wanted):
             raise InputError(
                 f"--step-length {wanted:g}: the decision interval of {DECISION_INTERVAL:g} s is no multiple of it; "
                 "use 0.4, 0.2, 0.1 or 0.05"
@@ -24,7 +24,7 @@ def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, l
         return wanted, []
     own = scenario.seconds("step-length")
     own = 1.0 if own is None else own
-    if _divides(own):
+    if divides_interval(own):
         return own, []
     return DECISION_INTERVAL, [
         f"SUMO step {DECISION_INTERVAL:g} s instead of the scenario's {own:g} s, "
@@ -32,7 +32,7 @@ def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, l
     ]
 
 
-def _divides(step: float) -> bool:
+def divides_interval(step: float) -> bool:
     if step < 0.001:
         return False
     ratio = DECISION_INTERVAL / step

@@ -106,6 +106,9 @@ def _junctions(api: Any, lanes: list[Lane]) -> list[Area]:
             by_edge[lane.edge] = lane.surface
     areas = []
     for junction in api.junction.getIDList():
+        # Those inside of junctions have no outline of their own, and traci cannot read an empty one.
+        if junction.startswith(":"):
+            continue
         outline = np.array(api.junction.getShape(junction), np.float64).reshape(-1, 2)
         edges = (*api.junction.getIncomingEdges(junction), *api.junction.getOutgoingEdges(junction))
         surface = max((by_edge.get(e, Surface.NONE) for e in edges), key=lambda s: rank.get(s, 0), default=Surface.NONE)

@@ -1,0 +1,127 @@
+"""Learned road users in a simulation that a user's own script has started."""
+
+from types import TracebackType
+from typing import Any, Self
+
+import torch
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.driver import make_driver
+from slrl_sumo.simulation.events import DEFAULT_BUNDLE
+from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
+from slrl_sumo.simulation.takeover import parse_shares
+from slrl_sumo.sumo.command import divides_interval
+from slrl_sumo.sumo.network import read_network
+from slrl_sumo.sumo.placement import Placement
+from slrl_sumo.sumo.reader import Reader
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import DECISION_INTERVAL
+
+
+class AttachedSimulation:
+    """A simulation that belongs to somebody else, seen through `api`: libsumo, traci or a TraCI connection."""
+
+    def __init__(self, api: Any) -> None:
+        self.api = api
+        self.step_length = float(api.simulation.getDeltaT())
+        if not divides_interval(self.step_length):
+            raise InputError(
+                f"the simulation's step of {self.step_length:g} s does not divide the decision interval of "
+                f"{DECISION_INTERVAL:g} s; start SUMO with --step-length 0.4, 0.2 or 0.1"
+            )
+        self.network = read_network(api)
+        self.placement = Placement(api, self.network)
+        self.reader = Reader(api)
+
+    @property
+    def time(self) -> float:
+        """Simulation time of the next step, s."""
+        return float(self.api.simulation.getTime())
+
+    def step(self) -> None:
+        """One SUMO step."""
+        self.api.simulationStep()
+
+
+class Attached:
+    """Learned road users in a running simulation; a context manager. Made by `attach`.
+
+    Call `step` instead of `simulationStep`. Leaving the context gives back every road user that was taken over and
+    every vehicle that was held, removes those that were added, cancels the subscriptions, and leaves the simulation
+    running.
+    """
+
+    def __init__(self, simulation: AttachedSimulation, loop: CoSimulation) -> None:
+        self._simulation, self._loop = simulation, loop
+        self._started = False
+
+    @property
+    def world(self) -> WorldState:
+        """All road users as they were at the last decision, the learned ones first."""
+        return self._loop.world
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Road users that are learned now."""
+        return self._loop.population.world.ids
+
+    def step(self) -> WorldState:
+        """One SUMO step, in which the learned road users move. Returns all road users after it, learned ones first."""
+        if not self._started:
+            self._started = True
+            return self._loop.start().world
+        step, _ = self._loop.step()
+        return step.world
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._loop.release()
+        self._simulation.reader.forget()
+
+
+def attach(
+    api: Any,
+    *,
+    agents: int | None = None,
+    mix: str | None = None,
+    takeover: str | None = None,
+    region: str | None = None,
+    bundle: str = DEFAULT_BUNDLE,
+    selector: str = "prior",
+    seed: int = 1,
+    yielding: bool = True,
+) -> Attached:
+    """Put learned road users into a simulation that is running already.
+
+    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. The other words are those of
+    `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own are
+    taken over inside `region`. Raises InputError where they are wrong or the simulation's step does not divide
+    0.4 s.
+
+        with slrl_sumo.attach(libsumo, takeover="car=0.3") as learned:
+            while libsumo.simulation.getMinExpectedNumber() > 0:
+                learned.step()
+    """
+    if agents is None and takeover is None:
+        raise InputError("nobody to learn: give agents=N, or takeover='car=0.3'")
+    models = load_bundle(bundle)
+    # The models are so small that more threads only wait for each other.
+    torch.set_num_threads(1)
+    rule = None
+    simulation = AttachedSimulation(api)
+    if takeover is not None:
+        rule = Takeover(parse_shares(takeover), parse_region(region, simulation.network, api), seed)
+    driver = make_driver(selector, models, api, simulation.network, seed)
+    loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
+    if agents is not None:
+        shares = None if mix is None else parse_mix(mix)
+        counts, _ = type_counts(agents, shares, starting_points(simulation.network), "attach")
+        loop.spawn(counts, models.max_speed, seed)
+    return Attached(simulation, loop)
