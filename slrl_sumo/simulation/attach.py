@@ -101,8 +101,8 @@ def attach(
     """Put learned road users into a simulation that is running already.
 
     `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. The other words are those of
-    `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own are
-    taken over inside `region`. Raises InputError where they are wrong or the simulation's step does not divide
+    `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own
+    are taken over inside `region`. Raises InputError where they are wrong or the simulation's step does not divide
     0.4 s.
 
         with slrl_sumo.attach(libsumo, takeover="car=0.3") as learned:
