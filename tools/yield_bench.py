@@ -18,8 +18,10 @@ import math
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -48,8 +50,13 @@ CASES = ("lane centre", "0.7 m off", "1.4 m off", "1.6 m off", "junction", "cros
 CASES += ("along the edge",)
 BESIDE = ("sidewalk", "beside the road", "opposite lane", "cycle lane", "kerb")
 CROSS = IntersectionSpec(arm_length=150.0)
-IN, OUT = "in2", "out0"
-"""Edges of the straight way east; its car lane is the last one."""
+IN, OUT, BACK_IN, BACK_OUT, UNUSED = "in3", "out1", "in1", "out3", "in2"
+"""Edges of the straight way north, which has right of way, and of the way back; their car lanes are the last ones."""
+MEETING_FLOWS = (
+    ("car", IN, OUT, 500), ("car", BACK_IN, BACK_OUT, 300), ("car", "in0", "out2", 100),
+    ("car", IN, "out0", 60), ("car", IN, "out2", 40), ("car", BACK_IN, "out0", 40), ("bicycle", IN, OUT, 100),
+)  # fmt: skip
+"""Class, from, to, vehicles per hour."""
 
 
 def write(spec: NetSpec, demand: DemandSpec, folder: Path, *, sublane: bool, routes: str = "") -> Path:
@@ -95,41 +102,65 @@ def lane_of(session: SumoSession, lane_id: str) -> Lane:
     return next(lane for lane in session.network.lanes if lane.id == lane_id)
 
 
+@dataclass(frozen=True)
+class Way:
+    """The straight way through the junction: its car lane in, and places beside it."""
+
+    start: np.ndarray
+    direction: float
+    length: float
+    lanes: tuple[Lane, ...]
+    """Lanes of the edge, from the right-hand side."""
+
+    def at(self, along: float, left: float, turn: float = 0.0) -> np.ndarray:
+        """x, y, heading of a place `along` m from the lane's begin and `left` m to its left."""
+        c, s = math.cos(self.direction), math.sin(self.direction)
+        x, y = self.start + np.array([c * along - s * left, s * along + c * left])
+        return np.array([x, y, math.remainder(self.direction + turn, math.tau)])
+
+    def left_of(self, point: np.ndarray) -> tuple[float, float]:
+        """Along and left of a point."""
+        along, left = to_ego(point[0] - self.start[0], point[1] - self.start[1], np.array(self.direction))
+        return float(along), float(left)
+
+
+def straight_way(session: SumoSession) -> Way:
+    """The way in on the edge `IN`."""
+    lanes = tuple(lane for lane in session.network.lanes if lane.edge == IN)
+    first, last = lanes[-1].shape[0], lanes[-1].shape[-1]
+    return Way(first, math.atan2(*(last - first)[::-1]), float(np.hypot(*(last - first))), lanes)
+
+
 def meet_case(session: SumoSession, case: str, kind: RoadUserType) -> tuple[np.ndarray, float]:
     """Where the road user appears (x, y, heading) and its speed."""
-    lanes = [lane for lane in session.network.lanes if lane.edge == IN]
-    (x0, y), (x1, _) = lanes[-1].shape[0], lanes[-1].shape[-1]
-    x = x0 + 0.55 * (x1 - x0)
-    crossing = min(
-        (lane.shape.mean(axis=0)[0] for lane in session.network.lanes if lane.surface == Surface.CROSSING),
-        key=lambda cx: abs(cx - x1),
-    )
-    middle = lane_of(session, next(lane.id for lane in session.network.lanes if lane.id == ":centre_22_0")).shape
-    ahead = math.pi / 2 if kind == RoadUserType.PEDESTRIAN else 0.0
+    way = straight_way(session)
+    crossings = [way.left_of(c.shape.mean(axis=0)) for c in session.network.lanes if c.surface == Surface.CROSSING]
+    crossing = min(abs(along - way.length) for along, _ in crossings) + way.length
+    inside = next(link[4] for link in libsumo.lane.getLinks(way.lanes[-1].id) if link[0].startswith(OUT))
+    middle = way.length + 0.5 * float(np.hypot(*np.diff(lane_of(session, inside).shape, axis=0).T).sum())
+    half = 0.55 * way.length
+    across = math.pi / 2
+    turn = across if kind == RoadUserType.PEDESTRIAN else 0.0
     table = {
-        "lane centre": (x, y, ahead, 0.0),
-        "0.7 m off": (x, y - 0.7, ahead, 0.0),
-        "1.4 m off": (x, y - 1.4, ahead, 0.0),
-        "1.6 m off": (x, y - 1.6, ahead, 0.0),
-        "junction": (middle[:, 0].mean(), y, math.pi / 2, 0.0),
-        "crossing": (crossing, y, math.pi / 2, 0.0),
-        "opposite lane": (x, y + 3.2, math.pi, 0.0),
-        "walks across": (x, y - 5.4, math.pi / 2, WALKING_SPEED),
-        "along the edge": (x0 + 0.3 * (x1 - x0), y - 1.2, 0.0, RIDING_SPEED),
+        "lane centre": (way.at(half, 0.0, turn), 0.0),
+        "0.7 m off": (way.at(half, -0.7, turn), 0.0),
+        "1.4 m off": (way.at(half, -1.4, turn), 0.0),
+        "1.6 m off": (way.at(half, -1.6, turn), 0.0),
+        "junction": (way.at(middle, 0.0, across), 0.0),
+        "crossing": (way.at(crossing, 0.0, across), 0.0),
+        "opposite lane": (way.at(half, 3.2, math.pi), 0.0),
+        "walks across": (way.at(half, -5.4 - 0.5 * float(DEFAULT_LENGTH[kind]), across), WALKING_SPEED),
+        "along the edge": (way.at(0.3 * way.length, -1.2), RIDING_SPEED),
     }
-    *pose, speed = table[case]
-    return np.array(pose), speed
+    return table[case]
 
 
 def meet(
     case: str, kind: RoadUserType, off_route: bool, sublane: bool, yields: bool, seconds: float, seed: int
 ) -> dict[str, Any]:
     """One case of the first part."""
-    demand = DemandSpec(
-        cars_per_hour=1600, bicycles_per_hour=300, pedestrians_per_hour=0, duration=seconds + 100, seed=seed
-    )
     with TemporaryDirectory() as name:
-        config = write(CROSS, demand, Path(name), sublane=sublane)
+        config = write(CROSS, DemandSpec(duration=seconds), Path(name), sublane=sublane, routes=routes(seconds))
         with SumoSession(find_scenario(str(config)), seed=seed, step_length=STEP) as session:
             return _meet(session, case, kind, off_route, yields, seconds)
 
@@ -138,15 +169,26 @@ def _meet(
     session: SumoSession, case: str, kind: RoadUserType, off_route: bool, yields: bool, seconds: float
 ) -> dict[str, Any]:
     start, speed = meet_case(session, case, kind)
-    away = np.array([-60.0, -60.0, 0.0])
-    home = lane_of(session, "in1_2" if off_route else f"{IN}_2").shape.mean(axis=0)
+    # On a lane that nobody uses: off every lane, persons stay where they were for SUMO, and with the sublane model
+    # some vehicles do so, too.
+    away = np.append(
+        lane_of(session, f"{UNUSED}_0" if kind == RoadUserType.PEDESTRIAN else f"{UNUSED}_2").shape[0], 0.0
+    )
+    away[0] += 10.0
+    home = lane_of(session, f"{UNUSED}_2" if off_route else f"{IN}_2").shape.mean(axis=0)
+    home = np.append(home, 0.0)
     kinds = np.array([int(kind)])
-    session.placement.add(("learned.0",), kinds, home[:1], home[1:])
+    session.placement.add(("learned.0",), kinds, home[:1], home[1:2])
+    # A person's walk can only be renewed after it has departed.
+    at_home = world(("learned.0",), kinds, home[None], np.zeros(1))
+    for _ in range(2):
+        move(session, at_home)
+        session.step()
     yielding = Yielding(libsumo, session.network, STEP)
     present, clock, pose = False, 0.0, away
     met: set[tuple[str, int]] = set()
-    hit: set[tuple[str, int]] = set()
-    no_room: set[tuple[str, int]] = set()
+    touched: dict[tuple[str, int], str] = {}
+    first: list[Any] = []
     blocked: set[str] = set()
     stopped: set[tuple[str, int]] = set()
     appearances = 0
@@ -154,13 +196,13 @@ def _meet(
     before: dict[str, float] = {}
     snapshot = session.reader.read()
     took = []
-    until = 20.0 if speed == 0.0 else (13.0 / speed if case == "walks across" else 80.0 / speed)
+    until = 20.0 if speed == 0.0 else (18.0 / speed if case == "walks across" else 80.0 / speed)
     for _ in range(round(seconds / STEP)):
         clock += STEP
         if not present and clock > 8.0 and can_appear(snapshot, start):
             present, clock, pose = True, 0.0, start.copy()
             appearances += 1
-            blocked = no_room_to_stop(snapshot, start) if speed == 0.0 else set()
+            blocked = no_room_to_stop(snapshot, start) if case != "walks across" else set()
         elif present and clock > until:
             present, clock, pose = False, 0.0, away
         now = world(("learned.0",), kinds, pose[None], np.array([speed if present else 0.0]))
@@ -190,12 +232,24 @@ def _meet(
                 met.add(key)
                 if snapshot.speed[i] < 0.1 and ahead[k] < 12:
                     stopped.add(key)
-            if touching[k]:
-                (no_room if key[0] in blocked else hit).add(key)
+            if touching[k] and key not in touched:
+                driving = snapshot.speed[i] > 0.1
+                touched[key] = "no room" if key[0] in blocked else "hit" if driving else "run into"
+                first.append(
+                    [
+                        *key,
+                        touched[key],
+                        round(float(snapshot.speed[i]), 2),
+                        round(float(ahead[k]), 2),
+                        round(float(beside[k]), 2),
+                    ]
+                )
+    how = Counter(touched.values())
     return {
-        "appearances": appearances, "met": len(met), "overlapped": len(hit), "no_room": len(no_room),
+        "appearances": appearances, "met": len(met), "overlapped": how["hit"],
+        "no_room": how["no room"], "run_into": how["run into"],
         "stopped": len(stopped), "interventions": yielding.interventions, "harder_than_5": int(hard),
-        "who": sorted(v for v, _ in hit), "apply_ms": round(1e3 * float(np.median(took)), 3),
+        "touches": first, "apply_ms": round(1e3 * float(np.median(took)), 3),
     }  # fmt: skip
 
 
@@ -217,43 +271,42 @@ def no_room_to_stop(snapshot: Snapshot, start: np.ndarray) -> set[str]:
     return {v for v, short in zip(snapshot.ids, distance < need, strict=True) if short}
 
 
-def straight_routes(case: str, duration: float) -> str:
-    """Cars on the straight way only; both directions where the opposite lane is free."""
-    ways = [(IN, OUT)] if case == "opposite lane" else [(IN, OUT), ("in0", "out2")]
-    flows = "".join(
-        f'<flow id="f{k}" type="c" begin="0" end="{duration:g}" period="exp(0.15)" from="{a}" to="{b}" '
+def routes(duration: float, flows: tuple[tuple[str, str, str, float], ...] = MEETING_FLOWS) -> str:
+    """The contents of a .rou.xml with Poisson flows."""
+    types = '<vType id="car" vClass="passenger"/><vType id="bicycle" vClass="bicycle"/>'
+    made = "".join(
+        f'<flow id="{kind}.{k}" type="{kind}" begin="0" end="{duration:g}" '
+        f'period="exp({rate / 3600:g})" from="{start}" to="{end}" '
         'departLane="best" departSpeed="max"/>'
-        for k, (a, b) in enumerate(ways)
+        for k, (kind, start, end, rate) in enumerate(flows)
     )
-    return f'<routes><vType id="c" vClass="passenger"/>{flows}</routes>'
+    return f"<routes>{types}{made}</routes>"
 
 
 def beside(case: str, setting: str, sublane: bool, seconds: float, seed: int) -> dict[str, Any]:
     """One case of the second part; `setting`: plain SUMO, agents without yielding, agents with yielding."""
-    demand = DemandSpec(duration=seconds, seed=seed)
+    ways = [(IN, OUT)] if case == "opposite lane" else [(IN, OUT), (BACK_IN, BACK_OUT)]
+    flows = tuple(("car", a, b, 500.0) for a, b in ways)
     with TemporaryDirectory() as name:
-        config = write(CROSS, demand, Path(name), sublane=sublane, routes=straight_routes(case, seconds))
+        config = write(CROSS, DemandSpec(duration=seconds), Path(name), sublane=sublane, routes=routes(seconds, flows))
         with SumoSession(find_scenario(str(config)), seed=seed, step_length=STEP) as session:
             return _beside(session, case, setting, seconds)
 
 
 def _beside(session: SumoSession, case: str, setting: str, seconds: float) -> dict[str, Any]:
-    lanes = [lane for lane in session.network.lanes if lane.edge == IN]
-    (x0, y), (x1, _) = lanes[-1].shape[0], lanes[-1].shape[-1]
-    x = x0 + np.array([0.4, 0.5, 0.6, 0.7, 0.8, 0.9]) * (x1 - x0)
-    sets = {
-        "sidewalk": (lanes[0].shape[0, 1], (2, 2, 2, 1, 2, 2), 0.0),
-        "beside the road": (lanes[0].shape[0, 1] - 3.0, (0, 1, 2, 0, 1, 2), 0.0),
-        "opposite lane": (y + 3.2, (0, 1, 2, 0, 1, 2), math.pi),
-        "cycle lane": (lanes[1].shape[0, 1], (1, 2, 1, 2, 1, 2), 0.0),
-        "kerb": (lanes[0].shape[0, 1] + 1.0, (2, 2, 2, 2, 2, 2), math.pi / 2),
-    }
-    lateral, kinds_list, heading = sets[case]
+    way = straight_way(session)
+    walk, cycle = (way.left_of(lane.shape[0])[1] for lane in way.lanes[:2])
+    lateral, kinds_list, turn = {
+        "sidewalk": (walk, (2, 2, 2, 1, 2, 2), 0.0),
+        "beside the road": (walk - 3.0, (0, 1, 2, 0, 1, 2), 0.0),
+        "opposite lane": (3.2, (0, 1, 2, 0, 1, 2), math.pi),
+        "cycle lane": (cycle, (1, 2, 1, 2, 1, 2), 0.0),
+        "kerb": (walk + 1.0, (2, 2, 2, 2, 2, 2), math.pi / 2),
+    }[case]
     kinds = np.array(kinds_list)
-    ids = tuple(f"learned.{k}" for k in range(len(x)))
-    users = world(
-        ids, kinds, np.column_stack([x, np.full(len(x), lateral), np.full(len(x), heading)]), np.zeros(len(x))
-    )
+    ids = tuple(f"learned.{k}" for k in range(len(kinds)))
+    pose = np.array([way.at(share * way.length, lateral, turn) for share in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)])
+    users = world(ids, kinds, pose, np.zeros(len(kinds)))
     if setting != "plain":
         session.placement.add(ids, users.type, users.x, users.y)
     yielding = Yielding(libsumo, session.network, STEP)
@@ -273,7 +326,7 @@ def _beside(session: SumoSession, case: str, setting: str, seconds: float) -> di
             v: s for v, s in zip(snapshot.ids, snapshot.speed.tolist(), strict=True) if not v.startswith("learned")
         }
         cars |= speeds.keys()
-        braked |= {v for v, s in speeds.items() if v in last and (last[v] - s > 1.0 * STEP or s < 0.1)}
+        braked |= {v for v, s in speeds.items() if v in last and (last[v] - s > 2.0 * STEP or s < 0.1)}
         last = speeds
     return {"cars": len(cars), "braked": len(braked), "interventions": yielding.interventions}
 
@@ -403,20 +456,19 @@ def print_tables(rows: list[dict[str, Any]], console: Console) -> None:
             "on its route",
             "off its route",
             "no room",
+            "run into",
             "stopped",
         ):
             table.add_column(column)
         for key in dict.fromkeys((r["case"], r["kind"], r["sublane"], r["yields"]) for r in met):
             both = {r["off_route"]: r for r in met if (r["case"], r["kind"], r["sublane"], r["yields"]) == key}
             shares = [f"{both[o]['overlapped']}/{both[o]['met']}" if o in both else "" for o in (False, True)]
-            table.add_row(
-                key[0], TYPE_NAMES[key[1]], *("yes" if k else "no" for k in key[2:]), *shares,
-                str(sum(r["no_room"] for r in both.values())), str(sum(r["stopped"] for r in both.values())),
-            )  # fmt: skip
+            sums = [str(sum(r[c] for r in both.values())) for c in ("no_room", "run_into", "stopped")]
+            table.add_row(key[0], TYPE_NAMES[key[1]], *("yes" if k else "no" for k in key[2:]), *shares, *sums)
         console.print(table)
     seen = [r for r in rows if r["part"] == "beside"]
     if seen:
-        table = Table(title="cars that braked by more than 1 m/s² or stopped, of all cars")
+        table = Table(title="cars that braked by more than 2 m/s² or stopped, of all cars")
         for column in ("case", "sublane", "plain SUMO", "agents, no yielding", "agents, yielding", "interventions"):
             table.add_column(column)
         for key in dict.fromkeys((r["case"], r["sublane"]) for r in seen):

@@ -26,6 +26,8 @@ MARGIN = 0.3
 """m kept free on either side of a vehicle."""
 STOP_SHORT = 1.0
 """m that vehicles stop before a road user where they can."""
+AHEAD_BY = 0.3
+"""s by which vehicles that could still stop must be past before a road user comes, to go first."""
 SHARPEST_TURN = 1.0
 """rad/s; faster turns are not expected to go on."""
 MAX_DECELERATION_BIT = 4
@@ -122,9 +124,18 @@ class Yielding:
         count = int(look[chosen].max() / SPACING) + 2
         path_x, path_y, room = self._paths.sample(self._path_rows(snapshot, rows), snapshot.lane_position[rows], count)
         size = np.column_stack([length, snapshot.width[rows]])
-        ahead = sweep(path_x, path_y, room, front_x, front_y, heading, size)
         boxes = predicted(learned, MOMENTS)
         vehicle, agent = np.nonzero(near)
+        approaching = _approaching(path_x, path_y, size, vehicle, boxes, agent)
+        vehicle, agent = vehicle[approaching], agent[approaching]
+        # Most vehicles near somebody pass by: only the others are looked at closely.
+        close, vehicle = np.unique(vehicle, return_inverse=True)
+        if not len(close):
+            return {}
+        rows, limits, speed = rows[close], limits[close], speed[close]
+        ahead = sweep(
+            path_x[close], path_y[close], room[close], front_x[close], front_y[close], heading[close], size[close]
+        )
         enter, leave = meetings(ahead, vehicle, boxes, agent, learned.speed > 0.05)
         target, hard = safe_speeds(
             enter,
@@ -196,6 +207,22 @@ def predicted(learned: WorldState, moments: Floats) -> Floats:
     return boxes
 
 
+def _approaching(
+    path_x: Floats, path_y: Floats, size: Floats, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Whether the path comes near the road user at all, by circles round all its moments, for each of p pairs."""
+    stride = 4
+    middle = 0.5 * (boxes[:, 0, :2] + boxes[:, -1, :2])
+    radius = np.hypot(boxes[..., 0] - middle[:, :1], boxes[..., 1] - middle[:, 1:]).max(axis=1)
+    radius += 0.5 * np.hypot(boxes[:, 0, 3], boxes[:, 0, 4])
+    # From the path to the farthest corner: behind, or ahead on the other side of the lane.
+    reach = size[:, 0] + size[:, 1] + stride * SPACING + MARGIN
+    dx = path_x[:, ::stride][vehicle] - middle[agent, :1]
+    dy = path_y[:, ::stride][vehicle] - middle[agent, 1:]
+    near: NDArray[np.bool_] = (dx * dx + dy * dy < (reach[vehicle] + radius[agent])[:, None] ** 2).any(axis=1)
+    return near
+
+
 def meetings(
     ahead: Sweep, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp], moving: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
@@ -203,35 +230,27 @@ def meetings(
 
     For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments). Those not
     `moving` (n,) get only their first moment. Vehicles keep `MARGIN` to either side of them from what lies ahead of
-    their front; whom they pass already is no reason to stop, unless they would cut into it.
+    their front now; whom they pass already is no reason to stop, unless they would cut into it.
     """
-    p, q, k = len(vehicle), boxes.shape[1], ahead.x.shape[1]
+    p, q = len(vehicle), boxes.shape[1]
     enter, leave = np.full(p * q, np.inf), np.full(p * q, -np.inf)
     half_vehicle = 0.5 * np.hypot(ahead.length, ahead.width.max(axis=1) + 2.0 * MARGIN)
     close = (half_vehicle[vehicle] + 0.5 * np.hypot(boxes[agent, 0, 3], boxes[agent, 0, 4])) ** 2
-    # First whole pairs, on every fourth place, with a circle round all moments; then place by place.
-    middle = 0.5 * (boxes[:, 0, :2] + boxes[:, -1, :2])
-    radius = np.max(np.hypot(boxes[..., 0] - middle[:, :1], boxes[..., 1] - middle[:, 1:]), axis=1)
-    wide = (np.sqrt(close) + radius[agent] + 2.0 * SPACING) ** 2
-    sparse = np.arange(0, k, 4)
-    dx = ahead.x[:, sparse][vehicle] - middle[agent, :1]
-    dy = ahead.y[:, sparse][vehicle] - middle[agent, 1:]
-    pairs = np.flatnonzero((dx * dx + dy * dy < wide[:, None]).any(axis=1))
-    v, a = vehicle[pairs], agent[pairs]
-    used = np.where(moving[a][:, None], True, np.arange(q) == 0)
-    pair_row, moment = np.nonzero(used)
-    dx = ahead.x[v[pair_row]] - boxes[a[pair_row], moment, 0][:, None]
-    dy = ahead.y[v[pair_row]] - boxes[a[pair_row], moment, 1][:, None]
-    row, place = np.nonzero((dx * dx + dy * dy < close[pairs][pair_row][:, None]) & ahead.valid[v[pair_row]])
-    pair_row, moment = pair_row[row], moment[row]
-    v, theirs = v[pair_row], boxes[a[pair_row], moment]
+    pair, moment = np.nonzero(moving[agent][:, None] | (np.arange(q) == 0))
+    dx = ahead.x[vehicle[pair]] - boxes[agent[pair], moment, 0][:, None]
+    dy = ahead.y[vehicle[pair]] - boxes[agent[pair], moment, 1][:, None]
+    # Circles first, then boxes.
+    row, place = np.nonzero((dx * dx + dy * dy < close[pair][:, None]) & ahead.valid[vehicle[pair]])
+    pair, moment = pair[row], moment[row]
+    v, theirs = vehicle[pair], boxes[agent[pair], moment]
     nose_x = theirs[:, 0] - ahead.x[v, 0]
     nose_y = theirs[:, 1] - ahead.y[v, 0]
     before = nose_x * np.cos(ahead.heading[v, 0]) + nose_y * np.sin(ahead.heading[v, 0]) > 0.5 * ahead.length[v]
-    width = ahead.width[v, place] + np.where(before, 2.0 * MARGIN, 0.0)
+    # A margin round predictions would make vehicles brake that are about to pass just in time.
+    width = ahead.width[v, place] + np.where(before & (moment == 0), 2.0 * MARGIN, 0.0)
     ours = np.column_stack([ahead.x[v, place], ahead.y[v, place], ahead.heading[v, place], ahead.length[v], width])
     hit = boxes_overlap(ours, theirs)
-    key = pairs[pair_row] * q + moment
+    key = pair * q + moment
     np.minimum.at(enter, key[hit], place[hit] * SPACING)
     np.maximum.at(leave, key[hit], place[hit] * SPACING)
     passing = key[hit & ~before & (place == 0)]
@@ -261,19 +280,20 @@ def safe_speeds(
     """
     acceleration, comfortable, emergency = limits[:, :1], limits[:, 1:2], limits[:, 2:]
     v = speed[:, None]
+    hard_gap = np.maximum(enter - SPACING, 1e-3)
+    needed = (v * v - leading * leading) / (2.0 * hard_gap)
     # Who will only come later is met if it stays (last moment) or if the vehicle may be there at the same time ...
     reached = v * MOMENTS + 0.5 * acceleration * MOMENTS**2 + STOP_SHORT
     matters = (enter <= reached) | (MOMENTS == 0.0) | (MOMENTS >= HORIZON)
-    # ... and is not past before.
-    matters &= (MOMENTS == 0.0) | (leave + SPACING >= v * MOMENTS)
+    # ... and is not past before. Who can no longer stop had better go, even if it is a near thing.
+    ahead_by = np.where(needed > emergency, 0.0, AHEAD_BY)
+    matters &= (MOMENTS == 0.0) | (leave + SPACING >= v * np.maximum(MOMENTS - ahead_by, 0.0))
     enter = np.where(matters, enter, np.inf)
     gap = np.maximum(enter - STOP_SHORT, 0.0)
     delay = comfortable * dt
-    with np.errstate(invalid="ignore"):
-        target = np.sqrt(delay * delay + leading * leading + 2.0 * comfortable * gap) - delay
+    target = np.sqrt(delay * delay + leading * leading + 2.0 * comfortable * gap) - delay
     least = v - comfortable * dt
-    hard_gap = np.maximum(enter - SPACING, 1e-3)
-    needed = np.clip((v * v - leading * leading) / (2.0 * hard_gap), comfortable, emergency)
+    needed = np.clip(needed, comfortable, emergency)
     hard = (target < least) & (needed > comfortable)
     target = np.maximum(np.where(target < least, v - needed * dt, target), 0.0)
     which = np.argmin(target, axis=1)
