@@ -15,6 +15,7 @@ from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points
 from slrl_sumo.simulation.takeover import drawn
+from slrl_sumo.sumo.ahead import TrafficAhead, traffic_ahead
 from slrl_sumo.sumo.loans import Loans
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.placement import Placement
@@ -23,7 +24,7 @@ from slrl_sumo.sumo.yielding import Yielding
 from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 HYSTERESIS = 5.0
 """m that a road user may be outside the region before it is handed back."""
@@ -136,6 +137,12 @@ class CoSimulation:
     def observe(self, rows: NDArray[np.intp], with_image: bool) -> Observation:
         """What the learned road users `rows` see now."""
         return observe(self.world, rows, self.roadmap, with_image=with_image)
+
+    def traffic_ahead(self) -> tuple[NDArray[np.intp], TrafficAhead]:
+        """Signals, leaders and limits of the learned cars and bicycles: their rows (k,), and what is ahead of them."""
+        learned = self.population.world
+        rows = np.flatnonzero(learned.type != RoadUserType.PEDESTRIAN)
+        return rows, traffic_ahead(self._simulation.api, [learned.ids[row] for row in rows])
 
     def release(self) -> None:
         """Let go of everything that belongs to the scenario, and take out what we added."""
