@@ -1,4 +1,4 @@
-"""The ways that vehicles are about to drive: centre lines along their lanes and routes, and the boxes swept on them."""
+"""The ways that vehicles are about to drive: centre lines along lanes and routes, and the boxes swept on them."""
 
 from dataclasses import dataclass
 from typing import Any
