@@ -17,6 +17,8 @@ from pathlib import Path
 
 SCENARIOS = ("intersection", "shared-space", "district")
 AGENTS = (16, 64, 256)
+MIX = "car=0.3,bicycle=0.3,pedestrian=0.4"
+"""With the usual half of cars, 256 road users do not fit into the two small scenarios."""
 
 
 def main() -> None:
@@ -46,8 +48,8 @@ def main() -> None:
 def _run(scenario: str, agents: int, steps: int) -> dict[str, float] | None:
     with tempfile.TemporaryDirectory() as folder:
         summary = Path(folder) / "summary.json"
-        command = [sys.executable, "-m", "slrl_sumo.cli", "run", scenario, "--agents", str(agents), "--quiet"]
-        command += ["--steps", str(steps), "--fcd", str(Path(folder) / "fcd.xml"), "--summary", str(summary)]
+        command = [sys.executable, "-m", "slrl_sumo.cli", "run", scenario, "--agents", str(agents), "--mix", MIX]
+        command += ["--quiet", "--steps", str(steps), "--fcd", str(Path(folder) / "fcd.xml"), "--summary", str(summary)]
         begin = time.perf_counter()
         if subprocess.run(command, check=False).returncode:
             return None

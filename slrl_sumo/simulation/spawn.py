@@ -7,9 +7,9 @@ from scipy.spatial import cKDTree
 from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.sumo.network import Lane, Network
-from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.world.surfaces import Surface
-from slrl_sumo.world.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.world.types import DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
 
 DEFAULT_MIX = np.array([0.5, 0.2, 0.3])
 """Shares of cars, bicycles and pedestrians when the user gives none."""
@@ -19,6 +19,9 @@ SPACING = np.array([9.0, 4.0, 2.0])
 
 TIGHT_SPACING = np.array([6.5, 2.4, 1.0])
 """The same where so many are wanted that they must start closer together: no box touches another."""
+
+SIDE_GAP = 0.3
+"""m that the claim of a road user is wider than its box at the start."""
 
 POINT_SPACING = SPACING / 4
 """m between the places that are looked at."""
@@ -137,35 +140,49 @@ def _choose(
 ) -> list[NDArray[np.intp]]:
     """For each type the first points in its order that keep their distance, as many as wanted or as there are.
 
-    The largest type first: a car needs a place of its own, a pedestrian fits in between. Two of a type keep the type's
-    spacing, two of different types the mean of both.
+    Everybody claims a box along the lane, as long as the type's spacing and a little wider than itself; no two claims
+    overlap. The largest type first: a car needs a place of its own, a pedestrian fits in between.
     """
-    taken: list[cKDTree] = []
+    taken = np.zeros((0, 5))
     chosen = []
     for kind, (source, order) in enumerate(zip(points, orders, strict=True)):
-        places = np.column_stack([source.x[order], source.y[order]])
-        free = np.ones(len(places), np.bool_)
-        # Type by type: a bicycle that is nearer must not hide the car that is too near.
-        for other, tree in enumerate(taken):
-            if tree.n and len(places):
-                free &= tree.query(places)[0] >= 0.5 * (spacing[kind] + spacing[other])
-        rows = order[_apart(places, float(spacing[kind]), free, int(counts[kind]))]
-        chosen.append(rows)
-        taken.append(cKDTree(np.column_stack([source.x[rows], source.y[rows]])))
+        n = len(order)
+        claims = np.column_stack(
+            [
+                source.x[order],
+                source.y[order],
+                source.heading[order],
+                np.full(n, spacing[kind]),
+                np.full(n, DEFAULT_WIDTH[kind] + SIDE_GAP),
+            ]
+        )
+        rows = _first_free(claims, taken, int(counts[kind]))
+        chosen.append(order[rows])
+        taken = np.concatenate([taken, claims[rows]])
     return chosen
 
 
-def _apart(places: Floats, gap: float, free: NDArray[np.bool_], wanted: int) -> NDArray[np.intp]:
-    """The first `wanted` free places, in order, of which no two are closer than `gap`."""
-    if not wanted or not len(places):
+def _first_free(claims: Floats, taken: Floats, wanted: int) -> NDArray[np.intp]:
+    """The first `wanted` of the boxes `claims` (n, 5) that overlap neither each other nor a box of `taken` (m, 5)."""
+    if not wanted or not len(claims):
         return np.zeros(0, np.intp)
-    tree = cKDTree(places)
-    free = free.copy()
+    tree = cKDTree(claims[:, :2])
+    reach = float(np.hypot(claims[0, 3], claims[0, 4]))
+    free = np.ones(len(claims), np.bool_)
+
+    def block(box: Floats) -> None:
+        near = np.array(tree.query_ball_point(box[:2], 0.5 * (reach + float(np.hypot(box[3], box[4])))), np.intp)
+        # A hair of slack, so that places exactly one spacing apart do not touch.
+        mine = np.repeat((box - [0.0, 0.0, 0.0, 0.01, 0.01])[None], len(near), axis=0)
+        free[near[boxes_overlap(mine, claims[near])]] = False
+
+    for box in taken:
+        block(box)
     chosen: list[int] = []
-    for row in range(len(places)):
+    for row in range(len(claims)):
         if len(chosen) == wanted:
             break
         if free[row]:
             chosen.append(row)
-            free[tree.query_ball_point(places[row], gap)] = False
+            block(claims[row])
     return np.array(chosen, np.intp)
