@@ -34,6 +34,8 @@ STRAYED = 0.5
 """m from where it was driven to: somebody else moved the vehicle, and its way is looked for anew."""
 IMPATIENCE = 6.0
 """s after which a vehicle that stands for another one that stands too, not ahead in its lane, goes on."""
+CYCLING = 5.6
+"""m/s of bicycles that we added: their type has no speed of its own."""
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap beside it."""
 
@@ -161,7 +163,7 @@ class LaneDriver:
             edges = tuple(vehicle.getRoute(road_user)[vehicle.getRouteIndex(road_user) + 1 :])
         way = self._graph.way(lane, edges, vehicle_class, self._tail(lane, length), _dice(road_user))
         s, beside = way.line.nearest(*front, end=way.ends[0])
-        return _Drive(
+        drive = _Drive(
             way=way,
             s=s,
             beside=beside,
@@ -172,12 +174,22 @@ class LaneDriver:
             accel=max(vehicle.getAccel(road_user), 0.1),
             decel=max(vehicle.getDecel(road_user), 0.1),
             emergency=max(vehicle.getEmergencyDecel(road_user), vehicle.getDecel(road_user), 0.1),
-            top_speed=vehicle.getMaxSpeed(road_user) if not road_user.startswith("learned_bicycle") else 5.6,
+            top_speed=CYCLING if road_user.startswith("learned_bicycle") else vehicle.getMaxSpeed(road_user),
             factor=vehicle.getSpeedFactor(road_user),
             tau=vehicle.getTau(road_user),
             x=float(state.x[i]),
             y=float(state.y[i]),
         )
+        self._learn_top_speed(road_user, drive, lane)
+        return drive
+
+    def _learn_top_speed(self, road_user: str, drive: _Drive, lane: str) -> None:
+        """What the vehicle itself wants at most (desiredMaxSpeed) can only be seen where its lane allows more."""
+        if road_user.startswith("learned_") or self._api.vehicle.getLaneID(road_user) != lane:
+            return
+        allowed = self._api.vehicle.getAllowedSpeed(road_user)
+        if allowed < self._graph.lanes[lane].max_speed * drive.factor - 0.01:
+            drive.top_speed = min(drive.top_speed, allowed)
 
     def _lane_under(self, front: tuple[float, float], heading: float, vehicle_class: str) -> str:
         """The lane near a position that goes its way, if any does."""
@@ -216,6 +228,7 @@ class LaneDriver:
         x, y, _ = drive.way.line.at(drive.s)
         drive.s, _ = way.line.nearest(x, y, end=way.ends[0])
         drive.way = way
+        self._learn_top_speed(road_user, drive, lane)
 
     def _choose_lane(self, road_user: str, drive: _Drive, world: WorldState, i: int, dt: float) -> None:
         """Begin to change to the lane that the route needs, where there is a gap."""

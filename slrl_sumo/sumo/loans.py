@@ -110,12 +110,11 @@ class Loans:
                 vehicle.setSpeed(road_user, speeds[i])
 
     def give_back(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Give n lent road users back to SUMO, (n,): False where SUMO has one on no road now, so that it stays ours.
+        """Give n lent road users back to SUMO, (n,): False where one stays ours, must be moved on, and may be later.
 
-        Who stays must be moved on; try again after the next steps.
+        That is where SUMO has a vehicle on no road, and where a person is on no edge but on a crossing, say.
         """
-        walks, drives = self._walk_on, self._drive_on
-        return np.array([walks(i) if p else drives(i) for i, p in zip(ids, person.tolist(), strict=True)], np.bool_)
+        return self._give_back(ids, person, forced=False)
 
     def forget(self, ids: Sequence[str]) -> None:
         """Drop the loans of road users that are no longer in the simulation."""
@@ -124,12 +123,22 @@ class Loans:
             self._walks.pop(road_user, None)
 
     def release(self) -> tuple[str, ...]:
-        """Give everybody back who can be; returns the ids of those who cannot, whom SUMO has on no road."""
+        """Give everybody back at once who can be; returns the ids of those who cannot, whom SUMO has on no road.
+
+        Persons on a crossing go back too, but SUMO puts them on the edge before it.
+        """
         present = frozenset(self._api.vehicle.getIDList()) | frozenset(self._api.person.getIDList())
         self.forget([road_user for road_user in self.ids if road_user not in present])
         held = sorted(self.ids)
-        back = self.give_back(held, np.array([road_user in self._walks for road_user in held], np.bool_))
+        back = self._give_back(held, np.array([road_user in self._walks for road_user in held], np.bool_), forced=True)
         return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
+
+    def _give_back(self, ids: Sequence[str], person: NDArray[np.bool_], forced: bool) -> NDArray[np.bool_]:
+        back = [
+            self._walk_on(road_user, forced) if walks else self._drive_on(road_user)
+            for road_user, walks in zip(ids, person.tolist(), strict=True)
+        ]
+        return np.array(back, np.bool_)
 
     def _may_drive(self, road_user: str) -> bool:
         vehicle = self._api.vehicle
@@ -168,21 +177,30 @@ class Loans:
         vehicle.setLaneChangeMode(road_user, lane_change_mode)
         return True
 
-    def _walk_on(self, road_user: str) -> bool:
+    def _walk_on(self, road_user: str, forced: bool) -> bool:
         walk = self._walks[road_user]
         if walk.here is None:
             # Taken but never moved: its walk is still whole.
             del self._walks[road_user]
             return True
-        if self._api.person.getRoadID(road_user) != walk.here:
+        x, y = self._api.person.getPosition(road_user)
+        if self._api.person.getRoadID(road_user) != walk.here or not (forced or self._is_on(walk.here, x, y)):
             return False
         edges = self._rest_of(walk)
         if not edges:
             return False
         arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
         self._set_walk(road_user, edges, arrival, walk.stop)
+        # A walk that is set begins at the right side of the lane; this keeps the person where it is.
+        angle = self._api.person.getAngle(road_user)
+        self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD)
         del self._walks[road_user]
         return True
+
+    def _is_on(self, edge: str, x: float, y: float) -> bool:
+        """Whether a position is on an edge, and not beside it or on a crossing that SUMO counts to its end."""
+        lane = int(self._ground.lanes_under(np.array([x]), np.array([y]))[0])
+        return lane >= 0 and self._ground.lanes[lane].edge == edge
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
         """The edges from where a person is to where it was to go; () where no way is known."""

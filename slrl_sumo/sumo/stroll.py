@@ -55,11 +55,11 @@ class Strolls:
         return x, y, heading
 
     def left(self, person: str) -> float:
-        """m that a person still has to walk; inf for one that is not known, or walks without destination."""
+        """m that a person still has to walk on edges; inf for one not known, or who walks without destination."""
         stroll = self._strolls.get(person)
         if stroll is None or person.startswith("learned_"):
             return math.inf
-        return stroll.walk.line.end - stroll.s if stroll.walk is not None else 0.0
+        return stroll.walk.leave - stroll.s if stroll.walk is not None else 0.0
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop what is known of persons."""

@@ -1,5 +1,6 @@
 """The ways of persons along the edges of their walk: sidewalks, walking areas and crossings as one line."""
 
+import math
 import random
 from collections import deque
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ from slrl_sumo.world.surfaces import Surface
 
 WANDERING = 12
 """Edges that a walk without destination goes on for, until it is drawn anew."""
+TOUCHED = 5.0
+"""m of an edge that are too few to be given back on."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,8 @@ class Walk:
     """m to either side of the line that can be walked on everywhere: half of the narrowest lane."""
     first: float
     """m along the line at which the second edge ends: a person that begins the walk is before that."""
+    leave: float
+    """m along the line at which the last edge ends that is more than touched; the rest lies inside junctions."""
 
 
 class Walkways:
@@ -109,7 +114,7 @@ class Walkways:
     def _drawn(self, steps: list[tuple[str, bool]], arrival: float | None) -> Walk:
         points: list[tuple[float, float]] = []
         kerbs: list[tuple[int, str, str]] = []
-        first = 0
+        first = leave = 0
         width = min(self._paths[edge].width for edge, _ in steps)
         for i, (edge, forward) in enumerate(steps):
             lane = self._paths[edge]
@@ -119,6 +124,8 @@ class Walkways:
                 place = min(max(arrival, 0.0), lane.length) * line.end / max(lane.length, 0.1)
                 shape = line.between(0.0, place) if forward or len(steps) == 1 else line.between(place, line.end)
             points += shape if forward else shape[::-1]
+            touched = math.dist(shape[0], shape[-1]) < TOUCHED
+            leave = len(points) - 1 if not touched or not leave else leave
             if i <= 1:
                 first = len(points) - 1
             if i == len(steps) - 1:
@@ -128,13 +135,13 @@ class Walkways:
                 if inside in self._inside and self._inside[inside].surface == Surface.CROSSING:
                     crossing = [(x, y) for x, y in self._inside[inside].shape.tolist()]
                     here = points[-1]
-                    if _distance(crossing[-1], here) < _distance(crossing[0], here):
+                    if math.dist(crossing[-1], here) < math.dist(crossing[0], here):
                         crossing.reverse()
                     kerbs.append((len(points), self._entry.get(inside, before), inside))
                     points += crossing
                     width = min(width, self._inside[inside].width)
         line, along = line_through(points)
-        return Walk(line, tuple(Kerb(along[i], a, b) for i, a, b in kerbs), 0.5 * width, along[first])
+        return Walk(line, tuple(Kerb(along[i], a, b) for i, a, b in kerbs), 0.5 * width, along[first], along[leave])
 
     def _through(self, begin: str, end: str, junction: str) -> list[str]:
         """Lanes from `begin` to `end` over the walking areas and crossings of a junction; just these two if none do."""
@@ -176,7 +183,3 @@ def _is_walked(lane: str, lanes: dict[str, Lane]) -> bool:
 def _area(lane: str) -> bool:
     """A walking area, by its id: ":junction_w0_0"."""
     return lane.rsplit("_", 2)[1].startswith("w")
-
-
-def _distance(a: tuple[float, float], b: tuple[float, float]) -> float:
-    return float(((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) ** 0.5)

@@ -17,6 +17,9 @@ MOST_TABLES = 5_000
 REACH = 150.0
 """m that a way goes on beyond the lane that it begins on, if the route does."""
 
+VIEW = 4.0
+"""m beyond its end that a line goes on, so that vehicles see who walks across there."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -76,7 +79,7 @@ def line_through(points: Iterable[tuple[float, float]]) -> tuple[Line, list[floa
             s.append(s[-1] + step if s else 0.0)
         along.append(s[-1])
     if len(x) == 1:
-        # A line without extent: any direction will do.
+        # No extent: any direction will do.
         x, y, s = [x[0], x[0] + 0.1], [y[0], y[0]], [0.0, 0.1]
     return Line(x, y, s), along
 
@@ -245,6 +248,7 @@ def _drawn(lanes: list[Lane], gates: list[tuple[int, str, str, str]], before: li
     for lane in lanes:
         points += [(px, py) for px, py in lane.shape.tolist()]
         last.append(len(points) - 1)
+    points.append(_beyond(points))
     line, along = line_through(points)
     ends = tuple(along[i] for i in last)
     found = []
@@ -252,3 +256,13 @@ def _drawn(lanes: list[Lane], gates: list[tuple[int, str, str, str]], before: li
         out = next((ends[i - 1] for i in range(position + 1, len(lanes)) if not lanes[i].internal), ends[-1])
         found.append(Gate(ends[position], here, via, target, out))
     return Way(tuple(i.id for i in lanes), ends, tuple(i.max_speed for i in lanes), tuple(found), line)
+
+
+def _beyond(points: list[tuple[float, float]]) -> tuple[float, float]:
+    """A point `VIEW` m straight on after the last one."""
+    x, y = points[-1]
+    for px, py in reversed(points):
+        step = math.hypot(x - px, y - py)
+        if step > 0.1:
+            return x + VIEW * (x - px) / step, y + VIEW * (y - py) / step
+    return x + VIEW, y
