@@ -46,8 +46,8 @@ from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, Roa
 
 STEP = 0.4
 WALKING_SPEED, RIDING_SPEED = 1.3, 2.0
-CASES = ("lane centre", "0.7 m off", "1.4 m off", "1.6 m off", "junction", "crossing", "opposite lane", "walks across")
-CASES += ("along the edge",)
+CASES: tuple[str, ...] = ("lane centre", "0.7 m off", "1.4 m off", "1.6 m off", "junction", "crossing")
+CASES += ("opposite lane", "walks across", "along the edge")
 BESIDE = ("sidewalk", "beside the road", "opposite lane", "cycle lane", "kerb")
 CROSS = IntersectionSpec(arm_length=150.0)
 IN, OUT, BACK_IN, BACK_OUT, UNUSED = "in3", "out1", "in1", "out3", "in2"
@@ -169,14 +169,18 @@ def _meet(
     session: SumoSession, case: str, kind: RoadUserType, off_route: bool, yields: bool, seconds: float
 ) -> dict[str, Any]:
     start, speed = meet_case(session, case, kind)
-    # On a lane that nobody uses: off every lane, persons stay where they were for SUMO, and with the sublane model
-    # some vehicles do so, too.
-    away = np.append(
-        lane_of(session, f"{UNUSED}_0" if kind == RoadUserType.PEDESTRIAN else f"{UNUSED}_2").shape[0], 0.0
+    # While it is away it is on a lane: off every lane, persons stay where they were for SUMO, and so do some vehicles
+    # with the sublane model.
+    waiting = lane_of(session, f"{UNUSED}_0" if kind == RoadUserType.PEDESTRIAN else f"{UNUSED}_2")
+    if kind == RoadUserType.PEDESTRIAN and not off_route:
+        # Placement renews the walk on every edge with a sidewalk: who comes from this one keeps it on the car lane.
+        waiting = straight_way(session).lanes[0]
+    away = np.append(0.93 * waiting.shape[0] + 0.07 * waiting.shape[-1], 0.0)
+    home = (
+        away
+        if kind == RoadUserType.PEDESTRIAN
+        else np.append(lane_of(session, f"{UNUSED}_2" if off_route else f"{IN}_2").shape.mean(axis=0), 0.0)
     )
-    away[0] += 10.0
-    home = lane_of(session, f"{UNUSED}_2" if off_route else f"{IN}_2").shape.mean(axis=0)
-    home = np.append(home, 0.0)
     kinds = np.array([int(kind)])
     session.placement.add(("learned.0",), kinds, home[:1], home[1:2])
     # A person's walk can only be renewed after it has departed.
@@ -211,7 +215,7 @@ def _meet(
         following = world(("learned.0",), kinds, pose[None], now.speed)
         begun = time.perf_counter()
         if yields:
-            yielding.apply(snapshot, now)
+            yielding.apply(snapshot, following)
         took.append(time.perf_counter() - begun)
         move(session, following)
         session.step()
@@ -400,13 +404,13 @@ def case_arguments(only: str, without: bool, seconds: float, seeds: int) -> Iter
                 for kind in range(3):
                     if case == "along the edge" and kind == 2:
                         continue
-                    # Persons are always on their route: Placement renews their walks.
-                    for off_route in (False, True) if kind < 2 else (False,):
+                    for off_route in (False, True):
                         for yields in (True, False) if without else (True,):
-                            yield {
-                                "part": "meet", "case": case, "kind": kind, "off_route": off_route,
-                                "sublane": sublane, "yields": yields, "seconds": seconds, "seed": 1,
-                            }  # fmt: skip
+                            for seed in range(1, seeds + 1):
+                                yield {
+                                    "part": "meet", "case": case, "kind": kind, "off_route": off_route,
+                                    "sublane": sublane, "yields": yields, "seconds": seconds, "seed": seed,
+                                }  # fmt: skip
     if only in ("beside", "all"):
         for sublane in (False, True):
             for case in BESIDE:
@@ -428,7 +432,8 @@ def run_case(arguments: dict[str, Any]) -> dict[str, Any]:
     lines = done.stdout.strip().splitlines()
     if done.returncode or not lines:
         return arguments | {"died": done.returncode, "said": done.stderr.strip().splitlines()[-1:]}
-    return arguments | json.loads(lines[-1])
+    result: dict[str, Any] = json.loads(lines[-1])
+    return arguments | result
 
 
 def one_case(arguments: dict[str, Any]) -> dict[str, Any]:
@@ -461,9 +466,12 @@ def print_tables(rows: list[dict[str, Any]], console: Console) -> None:
         ):
             table.add_column(column)
         for key in dict.fromkeys((r["case"], r["kind"], r["sublane"], r["yields"]) for r in met):
-            both = {r["off_route"]: r for r in met if (r["case"], r["kind"], r["sublane"], r["yields"]) == key}
-            shares = [f"{both[o]['overlapped']}/{both[o]['met']}" if o in both else "" for o in (False, True)]
-            sums = [str(sum(r[c] for r in both.values())) for c in ("no_room", "run_into", "stopped")]
+            some = [r for r in met if (r["case"], r["kind"], r["sublane"], r["yields"]) == key]
+            shares = []
+            for off_route in (False, True):
+                these = [r for r in some if r["off_route"] == off_route]
+                shares.append(f"{sum(r['overlapped'] for r in these)}/{sum(r['met'] for r in these)}" if these else "")
+            sums = [str(sum(r[c] for r in some)) for c in ("no_room", "run_into", "stopped")]
             table.add_row(key[0], TYPE_NAMES[key[1]], *("yes" if k else "no" for k in key[2:]), *shares, *sums)
         console.print(table)
     seen = [r for r in rows if r["part"] == "beside"]
@@ -492,7 +500,7 @@ def main() -> None:
     parser.add_argument("--only", choices=("meet", "beside", "cost", "all"), default="all")
     parser.add_argument("--without", action="store_true", help="also without yielding, to compare")
     parser.add_argument("--seconds", type=float, default=600.0, help="simulated time of each case")
-    parser.add_argument("--seeds", type=int, default=3, help="demand seeds of each case of `beside`")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds of each case of `meet` and `beside`")
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
     parser.add_argument("--case", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
