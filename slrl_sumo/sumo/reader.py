@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from slrl_sumo.world.geometry import Floats, centre_from_front, heading_from_sumo
 from slrl_sumo.world.types import RoadUserType
 
-# Numbers of TraCI variables, the same in libsumo and traci
+# Numbers of TraCI variables and commands, the same in libsumo and traci
 # (https://sumo.dlr.de/docs/TraCI/Vehicle_Value_Retrieval.html).
-POSITION, ANGLE, SPEED, ROAD_ID, LANE_ID, LANE_POSITION, RIDES_IN = 0x42, 0x43, 0x40, 0x50, 0x51, 0x56, 0xC3
-VEHICLE_VARIABLES = (POSITION, ANGLE, SPEED, LANE_ID, LANE_POSITION)
-PERSON_VARIABLES = (POSITION, ANGLE, SPEED, ROAD_ID, LANE_POSITION, RIDES_IN)
+POSITION, ANGLE, SPEED, ROAD_ID, LANE_ID, LANE_POSITION, TYPE, RIDES_IN = 0x42, 0x43, 0x40, 0x50, 0x51, 0x56, 0x4F, 0xC3
+VEHICLES, PERSONS = 0xA4, 0xAE
+VEHICLE_VARIABLES = (POSITION, ANGLE, SPEED, LANE_ID, LANE_POSITION, TYPE)
+PERSON_VARIABLES = (POSITION, ANGLE, SPEED, ROAD_ID, LANE_POSITION, TYPE, RIDES_IN)
+EVERYWHERE = 1e7
+"""m; wider than any network."""
 INVALID = -1e9
 """Positions below this mean that SUMO has the vehicle on no lane (it writes -2^30)."""
 
@@ -44,25 +47,33 @@ class Snapshot:
 
 
 class Reader:
-    """Keeps subscriptions to all road users of a simulation, so that one call reads them all."""
+    """Reads all road users of a simulation with one call.
+
+    Two subscriptions "round" an edge and a lane that reach everywhere bring all vehicles and all persons. Subscribing
+    to the road users themselves would mix with a user's own subscriptions in a script: SUMO keeps one per road user,
+    adds the variables together, and cancels all of them at once.
+    """
 
     def __init__(self, api: Any) -> None:
         self._api = api
-        self._vehicles: dict[str, tuple[str, int, float, float]] = {}
-        self._persons: dict[str, tuple[str, int, float, float]] = {}
+        self._types: dict[tuple[str, bool], tuple[int, float, float]] = {}
+        # Where no edge is there is nobody to read.
+        self._edge, self._lane = min(api.edge.getIDList(), default=""), min(api.lane.getIDList(), default="")
+        self._subscribed = False
 
     def read(self) -> Snapshot:
         """All road users on the network now. Costs about 4 us a road user with libsumo."""
-        vehicles = self._domain(self._api.vehicle, self._vehicles, VEHICLE_VARIABLES, LANE_ID)
-        persons = self._domain(self._api.person, self._persons, PERSON_VARIABLES, ROAD_ID)
+        self._subscribe()
+        vehicles = self._rows(self._api.vehicle, self._api.edge.getContextSubscriptionResults(self._edge), LANE_ID)
+        persons = self._rows(self._api.person, self._api.lane.getContextSubscriptionResults(self._lane), ROAD_ID)
         rows = vehicles + persons
-        ids, statics, positions, angles, speeds, lanes, lane_positions = (
+        ids, types, positions, angles, speeds, lanes, lane_positions = (
             tuple(column) for column in (zip(*rows, strict=True) if rows else ((),) * 7)
         )
         person = np.arange(len(rows)) >= len(vehicles)
-        types = np.array([s[1] for s in statics], np.int8)
-        length = np.array([s[2] for s in statics], np.float64)
-        width = np.array([s[3] for s in statics], np.float64)
+        statics = [self._static(sumo_type, bool(person[i])) for i, sumo_type in enumerate(types)]
+        length = np.array([s[1] for s in statics], np.float64)
+        width = np.array([s[2] for s in statics], np.float64)
         front = np.array(positions, np.float64).reshape(-1, 2)
         heading = heading_from_sumo(np.array(angles, np.float64))
         x, y = centre_from_front(front[:, 0], front[:, 1], heading, length)
@@ -70,7 +81,7 @@ class Reader:
         return Snapshot(
             ids=ids,
             person=person,
-            type=types,
+            type=np.array([s[0] for s in statics], np.int8),
             x=x,
             y=y,
             heading=heading,
@@ -78,37 +89,32 @@ class Reader:
             speed=np.maximum(np.array(speeds, np.float64), 0.0),
             length=length,
             width=width,
-            sumo_type=tuple(s[0] for s in statics),
+            sumo_type=types,
             lane=tuple("" if p < INVALID else lane for lane, p in zip(lanes, lane_positions, strict=True)),
             lane_position=np.where(along < INVALID, 0.0, np.maximum(along, 0.0)),
         )
 
     def forget(self) -> None:
-        """Cancel all subscriptions that this reader made."""
-        for domain, known in ((self._api.vehicle, self._vehicles), (self._api.person, self._persons)):
-            present = set(domain.getIDList())
-            for road_user in known:
-                if road_user in present:
-                    domain.unsubscribe(road_user)
-            known.clear()
+        """Cancel the subscriptions that this reader made."""
+        if self._subscribed:
+            self._api.edge.unsubscribeContext(self._edge, VEHICLES, EVERYWHERE)
+            self._api.lane.unsubscribeContext(self._lane, PERSONS, EVERYWHERE)
+            self._subscribed = False
 
-    def _domain(
-        self, domain: Any, known: dict[str, tuple[str, int, float, float]], variables: tuple[int, ...], place: int
-    ) -> list[tuple[str, tuple[str, int, float, float], tuple[float, float], float, float, str, float]]:
-        ids = domain.getIDList()
-        if len(known) > 2 * len(ids) + 1000:
-            for gone in set(known) - set(ids):
-                del known[gone]
-        results = dict(domain.getAllSubscriptionResults())
-        for road_user in ids:
-            # Not by `known`: a road user that left and came again under its id has lost its subscription.
-            if road_user not in known or road_user not in results:
-                known[road_user] = _static(domain, road_user, place == ROAD_ID)
-                domain.subscribe(road_user, variables)
-                results[road_user] = domain.getSubscriptionResults(road_user)
+    def _subscribe(self) -> None:
+        if not self._subscribed:
+            self._api.edge.subscribeContext(self._edge, VEHICLES, EVERYWHERE, VEHICLE_VARIABLES)
+            self._api.lane.subscribeContext(self._lane, PERSONS, EVERYWHERE, PERSON_VARIABLES)
+            self._subscribed = True
+
+    def _rows(
+        self, domain: Any, results: Any, place: int
+    ) -> list[tuple[str, str, tuple[float, float], float, float, str, float]]:
+        found = dict(results)
         rows = []
-        for road_user in ids:
-            values = results[road_user]
+        for road_user in domain.getIDList():
+            # Who is on no lane, as somebody moved from outside may be, is in no lane's surroundings either.
+            values = found.get(road_user) or _ask(domain, road_user, place)
             position = values[POSITION]
             # Off the network: teleporting, not yet inserted, or (persons) inside a vehicle.
             if position[0] < INVALID or values.get(RIDES_IN):
@@ -116,7 +122,7 @@ class Reader:
             rows.append(
                 (
                     road_user,
-                    known[road_user],
+                    values[TYPE],
                     position,
                     values[ANGLE],
                     values[SPEED],
@@ -126,9 +132,31 @@ class Reader:
             )
         return rows
 
+    def _static(self, sumo_type: str, person: bool) -> tuple[int, float, float]:
+        """RoadUserType, length and width (m) of a vType. SUMO gives a vehicle that is changed a type of its own."""
+        static = self._types.get((sumo_type, person))
+        if static is None:
+            types = self._api.vehicletype
+            kind = RoadUserType.PEDESTRIAN
+            if not person:
+                kind = RoadUserType.BICYCLE if types.getVehicleClass(sumo_type) == "bicycle" else RoadUserType.CAR
+            static = int(kind), types.getLength(sumo_type), types.getWidth(sumo_type)
+            self._types[sumo_type, person] = static
+        return static
 
-def _static(domain: Any, road_user: str, person: bool) -> tuple[str, int, float, float]:
-    kind = RoadUserType.PEDESTRIAN
-    if not person:
-        kind = RoadUserType.BICYCLE if domain.getVehicleClass(road_user) == "bicycle" else RoadUserType.CAR
-    return domain.getTypeID(road_user), int(kind), domain.getLength(road_user), domain.getWidth(road_user)
+
+def _ask(domain: Any, road_user: str, place: int) -> dict[int, Any]:
+    """What the subscription would say of a road user, asked one by one."""
+    position = domain.getPosition(road_user)
+    if position[0] < INVALID:
+        return {POSITION: position}
+    return {
+        POSITION: position,
+        ANGLE: domain.getAngle(road_user),
+        SPEED: domain.getSpeed(road_user),
+        LANE_ID: domain.getLaneID(road_user),
+        ROAD_ID: domain.getRoadID(road_user),
+        LANE_POSITION: domain.getLanePosition(road_user),
+        TYPE: domain.getTypeID(road_user),
+        RIDES_IN: domain.getVehicle(road_user) if place == ROAD_ID else "",
+    }

@@ -146,17 +146,52 @@ def test_forgetting_ends_all_subscriptions_and_reading_begins_them_again() -> No
         for _ in range(90):
             session.step()
         session.reader.read()
-        assert len(libsumo.vehicle.getAllSubscriptionResults()) > 0
-        assert len(libsumo.person.getAllSubscriptionResults()) > 0
+        assert len(libsumo.edge.getAllContextSubscriptionResults()) == 1
+        assert len(libsumo.lane.getAllContextSubscriptionResults()) == 1
         session.reader.forget()
         session.step()
-        assert libsumo.vehicle.getAllSubscriptionResults() == {}
-        assert libsumo.person.getAllSubscriptionResults() == {}
-        assert libsumo.vehicle.getAllSubscriptionResults() == {}
-        assert libsumo.person.getAllSubscriptionResults() == {}
+        assert libsumo.edge.getAllContextSubscriptionResults() == {}
+        assert libsumo.lane.getAllContextSubscriptionResults() == {}
         snapshot = session.reader.read()
         assert snapshot.ids == (*libsumo.vehicle.getIDList(), *libsumo.person.getIDList())
         assert snapshot.x[-1] == pytest.approx(libsumo.person.getPosition(snapshot.ids[-1])[0], abs=0.2)
+
+
+def test_subscriptions_of_others_are_neither_widened_nor_cancelled() -> None:
+    with SumoSession(find_scenario("district")) as session:
+        for _ in range(90):
+            session.step()
+        vehicle, person = libsumo.vehicle.getIDList()[-1], libsumo.person.getIDList()[-1]
+        libsumo.vehicle.subscribe(vehicle, (libsumo.constants.VAR_SPEED,))
+        libsumo.person.subscribe(person, (libsumo.constants.VAR_POSITION,))
+        for act in (session.reader.read, session.reader.forget):
+            act()
+            session.step()
+            assert set(libsumo.vehicle.getAllSubscriptionResults()) == {vehicle}
+            assert set(libsumo.vehicle.getSubscriptionResults(vehicle)) == {libsumo.constants.VAR_SPEED}
+            assert set(libsumo.person.getAllSubscriptionResults()) == {person}
+            assert set(libsumo.person.getSubscriptionResults(person)) == {libsumo.constants.VAR_POSITION}
+
+
+def test_vehicles_on_no_lane_and_parked_ones_are_read(mixed: Path) -> None:
+    with SumoSession(find_scenario(str(mixed))) as session:
+        libsumo.route.add("r", ["in0"])
+        libsumo.vehicle.add("parked", "r", departPos="20", departSpeed="0")
+        libsumo.vehicle.setStop("parked", "in0", pos=60, laneIndex=2, flags=1)
+        for _ in range(40):
+            # Far from every lane: SUMO maps it nowhere.
+            if "truck" in libsumo.vehicle.getIDList():
+                libsumo.vehicle.moveToXY("truck", "", -1, -200.0, 300.0, 90.0, 2, 5.0)
+            session.step()
+        snapshot = session.reader.read()
+        truck, parked = rows(snapshot)["truck"], rows(snapshot)["parked"]
+        assert libsumo.vehicle.isStoppedParking("parked")
+        assert "truck" not in libsumo.edge.getContextSubscriptionResults(min(libsumo.edge.getIDList()))
+        assert (snapshot.x[truck] + 0.5 * 7.1, snapshot.y[truck]) == pytest.approx((-200.0, 300.0))
+        assert (snapshot.lane[truck], snapshot.lane_position[truck]) == ("", 0.0)
+        assert (snapshot.x[parked] - 0.5 * snapshot.length[parked], snapshot.y[parked]) == pytest.approx(
+            libsumo.vehicle.getPosition("parked"), abs=1e-6
+        )
 
 
 def test_who_comes_again_under_the_same_name_is_read(bare_network: Callable[[str], Path]) -> None:
