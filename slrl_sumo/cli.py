@@ -59,6 +59,7 @@ def run(
     report: Annotated[Path | None, typer.Option(help="Folder for pictures.")] = None,
     no_yield: Annotated[bool, typer.Option("--no-yield", help="Background vehicles do not brake for them.")] = False,
     sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
+    sumo_options: Annotated[str, typer.Option(help='Options for SUMO, e.g. "--lateral-resolution 0.8".')] = "",
     quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
 ) -> None:
     """Run learned road users in a scenario and write what happened."""
@@ -80,6 +81,7 @@ def run(
         step_length=step_length,
         yielding=not no_yield,
         sumo_outputs=sumo_outputs,
+        sumo_options=sumo_options,
     )
     from slrl_sumo.analysis.outputs import write_run
 
@@ -119,6 +121,10 @@ def record(
     from slrl_sumo.sumo.scenario import find_scenario
 
     _check_output(out)
+    if not 0 < seconds < 1e9:
+        raise InputError(f"--seconds {seconds:g}: give a number above 0")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
     with progress() as bar:
         task = bar.add_task("recording", total=1.0)
         for item in play(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):

@@ -42,7 +42,7 @@ def write_run(
         check_fcd_path(fcd)
     for path in (fcd, summary, report):
         if path is not None:
-            _check_writable(path)
+            _check_writable(path, folder=path is report)
     with ExitStack() as stack:
         caught = stack.enter_context(_signals())
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
@@ -56,8 +56,8 @@ def write_run(
         tally = Tally(started.step.world)
         pictures = _pictures(started) if report is not None else None
         failure: SlrlError | None = None
+        writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
         try:
-            writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
             if writer is not None:
                 writer.write(started.step.time, started.step.world, started.step.places)
             for event in events:
@@ -150,17 +150,21 @@ def _print_table(table: Table) -> None:
     (console if console.is_terminal else Console(width=120)).print(table)
 
 
-def _cell(key: str, value: float) -> str:
+def _cell(key: str, value: float | None) -> str:
+    if value is None:  # the run ended before its first decision
+        return "–"
     if key in ("standing_share", "success_rate", "off_surface_share"):
         return f"{100 * value:.1f} %"
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
-def _check_writable(path: Path) -> None:
+def _check_writable(path: Path, folder: bool) -> None:
     parent = path.resolve().parent
     existing = path if path.exists() else parent
     if not parent.is_dir():
         raise InputError(f"{path}: the folder {parent} does not exist; create it or name another")
+    if path.exists() and path.is_dir() != folder:
+        raise InputError(f"{path}: is {'a' if folder else 'no'} file; name another {'folder' if folder else 'file'}")
     if not os.access(existing, os.W_OK):
         raise InputError(f"{path}: cannot be written; name a place where you may write")
 

@@ -1,6 +1,7 @@
 """A whole run of learned road users in a scenario, from settings to a stream of decisions."""
 
 import math
+import shlex
 from collections.abc import Generator
 
 import numpy as np
@@ -14,9 +15,12 @@ from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
+from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.types import DECISION_INTERVAL
+
+MOST_AGENTS = 1_000_000
 
 
 def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
@@ -26,7 +30,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
     of each type. Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO gives up.
     """
     _check(settings)
-    scenario = find_scenario(settings.scenario)
+    scenario = with_options(find_scenario(settings.scenario), _words(settings.sumo_options))
     bundle = load_bundle(settings.bundle)
     # The models are so small that more threads only wait for each other.
     torch.set_num_threads(1)
@@ -86,10 +90,21 @@ def _check(settings: RunSettings) -> None:
         )
     if settings.agents is not None and settings.agents < 1:
         raise InputError(f"--agents {settings.agents}: at least one learned road user is needed")
+    if settings.agents is not None and settings.agents > MOST_AGENTS:
+        raise InputError(f"--agents {settings.agents}: no network holds so many; ask for fewer")
+    if settings.until is not None and not math.isfinite(settings.until):
+        raise InputError(f"--until {settings.until}: give a simulation time in seconds")
     if settings.steps is not None and settings.steps < 1:
         raise InputError(f"--steps {settings.steps}: at least one decision is needed")
     if not 0 <= settings.seed < 2**31:
         raise InputError(f"--seed {settings.seed}: give a whole number from 0 to 2147483647")
+
+
+def _words(options: str) -> list[str]:
+    try:
+        return shlex.split(options)
+    except ValueError as error:
+        raise InputError(f"--sumo-options {options}: {str(error).lower()}") from None
 
 
 def _decisions(settings: RunSettings, begin: float, end: float | None) -> tuple[int, list[str]]:

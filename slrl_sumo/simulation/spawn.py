@@ -23,6 +23,9 @@ TIGHT_SPACING = np.array([6.5, 2.4, 1.0])
 SIDE_GAP = 0.3
 """m that the claim of a road user is wider than its box at the start."""
 
+STRIP = np.array([3.0, 1.2, 0.9])
+"""m of a lane's width that a road user takes: on the wide lanes of a shared space several start side by side."""
+
 POINT_SPACING = SPACING / 4
 """m between the places that are looked at."""
 
@@ -50,7 +53,10 @@ def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
 
 def starting_points(network: Network) -> tuple[LanePoints, ...]:
     """Places to start at per type, indexed by RoadUserType; empty where the network has no surface for the type."""
-    return tuple(LanePoints(legal_lanes(network, kind), spacing=float(POINT_SPACING[kind])) for kind in RoadUserType)
+    return tuple(
+        LanePoints(legal_lanes(network, kind), spacing=float(POINT_SPACING[kind]), strip=float(STRIP[kind]))
+        for kind in RoadUserType
+    )
 
 
 def parse_mix(text: str) -> NDArray[np.float64]:
@@ -71,6 +77,7 @@ def parse_mix(text: str) -> NDArray[np.float64]:
         shares[TYPE_NAMES.index(name.strip())] = share
     if shares.sum() <= 0:
         raise InputError(f"--mix {text}: all shares are zero; give at least one type a share above 0")
+    shares = shares / shares.max()  # first, so that vast shares do not add up to infinity
     return np.asarray(shares / shares.sum())
 
 
