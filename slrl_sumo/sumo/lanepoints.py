@@ -11,15 +11,17 @@ from slrl_sumo.world.geometry import Floats
 
 
 class LanePoints:
-    """Points on the centre lines of `lanes`, every `spacing` metres, at least half of that from the lane's ends.
+    """Points along `lanes`, every `spacing` metres, at least half of that from the lane's ends.
+
+    They lie on the centre line, or side by side where a lane is wide enough for several strips of width `strip` (m).
 
     Arrays of length p: `x`, `y` (m), `heading` (rad, the lane's direction), `offset` (m along the lane, in SUMO's
     measure), `lane` (index into `lanes`). A lane shorter than `spacing` gets its middle.
     """
 
-    def __init__(self, lanes: Sequence[Lane], spacing: float) -> None:
+    def __init__(self, lanes: Sequence[Lane], spacing: float, strip: float = np.inf) -> None:
         self.lanes = tuple(lanes)
-        columns = [_sample(lane, spacing) for lane in self.lanes]
+        columns = [_sample(lane, spacing, strip) for lane in self.lanes]
         stacked = np.concatenate(columns) if columns else np.zeros((0, 4))
         self.x, self.y, self.heading, self.offset = (np.ascontiguousarray(c) for c in stacked.T)
         self.lane = np.repeat(np.arange(len(columns)), [len(c) for c in columns])
@@ -48,7 +50,7 @@ class LanePoints:
         return np.where(np.asarray(distance) <= reach, lane, -1)
 
 
-def _sample(lane: Lane, spacing: float) -> Floats:
+def _sample(lane: Lane, spacing: float, strip: float) -> Floats:
     """Rows x, y, heading, offset of the points on one lane."""
     steps = np.diff(lane.shape, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
@@ -60,7 +62,11 @@ def _sample(lane: Lane, spacing: float) -> Floats:
     s = (np.arange(count) + 0.5) * total / count
     segment = np.minimum(np.searchsorted(along, s, side="right") - 1, len(steps) - 1)
     heading = np.arctan2(steps[segment, 1], steps[segment, 0])
+    x, y = np.interp(s, along, lane.shape[:, 0]), np.interp(s, along, lane.shape[:, 1])
     # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
-    return np.column_stack(
-        [np.interp(s, along, lane.shape[:, 0]), np.interp(s, along, lane.shape[:, 1]), heading, s * lane.length / total]
+    offset = s * lane.length / total
+    strips = max(1, int(lane.width / strip))
+    aside = (np.arange(strips) - 0.5 * (strips - 1)) * lane.width / strips
+    return np.concatenate(
+        [np.column_stack([x - a * np.sin(heading), y + a * np.cos(heading), heading, offset]) for a in aside]
     )
