@@ -1,0 +1,87 @@
+"""How fast vehicles may go: limits, signals, priority, leaders, the end of their lane."""
+
+import math
+from typing import Any
+
+from slrl_sumo.sumo.drives import Drive, Drives
+from slrl_sumo.sumo.rightofway import STOP_LINE, RightOfWay
+from slrl_sumo.sumo.ways import LaneGraph
+
+LANE_END = 3.0
+"""m before the end of its lane at which a vehicle waits for a gap beside it."""
+
+
+class Pace:
+    """Speeds of driven vehicles, as SUMO's leaders, signals and lanes allow through `api`."""
+
+    def __init__(self, api: Any, graph: LaneGraph, drives: Drives) -> None:
+        self._api, self._graph, self._drives = api, graph, drives
+        self._right = RightOfWay(api, graph)
+
+    def renew(self) -> None:
+        """Forget what was read of SUMO's last step."""
+        self._right.renew()
+
+    def calm(self, drive: Drive, dt: float) -> float:
+        """The speed (m/s) that limits, signals, priority and the end of the lane allow."""
+        way, decel = drive.way, drive.decel
+        here = way.lane_at(drive.s)
+        speed = min(way.limits[here] * drive.factor, drive.top_speed)
+        look = drive.speed * dt + drive.speed**2 / (2.0 * decel) + 10.0
+        for k in range(here + 1, len(way.lanes)):
+            distance = way.ends[k - 1] - drive.s
+            if distance > look:
+                break
+            limit = min(way.limits[k] * drive.factor, drive.top_speed)
+            speed = min(speed, _slowing(limit, distance, decel, dt))
+        for gate in way.gates:
+            distance = gate.line - drive.s
+            if -0.5 < distance < look + 5.0:
+                limits = (drive.accel, decel)
+                allowed = self._right.speed(gate, distance, drive.speed, limits, drive.stood)
+                speed = min(speed, _discrete(allowed, decel, dt))
+        if way.lanes[here].startswith(":") or not drive.edges or self._reaches_on(drive):
+            return speed
+        # The lane does not lead on: wait at its end for a gap in the next one.
+        return min(speed, _slowing(0.0, way.end - drive.s - LANE_END, decel, dt))
+
+    def _reaches_on(self, drive: Drive) -> bool:
+        """Whether the way goes on as far as the route does, or further than anybody looks."""
+        last = self._graph.lanes[drive.way.lanes[-1]]
+        return drive.way.end - drive.s > 120.0 or last.edge == drive.edges[-1]
+
+    def behind(self, road_user: str, drive: Drive, dt: float) -> float:
+        """Krauss' safe speed behind SUMO's leader (https://sumo.dlr.de/docs/Car-Following-Models.html)."""
+        if road_user.startswith("learned_"):
+            return math.inf
+        leader = self._api.vehicle.getLeader(road_user, 50.0)
+        if not leader or not leader[0]:
+            return math.inf
+        other = self._drives.get(leader[0])
+        pace = other.speed if other is not None else max(self._api.vehicle.getSpeed(leader[0]), 0.0)
+        gap = max(float(leader[1]), 0.0)
+        delay = drive.decel * max(drive.tau, dt)
+        safe = math.sqrt(delay * delay + pace * pace + 2.0 * drive.decel * gap) - delay
+        return min(safe, self._keeps_clear(drive, gap, pace, dt))
+
+    def _keeps_clear(self, drive: Drive, gap: float, pace: float, dt: float) -> float:
+        """Do not stop inside a junction: wait before it while its exit is taken."""
+        for gate in drive.way.gates[:1]:
+            distance = gate.line - drive.s
+            if distance > 0.0 and pace < 1.0 and -2.0 < gap - (gate.out - drive.s) < 5.0:
+                return _slowing(0.0, distance - STOP_LINE, drive.decel, dt)
+        return math.inf
+
+
+def _slowing(target: float, distance: float, decel: float, dt: float) -> float:
+    """The speed (m/s) from which `target` is reached after `distance` (m), after one more interval at that speed."""
+    delay = decel * dt
+    root = delay * delay + target * target + 2.0 * decel * max(distance, 0.0)
+    return max(math.sqrt(root) - delay, target)
+
+
+def _discrete(speed: float, decel: float, dt: float) -> float:
+    """A speed that could be kept up in continuous time, for one that is held over the next interval."""
+    if not math.isfinite(speed):
+        return speed
+    return math.sqrt(decel * decel * dt * dt + speed * speed) - decel * dt
