@@ -35,6 +35,8 @@ class RunSettings:
     yielding: bool = True
     """Background vehicles brake for learned road users."""
     sumo_outputs: bool = False
+    sumo_options: str = ""
+    """Options for SUMO itself, as on its command line."""
 
 
 @dataclass(frozen=True)

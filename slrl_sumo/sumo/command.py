@@ -41,36 +41,35 @@ def divides_interval(step: float) -> bool:
 
 
 def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_to: Path | None) -> list[str]:
-    """Arguments for libsumo.start.
+    """Arguments for libsumo.start; what a run needs goes before what the scenario and its added options say.
 
     `outputs_to`: folder into which everything that the scenario's own configuration and detectors write is diverted;
     None lets the scenario write its outputs where it says.
     """
-    command = ["sumo", "-c", str(scenario.config), "--step-length", f"{step_length:g}", "--seed", str(seed)]
-    # Warnings of SUMO would tear the progress bar apart; errors still come through.
-    command += [
-        "--no-step-log",
-        "true",
-        "--no-warnings",
-        "true",
-        "--verbose",
-        "false",
-        "--duration-log.disable",
-        "true",
-    ]
-    # A moved road user may stand anywhere for long, and overlap others: SUMO's answers to both are to remove it.
-    command += ["--time-to-teleport", "-1", "--collision.action", "warn"]
-    # A seed that is not used, and a port on which SUMO would wait for somebody else to drive it.
-    command += ["--random", "false", "--remote-port", "0"]
+    ours = {
+        "step-length": f"{step_length:g}",
+        "seed": str(seed),
+        # Warnings of SUMO would tear the progress bar apart; errors still come through.
+        "no-step-log": "true",
+        "no-warnings": "true",
+        "verbose": "false",
+        "duration-log.disable": "true",
+        # A moved road user may stand anywhere for long, and overlap others: SUMO's answers to both are to remove it.
+        "time-to-teleport": "-1",
+        "collision.action": "warn",
+        # A seed that is not used, and a port on which SUMO would wait for somebody else to drive it.
+        "random": "false",
+        "remote-port": "0",
+    }
     if "pedestrian.model" in scenario.options:
-        command += ["--pedestrian.model", "striping"]
+        ours["pedestrian.model"] = "striping"
     if outputs_to is not None:
         # SUMO puts the prefix in front of the last path component only, so it must climb to the root first.
-        command += ["--output-prefix", "../" * 40 + str(outputs_to.resolve()).lstrip("/") + "/"]
-        for option in LOG_OPTIONS:
-            if option in scenario.options:
-                command += [f"--{option}", str(outputs_to / option)]
-    return command
+        ours["output-prefix"] = "../" * 40 + str(outputs_to.resolve()).lstrip("/") + "/"
+        ours |= {option: str(outputs_to / option) for option in LOG_OPTIONS if option in scenario.options}
+    # SUMO refuses an option that is there twice.
+    options = {**scenario.added, **ours}
+    return ["sumo", "-c", str(scenario.config), *(word for name in options for word in (f"--{name}", options[name]))]
 
 
 def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
@@ -88,6 +87,9 @@ def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
         lines.append(f"collision.action warn, not {options['collision.action']}, which would remove learned road users")
     if options.get("pedestrian.model", "striping") != "striping":
         lines.append(f"pedestrian.model striping, not {options['pedestrian.model']}, which forbids moves")
+    for name, flag in (("seed", "--seed"), ("random", "--seed"), ("remote-port", "slrl_sumo.attach")):
+        if name in scenario.added:
+            lines.append(f"{name} of --sumo-options is left out; use {flag}")
     written = [
         o for o in options if o.endswith("-output") or o in ("summary", "tripinfo", "netstate-dump", *LOG_OPTIONS)
     ]

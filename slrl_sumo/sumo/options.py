@@ -2,8 +2,11 @@
 
 import os
 import re
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.scenario import Scenario
 
 SYNONYMS = {
@@ -26,6 +29,29 @@ def option(scenario: Scenario, name: str) -> str | None:
 def switched_on(scenario: Scenario, name: str) -> bool:
     """Whether a yes-or-no option is set to yes."""
     return (option(scenario, name) or "false").lower() in YES
+
+
+def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
+    """The scenario with options added as SUMO's command line has them: --name value, --name=value, or --name for yes.
+
+    They go before those of the file. Whether SUMO knows them shows when it starts. Raises InputError where `words`
+    name another scenario or are no options.
+    """
+    full = {short: name for name, shorts in SYNONYMS.items() for short in shorts} | {"srand": "seed"}
+    added: dict[str, str] = {}
+    rest = list(words)
+    while rest:
+        word = rest.pop(0)
+        if not re.match(r"--?[A-Za-z]", word):
+            raise InputError(f"--sumo-options: '{word}' is no option of SUMO; write --name value")
+        name, equals, value = word.lstrip("-").partition("=")
+        if not equals:
+            # Only a word that begins like an option is one: -1 is a value.
+            value = rest.pop(0) if rest and not re.match(r"--?[A-Za-z]", rest[0]) else "true"
+        if name in ("c", "configuration", "configuration-file"):
+            raise InputError(f"--sumo-options: {word} names another scenario; give that in place of {scenario.config}")
+        added[full.get(name, name)] = value
+    return replace(scenario, options={**scenario.options, **added}, added={**scenario.added, **added})
 
 
 def input_files(scenario: Scenario, name: str) -> list[Path]:

@@ -1,7 +1,7 @@
 """SUMO scenarios: where they are and what their configuration says."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
@@ -17,7 +17,9 @@ class Scenario:
     name: str
     config: Path
     options: Mapping[str, str]
-    """Option name to value, as the file has them."""
+    """Option name to value, as the file has them; with those that the user has added."""
+    added: Mapping[str, str] = field(default_factory=dict)
+    """Those of `options` that are not in the file: SUMO must be told."""
 
     def seconds(self, option: str) -> float | None:
         """An option that is a time, in s; None where the file does not set it or sets it to -1 (SUMO's "none").

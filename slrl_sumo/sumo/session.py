@@ -61,7 +61,9 @@ class SumoSession:
             except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
                 # Refused while reading routes, SUMO stays half loaded and would block every later session.
                 self.close()
-                raise InputError(f"{self.scenario.config}: {_sumo_reason(printed, str(error))}") from None
+                added = " ".join(f"--{name} {value}" for name, value in self.scenario.added.items())
+                where = f"{self.scenario.config}{f' with --sumo-options {added!r}' if added else ''}"
+                raise InputError(f"{where}: {_sumo_reason(printed, str(error))}") from None
         try:
             self.network: Network = read_network(libsumo)
             self.placement = Placement(libsumo, self.network)

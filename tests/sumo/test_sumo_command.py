@@ -6,6 +6,7 @@ import pytest
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.command import notices, start_command, sumo_step_length
+from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import Scenario
 
 
@@ -78,3 +79,35 @@ def test_mesoscopic_scenarios_are_refused() -> None:
     assert notices(scenario(mesosim="false"), outputs_kept=False) == []
     with pytest.raises(InputError, match=r"town\.sumocfg: mesoscopic"):
         notices(scenario(mesosim="true"), outputs_kept=False)
+
+
+def test_added_options_reach_sumo_but_what_a_run_needs_goes_first() -> None:
+    text = "--lateral-resolution 0.8 --no-internal-links --time-to-teleport=30 --srand 9 -e 50 --min.x -1"
+    town = with_options(scenario(end="600", lateral_resolution="0.2"), text.split())
+    command = start_command(town, step_length=0.4, seed=5, outputs_to=None)
+    for option, value in (
+        ("--lateral-resolution", "0.8"),
+        ("--no-internal-links", "true"),
+        ("--min.x", "-1"),
+        ("--end", "50"),
+        ("--time-to-teleport", "-1"),
+        ("--seed", "5"),
+    ):
+        assert after(command, option) == [value]
+    assert town.seconds("end") == 50.0
+    lines = notices(town, outputs_kept=False)
+    assert len(lines) == 2
+    for word in ("30 s", "--seed"):
+        assert any(word in line for line in lines)
+
+
+def test_an_added_step_counts_as_the_scenarios_own() -> None:
+    assert sumo_step_length(with_options(scenario(step_length="1"), ["--step-length", "0.1"]), None) == (0.1, [])
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"), [(["stray"], "'stray' is no option"), (["-c", "x"], "another"), (["-1"], "'-1'")]
+)
+def test_words_that_are_no_options_are_an_error(words: list[str], reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
+        with_options(scenario(), words)

@@ -9,6 +9,7 @@ import libsumo
 import pytest
 
 from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -208,3 +209,24 @@ def test_the_seed_decides_the_traffic() -> None:
     assert len(first) >= 8
     assert positions(3) == first
     assert positions(4) != first
+
+
+def test_added_options_are_in_force(scratch: Path) -> None:
+    town = with_options(find_scenario("intersection"), ["--lateral-resolution", "0.8", "--step-length", "0.2"])
+    with SumoSession(town) as session:
+        assert libsumo.simulation.getOption("lateral-resolution") == "0.8"
+        assert session.step_length == 0.2
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [("--no-such-thing 1", "No option with the name 'no-such-thing'"), ("--lateral-resolution wide", "'wide'")],
+)
+def test_an_added_option_that_sumo_refuses_gives_one_line(scratch: Path, words: str, reason: str) -> None:
+    town = with_options(find_scenario("intersection"), words.split())
+    with pytest.raises(InputError) as caught, SumoSession(town):
+        pytest.fail("SUMO took it")
+    for part in (reason, f"--sumo-options '{words}'"):
+        assert part in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert not libsumo.isLoaded()
