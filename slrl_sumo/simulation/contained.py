@@ -4,14 +4,15 @@ import multiprocessing
 import os
 import shutil
 import signal
-import sys
 import tempfile
 import traceback
 from collections.abc import Generator
+from contextlib import closing
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from slrl_sumo.errors import SlrlError, SumoError
+from slrl_sumo.errors import InputError, SlrlError, SumoError
 from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
 
 GRACE = 5.0
@@ -21,14 +22,23 @@ GRACE = 5.0
 def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
     """The same events as `slrl_sumo.simulation.run.run`, from a child process.
 
-    Raises what `run` raises, and SumoError when the child dies (segmentation fault, kill): the message says of what and
-    at which simulation time. Closing the generator ends the child.
+    Raises what `run` raises, SumoError when the child dies (segmentation fault, kill): the message says of what and at
+    which simulation time, and RuntimeError with the child's traceback where it fails by a bug. Closing the generator
+    ends the child, and so does the death of this process.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+    except OSError as error:
+        raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
     child = context.Process(target=_serve, args=(sender, settings, views_at, str(folder)), daemon=True)
-    child.start()
+    # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        child.start()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     sender.close()
     time = None
     try:
@@ -44,14 +54,16 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
                 raise message
             if isinstance(message, str):
                 raise RuntimeError(f"the simulation process failed:\n{message}")
-            yield message
             if isinstance(message, Started):
                 time = message.step.time
             elif isinstance(message, Decision):
                 time = message.steps[-1].time
+            yield message
     finally:
+        # The child notices when it sends its next event, and closes SUMO properly; while it loads it sends nothing.
         receiver.close()
-        child.terminate()
+        if time is None:
+            child.terminate()
         child.join(GRACE)
         if child.is_alive():
             child.kill()
@@ -61,29 +73,35 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
 
 def _serve(sender: Connection, settings: RunSettings, views_at: frozenset[int], folder: str) -> None:
     """The child: sends every event, then None; or the error that ended the run, or the traceback of a bug."""
-    # Ctrl-C reaches the whole process group; the parent decides what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Whatever SUMO leaves behind when it dies lies in a folder that the parent removes.
     tempfile.tempdir = folder
     _redirect_output(Path(folder) / "printed")
     try:
+        sender.send(_send_events(sender, settings, views_at))
+    except BrokenPipeError:
+        # The parent has gone or wants no more; if it was killed, nobody else clears up.
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _send_events(sender: Connection, settings: RunSettings, views_at: frozenset[int]) -> SlrlError | str | None:
+    """Send every event; returns what is to be said in the end."""
+    try:
         from slrl_sumo.simulation.run import run
 
-        for event in run(settings, views_at):
-            sender.send(event)
-        sender.send(None)
+        with closing(run(settings, views_at)) as events:
+            for event in events:
+                sender.send(event)
     except SlrlError as error:
-        sender.send(error)
+        return error
     except BrokenPipeError:
-        pass  # the parent has gone, and with it the reason to go on
+        raise
     except Exception:
-        sender.send(traceback.format_exc())
+        return traceback.format_exc()
+    return None
 
 
 def _redirect_output(file: Path) -> None:
     """What SUMO's C++ code prints would tear the parent's progress bar apart; its last words are kept in a file."""
-    sys.stdout.flush()
-    sys.stderr.flush()
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for number in (1, 2):
         os.dup2(descriptor, number)
@@ -96,6 +114,8 @@ def _epitaph(exitcode: int | None, time: float | None, folder: Path) -> str:
     how = f"exit code {exitcode}"
     if exitcode is not None and exitcode < 0:
         how = signal.Signals(-exitcode).name
+        if exitcode == -signal.SIGKILL:
+            how += ": somebody killed it, or it took too much memory"
     try:
         printed = (folder / "printed").read_text(errors="replace").splitlines()
     except OSError:
