@@ -75,7 +75,7 @@ def parse_mix(text: str) -> NDArray[np.float64]:
                 f"--mix {text}: the share of {name.strip()} must be a number from 0; write {name.strip()}=0.3"
             )
         shares[TYPE_NAMES.index(name.strip())] = share
-    if shares.sum() <= 0:
+    if shares.max() <= 0:
         raise InputError(f"--mix {text}: all shares are zero; give at least one type a share above 0")
     shares = shares / shares.max()  # first, so that vast shares do not add up to infinity
     return np.asarray(shares / shares.sum())
