@@ -54,6 +54,7 @@ def boxes(kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats) -> Wor
         ("pedestrian=3,car=1", [0.25, 0, 0.75]),
         (" bicycle = 2 , car=0", [0, 1, 0]),
         ("car=1e-3,bicycle=3e-3", [0.25, 0.75, 0]),
+        ("car=1e308,bicycle=1e308", [0.5, 0.5, 0]),
     ],
 )
 def test_a_mix_is_shares_that_add_up_to_one(text: str, shares: list[float]) -> None:

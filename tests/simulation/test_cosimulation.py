@@ -1,0 +1,161 @@
+"""The loop in this process: what each decision says, step by step."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import libsumo
+import numpy as np
+import pytest
+
+from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.simulation.run import RunSettings, run
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.world.geometry import wrap_angle
+
+SETTINGS = RunSettings("intersection", agents=15, steps=30, seed=4, step_length=0.1)
+
+DROPPED_BETWEEN = pytest.mark.xfail(
+    strict=True, raises=SumoError, reason="only at the end of an interval it is looked whether SUMO still has everybody"
+)
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    assert not libsumo.isLoaded()
+
+
+def play(settings: RunSettings) -> tuple[Any, list[Any]]:
+    started, *decisions = run(settings)
+    return started, decisions
+
+
+def test_states_between_decisions_lie_on_a_line_and_turn_evenly() -> None:
+    started, decisions = play(SETTINGS)
+    assert (started.step_length, started.decisions, len(decisions)) == (0.1, 30, 30)
+    before = started.step.world
+    for decision in decisions:
+        assert len(decision.steps) == 4
+        after = decision.steps[-1].world
+        stay = ~decision.looped
+        turn = wrap_angle(after.heading[:15] - before.heading[:15])
+        for k, step in enumerate(decision.steps, start=1):
+            for name in ("x", "y"):
+                begin, end = getattr(before, name)[:15], getattr(after, name)[:15]
+                now = getattr(step.world, name)[:15]
+                assert np.abs(now - begin - k / 4 * (end - begin))[stay].max() < 1e-9
+                assert np.array_equal(now[~stay], end[~stay])
+            heading = wrap_angle(step.world.heading[:15] - before.heading[:15] - k / 4 * turn)
+            assert np.abs(heading)[stay].max() < 1e-9
+        before = after
+
+
+def test_worlds_hold_the_learned_first_and_time_goes_on_in_steps() -> None:
+    started, decisions = play(SETTINGS)
+    ids = started.step.world.ids[:15]
+    assert all(i.startswith("learned_") for i in ids)
+    times = [started.step.time]
+    for decision in decisions:
+        assert decision.modes.shape == decision.surface.shape == decision.looped.shape == (15,)
+        assert ((decision.modes >= 0) & (decision.modes < 20)).all()
+        assert not decision.lost.any()
+        for step in decision.steps:
+            assert step.world.ids[:15] == ids
+            assert step.world.learned.tolist() == [True] * 15 + [False] * (len(step.world) - 15)
+            assert len(set(step.world.ids)) == len(step.world)
+            assert len(step.places.lane) == len(step.places.sumo_type) == len(step.world)
+            times.append(step.time)
+    assert times[0] == 0.0
+    assert np.allclose(np.diff(times), 0.1)
+    assert len(decisions[-1].steps[-1].world) > 15
+
+
+def test_sumo_sees_everybody_where_the_trace_has_them() -> None:
+    events = run(replace(SETTINGS, step_length=0.4))
+    next(events)
+    seen = 0
+    for decision in events:
+        world = decision.steps[-1].world
+        for row, road_user in enumerate(world.ids[:15]):
+            domain = libsumo.person if "pedestrian" in road_user else libsumo.vehicle
+            front = domain.getPosition(road_user)
+            half = 0.5 * world.length[row]
+            asked = (world.x[row] + half * np.cos(world.heading[row]), world.y[row] + half * np.sin(world.heading[row]))
+            assert np.hypot(front[0] - asked[0], front[1] - asked[1]) < 0.01
+            seen += 1
+    assert seen == 450
+
+
+@pytest.mark.parametrize("road_user", ["learned_car.0", "learned_pedestrian.0"])
+@pytest.mark.parametrize("substep", [*(pytest.param(k, marks=DROPPED_BETWEEN) for k in (1, 2, 3)), 4])
+def test_whom_sumo_drops_is_counted_and_comes_back(
+    monkeypatch: pytest.MonkeyPatch, road_user: str, substep: int
+) -> None:
+    """SUMO takes a road user out by itself, in any of the steps between two decisions."""
+    step, count = SumoSession.step, 0
+    domain = libsumo.person if "pedestrian" in road_user else libsumo.vehicle
+
+    def dropping(self: SumoSession) -> None:
+        nonlocal count
+        count += 1
+        if count == 1 + 4 * 5 + substep:  # in the sixth decision
+            domain.unsubscribe(road_user)
+            domain.remove(road_user)
+        step(self)
+
+    monkeypatch.setattr(SumoSession, "step", dropping)
+    started, decisions = play(replace(SETTINGS, steps=12))
+    lost = np.array([decision.lost for decision in decisions])
+    row = started.step.world.ids.index(road_user)
+    assert lost.sum() == lost[5, row] == 1
+    for decision in decisions:
+        for state in decision.steps:
+            assert state.world.ids[row] == road_user
+    # Back on the network, where the trace has it.
+    assert decisions[-1].steps[-1].places.sumo_type[row] == road_user.split(".")[0]
+
+
+def test_leaving_a_run_early_closes_sumo() -> None:
+    events = run(SETTINGS)
+    next(events)
+    next(events)
+    assert libsumo.isLoaded()
+    events.close()
+    assert not libsumo.isLoaded()
+
+
+def test_the_scenarios_end_or_until_decides_the_length() -> None:
+    for settings, decisions in (
+        (RunSettings("intersection", agents=2), 1500),
+        (RunSettings("intersection", agents=2, until=4.1), 11),
+        (RunSettings("intersection", agents=2, until=4.0), 10),
+        (RunSettings("intersection", agents=2, steps=7), 7),
+    ):
+        events = run(settings)
+        assert next(events).decisions == decisions
+        events.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"agents": 0}, "--agents 0"),
+        ({"agents": 10**20}, "--agents 1"),
+        ({"agents": 4000}, "fit into this network"),
+        ({"steps": 0}, "--steps 0"),
+        ({"steps": None, "until": -1.0}, "--until -1"),
+        ({"steps": None, "until": float("nan")}, "--until nan"),
+        ({"steps": None, "until": float("inf")}, "--until inf"),
+        ({"seed": 2**31}, "--seed 2147483648"),
+        ({"selector": "oracle"}, "--selector oracle"),
+        ({"bundle": "none such"}, "none such"),
+        ({"mix": "car=,"}, "--mix"),
+        ({"step_length": 0.3}, r"--step-length 0\.3"),
+        ({"scenario": "nowhere"}, "nowhere"),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(changes: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        next(run(replace(SETTINGS, **changes)))
+    assert "\n" not in str(caught.value)
