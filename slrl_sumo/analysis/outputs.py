@@ -1,12 +1,14 @@
 """What a run leaves behind: trace, summary, report."""
 
+import errno
 import json
 import os
 import resource
 import signal
+import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -36,28 +38,33 @@ def write_run(
 
     Where to write is checked before SUMO starts, and nothing is touched until everybody stands at the start. An
     interrupt (SIGINT, SIGTERM), a full disk or the death of SUMO ends the run after a whole step; what can still be
-    written is, then the error is raised.
+    written is, then the error is raised: the first one, with what else went wrong behind it. A second interrupt does
+    not wait for the end of a step. Where nobody reads the table that is an InputError too.
     """
     if fcd is not None:
         check_fcd_path(fcd)
     for path in (fcd, summary, report):
         if path is not None:
             _check_writable(path, folder=path is report)
+    failures: list[SlrlError] = []
     with ExitStack() as stack:
         caught = stack.enter_context(_signals())
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
         events = stack.enter_context(closing(run_contained(settings, VIEWS_AT if report is not None else frozenset())))
-        started = next(events)
+        try:
+            started = next(events)
+        except KeyboardInterrupt:
+            return caught[0]
         assert isinstance(started, Started)
         begin = time.perf_counter()
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
         for notice in () if quiet else started.notices:
-            bar.console.print(f"note: {notice}", highlight=False, soft_wrap=True)
+            with suppress(OSError):  # nobody reads stderr: that is no reason to stop
+                print(f"note: {notice}", file=sys.stderr)
         tally = Tally(started.step.world)
         pictures = _pictures(started) if report is not None else None
-        failure: SlrlError | None = None
         writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
-        try:
+        with _collected(failures), suppress(KeyboardInterrupt):
             if writer is not None:
                 writer.write(started.step.time, started.step.world, started.step.places)
             for event in events:
@@ -72,21 +79,32 @@ def write_run(
                     pictures.add(event)
                 if caught:
                     break
+        wall = time.perf_counter() - begin
+        with _collected(failures):
             if writer is not None:
                 writer.close()
-        except SlrlError as error:
-            failure = error
-        wall = time.perf_counter() - begin
     result = _summary(settings, started, tally, wall)
-    if summary is not None:
-        _write_json(summary, result)
-    if report is not None and pictures is not None:
-        pictures.write(report)
-    if not quiet:
-        _print_table(summary_table(result))
-    if failure is not None:
-        raise failure
+    with _collected(failures):
+        if summary is not None:
+            _write_json(summary, result)
+    with _collected(failures):
+        if report is not None and pictures is not None:
+            pictures.write(report)
+    with _collected(failures):
+        if not quiet:
+            _print_table(summary_table(result))
+    if failures:
+        raise type(failures[0])("; ".join(map(str, failures)))
     return caught[0] if caught else 0
+
+
+@contextmanager
+def _collected(failures: list[SlrlError]) -> Iterator[None]:
+    """What fails is told in the end: one output that cannot be written is no reason to lose the others."""
+    try:
+        yield
+    except SlrlError as error:
+        failures.append(error)
 
 
 def _pictures(started: Started) -> "ReportBuilder":
@@ -145,9 +163,21 @@ def summary_table(result: dict[str, Any]) -> Table:
 
 
 def _print_table(table: Table) -> None:
-    console = Console()
-    # Where nobody watches, a log should not be squeezed into rich's 80 columns.
-    (console if console.is_terminal else Console(width=120)).print(table)
+    # Rendered first: where nobody reads, rich would end the process on its own.
+    console = Console() if sys.stdout is not None and sys.stdout.isatty() else Console(width=120)
+    with console.capture() as text:
+        console.print(table)
+    try:
+        if sys.stdout is None:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        sys.stdout.write(text.get())
+        sys.stdout.flush()
+    except OSError as error:
+        # What is left in the buffer would make Python complain once more when it ends.
+        sys.stdout = None
+        raise InputError(
+            f"standard output: the table could not be printed ({error.strerror}); --quiet prints none"
+        ) from None
 
 
 def _cell(key: str, value: float | None) -> str:
@@ -173,16 +203,20 @@ def _write_json(path: Path, result: dict[str, Any]) -> None:
     try:
         path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
+        if path.is_file():  # half a summary is none
+            path.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written ({error.strerror}); name a place where you may write") from None
 
 
 @contextmanager
 def _signals() -> Iterator[list[int]]:
-    """Collects SIGINT and SIGTERM in a list instead of dying of them."""
+    """Collects SIGINT and SIGTERM in a list instead of dying of them; from the second one on, KeyboardInterrupt."""
     caught: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
         caught.append(number)
+        if len(caught) > 1:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

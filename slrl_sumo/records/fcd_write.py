@@ -78,7 +78,8 @@ class FcdWriter:
     """Writes an FCD file, one whole time step after the other; a context manager.
 
     The same worlds give the same bytes. The file on disk is valid at any time, even where the process dies, and after
-    `close` it holds every time step up to the last one that could be written whole. Raises InputError, with the path
+    `close` it holds every time step up to the last one that could be written whole. A pipe is written straight on, and
+    ends validly with `close`. Raises InputError, with the path
     and the reason, where the name has no known suffix or the file cannot be written (on construction), and where
     writing fails later (in `write` or `close`; the file is closed then).
     """
@@ -97,6 +98,7 @@ class FcdWriter:
             self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
         except OSError as e:
             raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
+        self._seekable = self._file.seekable()
         self._put([";".join(CSV_COLUMNS) + "\n" if self._csv else _HEAD])
 
     def write(self, time: float, world: WorldState, places: Places) -> None:
@@ -155,6 +157,8 @@ class FcdWriter:
         """Finish the file. Doing it twice does no harm."""
         if not self._file.closed:
             self._flush()
+            if not self._seekable:
+                self._put([""])
             self._file.close()
 
     def __enter__(self) -> Self:
@@ -181,26 +185,33 @@ class FcdWriter:
         try:
             self._put_text("".join(steps))
         except OSError as e:
+            # Of a pipe nobody knows how much has gone through.
             with suppress(OSError):
-                for step in steps:
+                for step in steps if self._seekable else ():
                     self._put_text(step)
-            with suppress(OSError):
-                self._put_text("")
             self._file.close()
             raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
 
     def _put_text(self, text: str) -> None:
         data = self._encode(text) if text else b""
-        rest = memoryview(data + self._tail)
+        if not self._seekable:
+            self._write(data or self._tail)
+            return
         try:
             self._file.seek(self._whole)
-            while rest:
-                rest = rest[self._file.write(rest) :]
-        except OSError:
+            self._write(data + self._tail)
+        except BaseException:  # an interrupt must not leave half a step behind either
             with suppress(OSError):  # a device cannot be cut
                 self._file.truncate(self._whole)
+                self._file.seek(self._whole)
+                self._write(self._tail)
             raise
         self._whole += len(data)
+
+    def _write(self, data: bytes) -> None:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
 
 
 def _escaped(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:

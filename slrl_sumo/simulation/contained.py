@@ -33,7 +33,9 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
     except OSError as error:
         raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
     child = context.Process(target=_serve, args=(sender, settings, views_at, str(folder)), daemon=True)
-    # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask.
+    # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask; the
+    # tracker that comes with the first child would lift it again.
+    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         child.start()
