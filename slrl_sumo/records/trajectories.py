@@ -4,7 +4,7 @@ import os
 import zipfile
 import zlib
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -19,7 +19,8 @@ from slrl_sumo.world.types import DECISION_INTERVAL
 Integers = NDArray[np.int64]
 
 FILE_KIND = "slrl_sumo trajectories"
-FILE_VERSION = 1
+FILE_VERSION = 2
+"""Version 1 had no `parked`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +54,18 @@ class Trajectories:
     """Where the tracks come from."""
     licence: str = ""
     """On what terms they may be used."""
+    parked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """Whether the road user only stood there, per track, (T,): others see it, nothing is to be learned from it.
+    Nobody is if it is not given."""
 
     def __post_init__(self) -> None:
         rows, tracks = len(self.track), len(self.ids)
+        if not len(self.parked):
+            object.__setattr__(self, "parked", np.zeros(tracks, np.bool_))
         for name in ("frame", "x", "y", "heading"):
             if getattr(self, name).shape != (rows,):
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, track has {(rows,)}")
-        for name in ("type", "length", "width"):
+        for name in ("type", "length", "width", "parked"):
             if getattr(self, name).shape != (tracks,):
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, but there are {tracks} ids")
         if len(set(self.ids)) != tracks:
@@ -185,6 +191,7 @@ _DTYPES: dict[str, type[np.generic]] = {
     "type": np.int8,
     "length": np.float64,
     "width": np.float64,
+    "parked": np.bool_,
 }
 
 
@@ -194,10 +201,10 @@ def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             if not isinstance(data, np.lib.npyio.NpzFile) or "kind" not in data or str(data["kind"]) != FILE_KIND:
                 raise InputError(f"{os.fspath(path)} is not a trajectories file; make one with `slrl-sumo import`")
-            if int(data["version"]) != FILE_VERSION:
+            if not 1 <= int(data["version"]) <= FILE_VERSION:
                 raise InputError(
                     f"{os.fspath(path)} has trajectories format {int(data['version'])}, this version reads "
-                    f"{FILE_VERSION}; make the file anew with `slrl-sumo import` or `slrl-sumo record`"
+                    f"1 to {FILE_VERSION}; make the file anew with `slrl-sumo import` or `slrl-sumo record`"
                 )
             return Trajectories(
                 ids=tuple(data["ids"].tolist()),
@@ -205,7 +212,11 @@ def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
                 t0=float(data["t0"]),
                 source=str(data["source"]),
                 licence=str(data["licence"]),
-                **{name: data[name].astype(dtype, casting="safe") for name, dtype in _DTYPES.items()},
+                **{
+                    name: data[name].astype(dtype, casting="safe")
+                    for name, dtype in _DTYPES.items()
+                    if name != "parked" or int(data["version"]) > 1
+                },
             )
     except OSError as e:
         raise InputError(f"cannot read {os.fspath(path)}: {e.strerror or e}") from e
