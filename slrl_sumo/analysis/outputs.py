@@ -1,6 +1,7 @@
 """What a run leaves behind: trace, summary, report."""
 
 import errno
+import io
 import json
 import os
 import resource
@@ -164,13 +165,14 @@ def summary_table(result: dict[str, Any]) -> Table:
 
 def _print_table(table: Table) -> None:
     # Rendered first: where nobody reads, rich would end the process on its own.
-    console = Console() if sys.stdout is not None and sys.stdout.isatty() else Console(width=120)
-    with console.capture() as text:
-        console.print(table)
+    terminal = Console().is_terminal
+    text = io.StringIO()
+    # Where nobody watches, a log should not be squeezed into rich's 80 columns.
+    Console(file=text, width=Console().width if terminal else 120, force_terminal=terminal).print(table)
     try:
         if sys.stdout is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        sys.stdout.write(text.get())
+        sys.stdout.write(text.getvalue())
         sys.stdout.flush()
     except OSError as error:
         # What is left in the buffer would make Python complain once more when it ends.

@@ -26,6 +26,7 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
     which simulation time, and RuntimeError with the child's traceback where it fails by a bug. Closing the generator
     ends the child, and so does the death of this process.
     """
+    _open_closed_streams()
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     try:
@@ -100,6 +101,16 @@ def _send_events(sender: Connection, settings: RunSettings, views_at: frozenset[
     except Exception:
         return traceback.format_exc()
     return None
+
+
+def _open_closed_streams() -> None:
+    """Put standard streams that the user has closed on /dev/null: else the next files that are opened take their place,
+    and what is printed ends in them."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
 def _redirect_output(file: Path) -> None:
