@@ -171,6 +171,7 @@ class CoSimulation:
         self.population.move(users)
         self._simulation.step()
         self._snapshot = self._simulation.reader.read()
+        self.population.check(users, frozenset(self._snapshot.ids))
         background = background_world(self._snapshot, self._simulation.time, self.population.ids)
         places = places_of(users, self.population.sumo_types, background, self._snapshot)
         return Step(time, replace(users, time=time).join(background), places)
@@ -180,7 +181,7 @@ class CoSimulation:
         assert self._snapshot is not None
         users = replace(interval.states[-1], time=self._simulation.time)
         surface = self.roadmap.surface_at(users.x, users.y)
-        gone = self.population.settle(users, frozenset(self._snapshot.ids))
+        gone = self.population.settle(users)
         arrived = np.array([road_user in interval.arrived for road_user in users.ids], np.bool_)
         handed_back = self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())

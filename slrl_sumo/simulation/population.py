@@ -24,6 +24,7 @@ class Population:
         self.lent: NDArray[np.bool_] = np.zeros(0, np.bool_)
         self.sumo_types: tuple[str, ...] = ()
         self.ids: frozenset[str] = frozenset()
+        self._missed: set[str] = set()
         self._placement, self._loans = placement, loans
 
     def spawn(self, kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, speed: Floats, time: float) -> None:
@@ -68,28 +69,37 @@ class Population:
             if not len(rows):
                 continue
             u = users.take(rows)
+            if movable is self._loans and self._missed:
+                # Gone since the interval began.
+                u = u.take(np.array([i for i, user in enumerate(u.ids) if user not in self._missed], np.intp))
             if movable is self._placement:
                 self._placement.move(u.ids, u.type, u.x, u.y, u.heading, u.speed, u.length)
             else:
                 walking = u.type == RoadUserType.PEDESTRIAN
                 self._loans.move(u.ids, walking, u.x, u.y, u.heading, u.speed, u.length)
 
-    def settle(self, users: WorldState, present: frozenset[str]) -> NDArray[np.bool_]:
-        """Take `users` as the new state. Who is not among SUMO's `present` ids has gone: ours are added again.
+    def check(self, users: WorldState, present: frozenset[str]) -> None:
+        """After a SUMO step: see who of `users` is not among SUMO's `present` ids. Ours are added again at once."""
+        missing = np.array([user not in present for user in users.ids], np.bool_)
+        missing &= ~(self.lent & np.array([user in self._missed for user in users.ids], np.bool_))
+        if not missing.any():
+            return
+        self._missed.update(users.ids[row] for row in np.flatnonzero(missing))
+        self._loans.forget(users.take(np.flatnonzero(missing & self.lent)).ids)
+        ours = users.take(np.flatnonzero(missing & ~self.lent))
+        self._placement.remove(ours.ids)
+        self._placement.add(ours.ids, ours.type, ours.x, ours.y)
 
-        Returns who has gone, (n,) in the order before.
+    def settle(self, users: WorldState) -> NDArray[np.bool_]:
+        """Take `users` as the new state, without the lent ones that have gone.
+
+        Returns who was missing since the last call, (n,) in the order before.
         """
+        missed = np.array([user in self._missed for user in users.ids], np.bool_)
         self.world = users
-        lost = np.array([road_user not in present for road_user in users.ids], np.bool_)
-        ours = users.take(np.flatnonzero(lost & ~self.lent))
-        if len(ours):
-            self._placement.remove(ours.ids)
-            self._placement.add(ours.ids, ours.type, ours.x, ours.y)
-        gone = lost & self.lent
-        if gone.any():
-            self._loans.forget(users.take(np.flatnonzero(gone)).ids)
-            self.keep(~gone)
-        return lost
+        self._missed.clear()
+        self.keep(~(missed & self.lent))
+        return missed
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         """Drop road users from the population (not from SUMO): those where `mask` (n,) is False."""

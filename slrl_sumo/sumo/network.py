@@ -1,7 +1,7 @@
 """The road network as SUMO has loaded it: lanes, who may use them, and the surfaces that they make."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -81,20 +81,40 @@ def read_network(api: Any) -> Network:
                 surface=_lane_surface(lane_id, classes),
             )
         )
-    return Network(tuple(lanes), tuple(_junctions(api, lanes)))
+    junctions = _junctions(api, lanes)
+    # A walking area between carriageways that people walk on is part of the surface that everybody uses: the middle of
+    # a shared space. With sidewalks beside the carriageway it is for people alone.
+    shared = _shared_junctions(api, lanes)
+    lanes = [
+        replace(lane, surface=Surface.ROAD)
+        if _WALKING_AREA.match(lane.id) and lane.id[1:].rpartition("_w")[0] in shared
+        else lane
+        for lane in lanes
+    ]
+    return Network(tuple(lanes), tuple(junctions))
 
 
 def _lane_surface(lane_id: str, classes: frozenset[str]) -> Surface:
     if _CROSSING.match(lane_id):
         return Surface.CROSSING
-    if _WALKING_AREA.match(lane_id):
-        # In a shared space the corners between the lanes are part of the surface that everybody uses.
-        return Surface.ROAD if classes & MOTOR_CLASSES else Surface.SIDEWALK
     if classes & MOTOR_CLASSES:
         return Surface.ROAD
     if "pedestrian" in classes:
         return Surface.SIDEWALK
     return Surface.CYCLEWAY if "bicycle" in classes else Surface.NONE
+
+
+def _shared_junctions(api: Any, lanes: list[Lane]) -> frozenset[str]:
+    """Junctions of carriageways that admit pedestrians, without any sidewalk."""
+    sidewalks = {lane.edge for lane in lanes if not lane.internal and lane.surface == Surface.SIDEWALK}
+    mixed = {lane.edge for lane in lanes if lane.surface == Surface.ROAD and "pedestrian" in lane.allowed}
+    shared = set()
+    for junction in api.junction.getIDList():
+        if not junction.startswith(":"):
+            edges = {*api.junction.getIncomingEdges(junction), *api.junction.getOutgoingEdges(junction)}
+            if edges & mixed and not edges & sidewalks:
+                shared.add(junction)
+    return frozenset(shared)
 
 
 def _junctions(api: Any, lanes: list[Lane]) -> list[Area]:

@@ -43,6 +43,7 @@ class SumoSession:
         self._seed = seed
         self._keep_outputs = keep_outputs
         self._scratch: Path | None = None
+        self._open = False
 
     def __enter__(self) -> Self:
         import libsumo
@@ -55,6 +56,7 @@ class SumoSession:
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
         command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
+        self._open = True
         with _captured_output() as printed:
             try:
                 libsumo.start(command)
@@ -103,14 +105,13 @@ class SumoSession:
     def close(self) -> None:
         """End the simulation and remove what SUMO wrote on the side."""
         try:
-            if self.api.isLoaded():
+            # Another session may have been opened since this one was closed: it is not ours to end.
+            if self._open and self.api.isLoaded():
                 self.api.close()
         finally:
-            self._clean_up()
-
-    def _clean_up(self) -> None:
-        if self._scratch is not None:
-            shutil.rmtree(self._scratch, ignore_errors=True)
+            self._open = False
+            if self._scratch is not None:
+                shutil.rmtree(self._scratch, ignore_errors=True)
 
 
 def _sumo_reason(printed: IO[bytes], message: str) -> str:
