@@ -22,8 +22,8 @@ GRACE = 5.0
 def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
     """The same events as `slrl_sumo.simulation.run.run`, from a child process.
 
-    Raises what `run` raises, SumoError when the child dies (segmentation fault, kill): the message says of what and at
-    which simulation time, and RuntimeError with the child's traceback where it fails by a bug. Closing the generator
+    Raises what `run` raises, InputError when SUMO crashes on loading, SumoError when the child dies later (segmentation
+    fault, kill): the message says of what and at which simulation time, and RuntimeError with the child's traceback where it fails by a bug. Closing the generator
     ends the child, and so does the death of this process.
     """
     _open_closed_streams()
@@ -50,6 +50,12 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
                 message = receiver.recv()
             except (EOFError, OSError):
                 child.join(GRACE)
+                if time is None and child.exitcode in (-signal.SIGSEGV, -signal.SIGABRT):
+                    # An empty network does that.
+                    raise InputError(
+                        f"{settings.scenario}: SUMO crashes while loading it "
+                        f"({signal.Signals(-child.exitcode).name}); check that network and demand are whole"
+                    ) from None
                 raise SumoError(_epitaph(child.exitcode, time, folder)) from None
             if message is None:
                 break
