@@ -23,8 +23,8 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
     """The same events as `slrl_sumo.simulation.run.run`, from a child process.
 
     Raises what `run` raises, InputError when SUMO crashes on loading, SumoError when the child dies later (segmentation
-    fault, kill): the message says of what and at which simulation time, and RuntimeError with the child's traceback where it fails by a bug. Closing the generator
-    ends the child, and so does the death of this process.
+    fault, kill): the message says of what and at which simulation time, and RuntimeError with the child's traceback
+    where it fails by a bug. Closing the generator ends the child, and so does the death of this process.
     """
     _open_closed_streams()
     context = multiprocessing.get_context("spawn")
@@ -51,7 +51,7 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
             except (EOFError, OSError):
                 child.join(GRACE)
                 if time is None and child.exitcode in (-signal.SIGSEGV, -signal.SIGABRT):
-                    # An empty network does that.
+                    # Some broken networks do that.
                     raise InputError(
                         f"{settings.scenario}: SUMO crashes while loading it "
                         f"({signal.Signals(-child.exitcode).name}); check that network and demand are whole"
