@@ -1,0 +1,351 @@
+"""The ways in which libsumo 1.28 dies of moved road users: we survive each, and the naive call still does not.
+
+Every situation runs in a process of its own, because a crash of SUMO takes its process along: this file is also the
+program that plays one. Where a naive call stops crashing, a rule of `slrl_sumo.sumo.placement` can go.
+"""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import libsumo
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from slrl_sumo.sumo.loans import Loans
+from slrl_sumo.sumo.options import with_options
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.world.geometry import front_from_centre, heading_to_sumo, wrap_angle
+from slrl_sumo.world.types import DEFAULT_LENGTH, RoadUserType
+
+Copy = Callable[..., Path]
+Floats = NDArray[np.float64]
+
+SUBLANE = "--lateral-resolution 0.8"
+CENTRE = (60.0, 140.0)
+"""m; both axes, round the junction of the shipped intersection with its crossings."""
+GRASS = (10.0, 80.0)
+"""m; both axes, between two arms of it."""
+
+
+def play(*words: object) -> subprocess.CompletedProcess[str]:
+    """Play one of the situations below in a process of its own."""
+    command = [sys.executable, __file__, *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
+
+
+def survived(*words: object) -> dict[str, Any]:
+    """What a situation tells of itself at its end, which it must reach."""
+    done = play(*words)
+    assert done.returncode == 0, f"{words}: exit code {done.returncode}: {done.stderr[-1000:]}"
+    return dict(json.loads(done.stdout.splitlines()[-1]))
+
+
+def crashes(*words: object) -> None:
+    done = play(*words)
+    assert done.returncode == -signal.SIGSEGV, f"{words}: exit code {done.returncode}: {done.stderr[-1000:]}"
+
+
+# --- 1: the first move of a vehicle puts it beside every lane
+
+
+@pytest.mark.parametrize("options", ["", SUBLANE])
+def test_road_users_may_start_beside_every_lane_while_sumo_writes_fcd(tmp_path: Path, options: str) -> None:
+    end = survived("start_on_grass", tmp_path / "fcd.xml", options)
+    assert end == {"missing": 0, "away": pytest.approx(0.0, abs=0.01), "steps": 50}
+
+
+@pytest.mark.parametrize("keep_route", [2, 3, 7])
+def test_sumo_dies_of_a_first_move_beside_every_lane(tmp_path: Path, keep_route: int) -> None:
+    crashes("naive_first_move", tmp_path / "fcd.xml", keep_route)
+
+
+# --- 2: long vehicles over sidewalks beside crossings
+
+
+@pytest.mark.parametrize("options", ["", SUBLANE])
+@pytest.mark.parametrize("situation", ["cars_over_sidewalks", "lent_cars_over_sidewalks"])
+def test_cars_may_drive_over_sidewalks_beside_crossings(situation: str, options: str) -> None:
+    end = survived(situation, options)
+    assert end == {"missing": 0, "away": pytest.approx(0.0, abs=0.01), "steps": 300}
+
+
+@pytest.mark.parametrize("options", ["", SUBLANE])
+def test_sumo_dies_of_cars_that_may_be_mapped_to_sidewalks_beside_crossings(options: str) -> None:
+    crashes("naive_cars_over_sidewalks", options)
+
+
+# --- 3: moved persons
+
+
+@pytest.mark.slow
+def test_persons_walk_anywhere_for_long() -> None:
+    end = survived("persons", 128, 2600)
+    # Within MATCH_THRESHOLD_PERSON of a lane's edge SUMO pulls a few of 100,000 onto it.
+    assert end == {"missing": 0, "away": pytest.approx(0.0, abs=0.2), "steps": 2600}
+
+
+@pytest.mark.slow
+def test_persons_of_the_scenario_walk_anywhere_for_long() -> None:
+    end = survived("lent_persons", 1500)
+    assert end["most"] >= 20
+    assert (end["missing"], end["steps"]) == (0, 1500)
+
+
+def test_sumo_dies_of_persons_whose_walk_is_changed_by_a_move() -> None:
+    crashes("naive_persons")
+
+
+# --- 4: the pedestrian model of another library
+
+
+def test_persons_are_moved_although_the_scenario_asks_for_jupedsim(copy_scenario: Copy) -> None:
+    config = copy_scenario("intersection", (".sumocfg", '"striping"', '"jupedsim"'))
+    end = survived("person_on_the_road", config)
+    assert end == {"missing": 0, "away": pytest.approx(0.0, abs=0.01), "steps": 50, "model": "striping"}
+
+
+# --- 5: SUMO takes road users away that stand or overlap
+
+
+@pytest.mark.parametrize("action", ["teleport", "remove"])
+def test_cars_that_stand_in_each_other_stay(copy_scenario: Copy, action: str) -> None:
+    config = copy_scenario(
+        "intersection",
+        (".sumocfg", '<time-to-teleport value="-1"/>', '<time-to-teleport value="20"/>'),
+        (".sumocfg", '"warn"', f'"{action}"'),
+    )
+    assert survived("standing_cars", config)["gone_at"] is None
+
+
+def test_sumo_takes_away_what_stands_unless_it_is_told_not_to() -> None:
+    assert survived("naive_standing_cars", "--collision.action", "none")["gone_at"] == pytest.approx(300, abs=2)
+
+
+# --- the situations, each in its own process
+
+
+class Wanderers:
+    """Road users on random walks within a square, and how far SUMO has them from where they were put."""
+
+    def __init__(self, n: int, area: tuple[float, float], speed: float) -> None:
+        self._rng = np.random.default_rng(1)
+        self._area, self._speed = area, speed
+        self.x, self.y = self._rng.uniform(*area, n), self._rng.uniform(*area, n)
+        self.heading = self._rng.uniform(-np.pi, np.pi, n)
+        self.speed = np.full(n, speed)
+        self.missing, self.away, self.steps = 0, 0.0, 0
+
+    def wander(self) -> None:
+        self.heading = wrap_angle(self.heading + self._rng.normal(0.0, 0.15, len(self.x)))
+        self.x = self.x + 0.4 * self._speed * np.cos(self.heading)
+        self.y = self.y + 0.4 * self._speed * np.sin(self.heading)
+        low, high = self._area
+        outside = (self.x < low) | (self.x > high) | (self.y < low) | (self.y > high)
+        self.heading = wrap_angle(self.heading + np.pi * outside)
+        self.x, self.y = np.clip(self.x, low, high), np.clip(self.y, low, high)
+
+    def look(self, session: SumoSession, ids: tuple[str, ...]) -> None:
+        snapshot = session.reader.read()
+        row = {road_user: i for i, road_user in enumerate(snapshot.ids)}
+        here = [i for i, road_user in enumerate(ids) if road_user in row]
+        at = [row[ids[i]] for i in here]
+        self.missing += len(ids) - len(here)
+        self.steps += 1
+        if self.steps > 1:
+            # In the first step vehicles wait on a lane, see Placement.add.
+            apart = np.hypot(snapshot.x[at] - self.x[here], snapshot.y[at] - self.y[here])
+            self.away = max(self.away, float(apart.max(initial=0.0)))
+
+    def end(self) -> dict[str, Any]:
+        return {"missing": self.missing, "away": self.away, "steps": self.steps}
+
+
+def place(session: SumoSession, kinds: NDArray[np.int8], who: Wanderers, steps: int) -> dict[str, Any]:
+    """Wander with road users of ours."""
+    ids = tuple(f"learned.{i}" for i in range(len(kinds)))
+    session.placement.add(ids, kinds, who.x, who.y)
+    for _ in range(steps):
+        session.placement.move(ids, kinds, who.x, who.y, who.heading, who.speed, DEFAULT_LENGTH[kinds])
+        session.step()
+        who.look(session, ids)
+        who.wander()
+    return who.end()
+
+
+def start_on_grass(fcd: str, options: str) -> dict[str, Any]:
+    scenario = with_options(find_scenario("intersection"), ["--fcd-output", fcd, *options.split()])
+    with SumoSession(scenario, keep_outputs=True) as session:
+        kinds = np.repeat(np.arange(3, dtype=np.int8), 20)
+        return place(session, kinds, Wanderers(60, GRASS, 0.0), 50)
+
+
+def naive_first_move(fcd: str, keep_route: str) -> dict[str, Any]:
+    scenario = with_options(find_scenario("intersection"), ["--fcd-output", fcd])
+    with SumoSession(scenario, keep_outputs=True) as session:
+        libsumo.route.add("r", ["in0"])
+        libsumo.vehicle.add("v", "r")
+        for _ in range(10):
+            libsumo.vehicle.moveToXY("v", "", -1, 40.0, 40.0, 0.0, int(keep_route), 5.0)
+            session.step()
+    return {}
+
+
+def cars_over_sidewalks(options: str) -> dict[str, Any]:
+    with SumoSession(with_options(find_scenario("intersection"), options.split())) as session:
+        return place(session, np.zeros(32, np.int8), Wanderers(32, CENTRE, 8.0), 300)
+
+
+def lent_cars_over_sidewalks(options: str) -> dict[str, Any]:
+    """With vehicles of the scenario, wherever they happen to be when they are taken."""
+    with SumoSession(with_options(find_scenario("intersection"), options.split())) as session:
+        for _ in range(375):
+            session.step()
+        snapshot = session.reader.read()
+        loans = Loans(libsumo, session.network)
+        wheels = np.flatnonzero(~snapshot.person & loans.eligible(snapshot.ids, snapshot.person))
+        ids, length = tuple(snapshot.ids[i] for i in wheels), snapshot.length[wheels]
+        assert len(ids) >= 6
+        who, person = Wanderers(len(ids), CENTRE, 8.0), np.zeros(len(ids), np.bool_)
+        loans.take(ids, person)
+        for _ in range(300):
+            loans.move(ids, person, who.x, who.y, who.heading, who.speed, length)
+            session.step()
+            who.look(session, ids)
+            who.wander()
+        return who.end()
+
+
+def naive_cars_over_sidewalks(options: str) -> dict[str, Any]:
+    """Properly staged, then moved with permissions ignored."""
+    with SumoSession(with_options(find_scenario("intersection"), options.split())) as session:
+        kinds, who = np.zeros(32, np.int8), Wanderers(32, CENTRE, 8.0)
+        ids = tuple(f"learned.{i}" for i in range(32))
+        session.placement.add(ids, kinds, who.x, who.y)
+        session.step()
+        for _ in range(300):
+            x, y = front_from_centre(who.x, who.y, who.heading, DEFAULT_LENGTH[kinds])
+            for i, angle in enumerate(heading_to_sumo(who.heading).tolist()):
+                libsumo.vehicle.moveToXY(ids[i], "", -1, float(x[i]), float(y[i]), angle, 6, 5.0)
+            session.step()
+            who.wander()
+    return {}
+
+
+def persons(n: str, steps: str) -> dict[str, Any]:
+    with SumoSession(find_scenario("intersection")) as session:
+        kinds = np.full(int(n), RoadUserType.PEDESTRIAN, np.int8)
+        return place(session, kinds, Wanderers(int(n), CENTRE, 1.4), int(steps))
+
+
+def lent_persons(steps: str) -> dict[str, Any]:
+    """All persons of the scenario, as they come, each on a random walk from where it was taken."""
+    with SumoSession(find_scenario("intersection")) as session:
+        loans = Loans(libsumo, session.network)
+        rng = np.random.default_rng(1)
+        state: dict[str, list[float]] = {}
+        missing = 0
+        for _ in range(int(steps)):
+            snapshot = session.reader.read()
+            missing += len(set(state) - set(snapshot.ids))
+            able = snapshot.person & loans.eligible(snapshot.ids, snapshot.person)
+            for i in np.flatnonzero(able).tolist():
+                if snapshot.ids[i] not in state:
+                    loans.take(snapshot.ids[i : i + 1], snapshot.person[i : i + 1])
+                    state[snapshot.ids[i]] = [float(snapshot.x[i]), float(snapshot.y[i]), float(snapshot.heading[i])]
+            for place in state.values():
+                place[2] += rng.normal(0.0, 0.15)
+                place[0] += 0.56 * np.cos(place[2])
+                place[1] += 0.56 * np.sin(place[2])
+                if not (20.0 < place[0] < 180.0 and 20.0 < place[1] < 180.0):
+                    place[2] += np.pi
+            table = np.array(list(state.values())).reshape(-1, 3)
+            n = len(table)
+            length = np.full(n, DEFAULT_LENGTH[RoadUserType.PEDESTRIAN])
+            x, y, heading = table[:, 0], table[:, 1], wrap_angle(table[:, 2])
+            loans.move(tuple(state), np.ones(n, np.bool_), x, y, heading, np.full(n, 1.4), length)
+            session.step()
+        return {"missing": missing, "most": len(state), "steps": int(steps)}
+
+
+def naive_persons() -> dict[str, Any]:
+    """With a walk over several edges, which keepRoute 2 replaces."""
+    with SumoSession(find_scenario("intersection")) as session:
+        who = Wanderers(64, CENTRE, 1.4)
+        for i in range(64):
+            libsumo.person.add(f"p{i}", "in0", 1.0 + 0.5 * i)
+            libsumo.person.appendWalkingStage(f"p{i}", ["in0", "out1"], 1.0)
+        for _ in range(1500):
+            for i, angle in enumerate(heading_to_sumo(who.heading).tolist()):
+                libsumo.person.moveToXY(f"p{i}", "", float(who.x[i]), float(who.y[i]), angle, 2, 5.0)
+            session.step()
+            who.wander()
+    return {}
+
+
+def person_on_the_road(config: str) -> dict[str, Any]:
+    with SumoSession(find_scenario(config)) as session:
+        kinds = np.full(4, RoadUserType.PEDESTRIAN, np.int8)
+        end = place(session, kinds, Wanderers(4, CENTRE, 1.4), 50)
+        return {**end, "model": libsumo.simulation.getOption("pedestrian.model")}
+
+
+def standing_cars(config: str) -> dict[str, Any]:
+    """Two cars of ours in the same place on a lane, for 400 s."""
+    with SumoSession(find_scenario(config)) as session:
+        kinds, ids = np.zeros(2, np.int8), ("learned.0", "learned.1")
+        x, y = libsumo.simulation.convert2D("in0", 30.0, 2)
+        places, still = np.array([x, x + 1.0]), np.zeros(2)
+        session.placement.add(ids, kinds, places, np.full(2, y))
+        for _ in range(1000):
+            session.placement.move(ids, kinds, places, np.full(2, y), still, still, DEFAULT_LENGTH[kinds])
+            session.step()
+            if not set(ids) <= set(libsumo.vehicle.getIDList()):
+                return {"gone_at": session.time}
+    return {"gone_at": None}
+
+
+def naive_standing_cars(*options: str) -> dict[str, Any]:
+    """The same with SUMO started with `options` alone, without a session that knows better."""
+    folder = find_scenario("intersection").config.parent
+    libsumo.start(
+        ["sumo", "-n", str(folder / "intersection.net.xml"), "--step-length", "0.4", "--no-step-log", *options]
+    )
+    libsumo.route.add("r", ["in0"])
+    x, y = libsumo.simulation.convert2D("in0", 30.0, 2)
+    gone_at = None
+    for name in ("a", "b"):
+        libsumo.vehicle.add(name, "r")
+        libsumo.vehicle.setSpeedMode(name, 0)
+        libsumo.vehicle.moveToXY(name, "in0", 2, x, y, 90.0, 6, 5.0)
+    for _ in range(1000):
+        libsumo.simulationStep()
+        if not {"a", "b"} <= set(libsumo.vehicle.getIDList()):
+            gone_at = libsumo.simulation.getTime()
+            break
+        for name, ahead in (("a", 0.0), ("b", 1.0)):
+            libsumo.vehicle.moveToXY(name, "", -1, x + ahead, y, 90.0, 2, 5.0)
+            libsumo.vehicle.setSpeed(name, 0.0)
+    libsumo.close()
+    return {"gone_at": gone_at}
+
+
+SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
+    function.__name__: function
+    for function in (
+        *(start_on_grass, naive_first_move),
+        *(cars_over_sidewalks, lent_cars_over_sidewalks, naive_cars_over_sidewalks),
+        *(persons, lent_persons, naive_persons),
+        person_on_the_road,
+        *(standing_cars, naive_standing_cars),
+    )
+}
+
+if __name__ == "__main__":
+    print(json.dumps(SITUATIONS[sys.argv[1]](*sys.argv[2:])))
