@@ -37,9 +37,9 @@ AFTER = 5.0
 RIM = 5.0
 GREEN = 30.0
 COLUMNS = (
-    *("scenario", "step_s", "taken", "handed_back", "arrived_home", "arrived_elsewhere", "still_under_way", "lost"),
-    *("teleported", "jumps", "collisions", "overlaps_ours", "plain_overlaps", "hard_brakes_after", "per_1000_s"),
-    *("plain_per_1000_s", "driver_ms", "vehicles", "mean_speed", "plain_speed"),
+    *("scenario", "step_s", "taken", "handed_back", "arrived_home", "arrived_elsewhere", "still_under_way"),
+    *("plain_under_way", "lost", "teleported", "jumps", "overlaps_ours", "plain_overlaps", "hard_brakes_after"),
+    *("per_1000_s", "plain_per_1000_s", "driver_ms", "vehicles", "mean_speed", "plain_speed"),
 )
 
 
@@ -96,6 +96,7 @@ class Watch:
         self.goal: dict[str, tuple[str, np.ndarray, float]] = {}
         self.last: dict[str, tuple[float, float, float, bool]] = {}
         self.given: dict[str, float] = {}
+        self.followed: set[str] = set()
         self.overlaps: set[tuple[str, str]] = set()
         self.pairs: set[tuple[str, str]] = set()
         self.speed_sum = 0.0
@@ -113,6 +114,15 @@ class Watch:
             edge = self.api.vehicle.getRoute(road_user)[-1]
             ends = [self.api.lane.getShape(f"{edge}_{i}")[-1] for i in range(self.api.edge.getLaneNumber(edge))]
             self.goal[road_user] = (edge, np.array(ends), 15.0)
+
+    def follow(self, snapshot: Snapshot, loans: Loans, joins: bool) -> None:
+        """Watch whom a takeover would have taken, without taking anybody: what SUMO alone makes of them."""
+        fresh = [i for i, road_user in enumerate(snapshot.ids) if joins and road_user not in self.followed]
+        able = loans.eligible([snapshot.ids[i] for i in fresh], snapshot.person[fresh])
+        for i, may in zip(fresh, able.tolist(), strict=True):
+            if may:
+                self.followed.add(snapshot.ids[i])
+                self.take(snapshot.ids[i], bool(snapshot.person[i]))
 
     def look(self, snapshot: Snapshot, now: float, own: set[str]) -> None:
         api, count = self.api, self.count
@@ -208,12 +218,15 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         learned = empty_world()
         asked: set[str] = set()
         settled: set[str] = set()
-        switched, costs, most = [0.0], [], 0
+        # Not at the moment when everybody is handed back.
+        switched, costs, most = [0.5 * GREEN], [], 0
         snapshot = session.reader.read()
         while session.time < options.seconds + options.tail:
             if session.time >= options.seconds and not learned.ids and not watch.goal:
                 break
-            if not options.plain:
+            if options.plain:
+                watch.follow(snapshot, loans, session.time < options.seconds)
+            else:
                 learned = hand_over(session, snapshot, learned, loans, driver, region, shares, watch, settled, options)
             play_signals(api, session.time, switched)
             own = set(learned.ids)
@@ -350,6 +363,7 @@ def main() -> None:
             row = child(options, name, step, plain=False)
             plain = child(options, name, step, plain=True)
             row["plain_overlaps"], row["plain_speed"] = plain.get("overlaps"), plain.get("mean_speed")
+            row["plain_under_way"] = plain.get("still_under_way")
             if "taken" in row:
                 row["per_1000_s"] = round(1e3 * row["hard_brakes_after"] / max(row["vehicle_s_after"], 1.0), 2)
                 row["plain_per_1000_s"] = round(1e3 * plain["hard_brakes_else"] / max(plain["vehicle_s_else"], 1.0), 2)
@@ -361,7 +375,7 @@ def main() -> None:
 
 def child(options: argparse.Namespace, name: str, step: float, plain: bool) -> dict[str, Any]:
     command = [sys.executable, "-X", "faulthandler", __file__, "--name", name, "--step", str(step)]
-    command += ["--seconds", str(options.seconds), "--tail", str(0.0 if plain else options.tail)]
+    command += ["--seconds", str(options.seconds), "--tail", str(options.tail)]
     command += ["--seed", str(options.seed), "--shares", options.shares]
     command += [*(["--region", options.region] if options.region else []), *(["--plain"] if plain else [])]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -44,6 +44,8 @@ class Drive:
     y: float
     stood: float = 0.0
     """s that it has stood."""
+    held: bool = False
+    """Somebody on its way makes it drive slower than it would."""
     free_until: float = -math.inf
     """Time until which it does not mind others that stand."""
 
@@ -68,9 +70,12 @@ class Drives:
             self._drives.pop(road_user, None)
 
     def left(self, road_user: str) -> float:
-        """m to the end of a vehicle's route; inf where that is out of sight, or it has none, or is not known."""
+        """m to the end of a vehicle's route; inf where that is out of sight, or it has none, or is not known.
+
+        inf too while somebody is in the way: SUMO would brake harder for them, or not at all.
+        """
         drive = self._drives.get(road_user)
-        if drive is None or road_user.startswith("learned_"):
+        if drive is None or drive.held or road_user.startswith("learned_"):
             return math.inf
         last = self._graph.lanes[drive.way.lanes[-1]].edge
         ends = last == drive.edges[-1] if drive.edges else last == self._graph.lanes[drive.way.lanes[0]].edge

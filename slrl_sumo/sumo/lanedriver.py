@@ -118,6 +118,7 @@ class LaneDriver:
         low = drive.speed - drive.decel * dt
         speed = min(drive.speed + drive.accel * dt, max(calm, low))
         speed = max(min(speed, max(hard, drive.speed - drive.emergency * dt)), 0.0)
+        drive.held = safe < min(calm, drive.speed + drive.accel * dt)
         drive.stood = drive.stood + dt if speed < 0.1 else 0.0
         if standing and safe < 0.5 and drive.stood > IMPATIENCE + 4.0 * random.Random(road_user).random():
             drive.free_until, drive.stood = state.time + 5.0, 0.0

@@ -112,7 +112,7 @@ class Loans:
     def give_back(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Give n lent road users back to SUMO, (n,): False where one stays ours, must be moved on, and may be later.
 
-        That is where SUMO has a vehicle on no road, and where a person is on no edge but on a crossing, say.
+        That is where SUMO has a vehicle on no lane or inside a junction, and a person on no edge but a crossing, say.
         """
         return self._give_back(ids, person, forced=False)
 
@@ -123,7 +123,7 @@ class Loans:
             self._walks.pop(road_user, None)
 
     def release(self) -> tuple[str, ...]:
-        """Give everybody back at once who can be; returns the ids of those who cannot, whom SUMO has on no road.
+        """Give everybody back at once who can be; returns the ids of those who cannot, whom SUMO has on no lane.
 
         Persons on a crossing go back too, but SUMO puts them on the edge before it.
         """
@@ -135,7 +135,7 @@ class Loans:
 
     def _give_back(self, ids: Sequence[str], person: NDArray[np.bool_], forced: bool) -> NDArray[np.bool_]:
         back = [
-            self._walk_on(road_user, forced) if walks else self._drive_on(road_user)
+            self._walk_on(road_user, forced) if walks else self._drive_on(road_user, forced)
             for road_user, walks in zip(ids, person.tolist(), strict=True)
         ]
         return np.array(back, np.bool_)
@@ -167,9 +167,12 @@ class Loans:
         stage = self._api.simulation.Stage(type=WALKING, edges=list(edges), arrivalPos=arrival, destStop=stop)
         self._api.person.replaceStage(road_user, 0, stage)
 
-    def _drive_on(self, road_user: str) -> bool:
+    def _drive_on(self, road_user: str, forced: bool) -> bool:
         vehicle = self._api.vehicle
-        if vehicle.getRoadID(road_user) == "":
+        # Not the road: SUMO goes on naming the last one when the vehicle is far beside it, and would lose it there.
+        lane = vehicle.getLaneID(road_user)
+        # Inside a junction SUMO may brake hard for others that it would not have met there.
+        if lane == "" or (lane.startswith(":") and not forced):
             return False
         speed_mode, lane_change_mode = self._modes.pop(road_user)
         vehicle.setSpeed(road_user, -1.0)

@@ -1,18 +1,21 @@
 """What lies on the ways of driven vehicles, whether SUMO has it on their lane or not."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.sumo.meetings import MARGIN, approaching, meetings, predicted, speed_along
 from slrl_sumo.sumo.paths import SPACING, sweep
-from slrl_sumo.sumo.yielding import MOMENTS, meetings, predicted, safe_speeds
+from slrl_sumo.sumo.yielding import MOMENTS, safe_speeds
 from slrl_sumo.world.geometry import Floats, front_from_centre
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
 STANDING = 0.3
 """m/s."""
+GRAZE = 0.4
+"""m by which boxes of vehicles may overlap."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,7 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
 
     Persons are predicted as in `yielding`, vehicles are looked at where they are now.
     """
-    rows, n, m = approach.rows, len(approach.rows), len(world)
+    rows, n = approach.rows, len(approach.rows)
     length, heading = world.length[rows], world.heading[rows]
     front_x, front_y = front_from_centre(world.x[rows], world.y[rows], heading, length)
     size = np.column_stack([length, world.width[rows]])
@@ -54,16 +57,21 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
     # Behind us is nobody whom we could meet.
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
     near &= -(c * dx + s * dy) > -0.5 * length[:, None] - spread
-    vehicle, other = np.nonzero(near)
     safe, standing = np.full(n, np.inf), np.zeros(n, np.bool_)
-    if not m or not len(vehicle):
-        return safe, standing
-    enter, leave = meetings(ahead, vehicle, predicted(world, MOMENTS), other, walks & (world.speed > 0.05))
-    place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
-    turn = world.heading[other][:, None] - ahead.heading[vehicle[:, None], place]
-    leading = np.maximum(world.speed[other][:, None] * np.cos(turn), 0.0)
-    target, _ = safe_speeds(enter, leave, approach.speed[vehicle], leading, approach.limits[vehicle], dt)
-    np.minimum.at(safe, vehicle, target)
-    decides = target <= safe[vehicle] + 1e-9
-    np.logical_or.at(standing, vehicle[decides], stands[other[decides]])
+    boxes = predicted(world, MOMENTS)
+    # Who waits to turn is grazed by those who go straight on, in SUMO's networks as they are.
+    boxes[~walks, :, 3:] -= GRAZE
+    narrow = replace(ahead, width=np.maximum(ahead.width - 2.0 * MARGIN - GRAZE, 0.3))
+    for whom, mine in ((walks, ahead), (~walks, narrow)):
+        vehicle, other = np.nonzero(near & whom)
+        close = approaching(approach.path_x, approach.path_y, size, vehicle, boxes, other)
+        vehicle, other = vehicle[close], other[close]
+        if not len(vehicle):
+            continue
+        enter, leave = meetings(mine, vehicle, boxes, other, walks & (world.speed > 0.05))
+        leading = speed_along(mine, vehicle, enter, boxes, other, world.speed)
+        target, _ = safe_speeds(enter, leave, approach.speed[vehicle], leading, approach.limits[vehicle], dt)
+        np.minimum.at(safe, vehicle, target)
+        decides = target <= safe[vehicle] + 1e-9
+        standing[vehicle[decides]] = stands[other[decides]]
     return safe, standing

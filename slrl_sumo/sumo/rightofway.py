@@ -9,8 +9,8 @@ STOP_LINE = 1.0
 """m that vehicles stop before a line."""
 LINE_OF_SIGHT = 4.5
 """m before a junction from which vehicles see those that they have to let pass (SUMO's foeVisibilityDistance)."""
-PATIENCE = 15.0
-"""s after which a vehicle that stands before an empty junction goes, although others could come."""
+PATIENCE = 10.0
+"""s of standing after which a vehicle no longer trusts that SUMO knows who comes; twice that, and it goes first."""
 
 
 class RightOfWay:
@@ -21,6 +21,7 @@ class RightOfWay:
         self._graph = graph
         self._states: dict[str, dict[tuple[str, str], tuple[bool, bool, str]]] = {}
         self._before: dict[tuple[str, str], tuple[str, ...]] = {}
+        self._entries: dict[str, str] = {}
         self._inside: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
@@ -53,12 +54,13 @@ class RightOfWay:
             return math.inf
         if distance > LINE_OF_SIGHT + speed:
             return approach
-        if waited > PATIENCE and not self._busy(gate):
-            return approach
-        clear = _time(distance + gate.out - gate.line + 5.0, max(speed, 0.0), acceleration)
-        if not is_open or self._comes(gate, clear):
-            return stop
-        return approach
+        clear = _time(distance + gate.out - gate.line + 5.0, speed, acceleration)
+        if waited < PATIENCE:
+            return stop if not is_open or self._comes(gate, clear) else approach
+        # Vehicles whose speed mode is 0, as of all that are taken over, count for SUMO as coming even where they wait
+        # at red: a link may never be open. Then what moves decides, and at last only what moves inside.
+        blocked = self._busy(gate) or (waited < 2.0 * PATIENCE and self._comes(gate, clear))
+        return stop if blocked else approach
 
     def _state(self, gate: Gate) -> tuple[bool, bool, str]:
         """Of a link: whether it has priority, whether it is open now, and its state as SUMO's letter."""
@@ -71,10 +73,10 @@ class RightOfWay:
 
     def _comes(self, gate: Gate, within: float) -> bool:
         """Whether a moving vehicle with priority reaches the junction within so many seconds."""
-        key = (gate.lane, gate.target)
+        key = (self._entry(gate.lane), gate.target)
         lanes = self._before.get(key)
         if lanes is None:
-            foes = {} if gate.lane.startswith(":") else dict.fromkeys(self._api.lane.getFoes(*key))
+            foes = dict.fromkeys(self._api.lane.getFoes(*key))
             lanes = self._before[key] = tuple(lane for lane in foes if not lane.startswith(":"))
         vehicle = self._api.vehicle
         for lane in lanes:
@@ -86,13 +88,28 @@ class RightOfWay:
         return False
 
     def _busy(self, gate: Gate) -> bool:
-        """Whether somebody moves on the lanes inside the junction that cross this one."""
+        """Whether somebody who came from another lane moves inside the junction on a lane that crosses this way."""
         lanes = self._inside.get(gate.via)
         if lanes is None:
+            entry = self._entry(gate.lane)
             foes = self._api.lane.getInternalFoes(gate.via)
-            lanes = self._inside[gate.via] = tuple(lane for lane in foes if lane in self._graph.lanes)
+            lanes = self._inside[gate.via] = tuple(
+                lane for lane in foes if lane in self._graph.lanes and self._entry(lane) != entry
+            )
         vehicle = self._api.vehicle
         return any(vehicle.getSpeed(foe) > 0.5 for lane in lanes for foe in self._api.lane.getLastStepVehicleIDs(lane))
+
+    def _entry(self, lane: str) -> str:
+        """The lane that leads to a lane inside a junction, from outside; any other lane itself."""
+        if not self._entries:
+            for begin in self._graph.lanes:
+                if begin.startswith(":"):
+                    continue
+                for _, via in self._graph.links(begin):
+                    while via and via not in self._entries:
+                        self._entries[via] = begin
+                        via = next((inner for _, inner in self._graph.links(via)), "")
+        return self._entries.get(lane, lane)
 
 
 def _time(distance: float, speed: float, acceleration: float) -> float:

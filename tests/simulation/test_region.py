@@ -79,7 +79,8 @@ def test_edges_are_the_surface_of_their_lanes(session: SumoSession) -> None:
         assert not _inside(region, before[0], before[1])
         assert _inside(region, before[0], before[1], margin=5.0)
     elsewhere = next(lane for lane in session.network.lanes if lane.edge == "in2")
-    assert not _inside(region, *elsewhere.shape.mean(axis=0), margin=5.0)
+    far = elsewhere.shape.mean(axis=0)
+    assert not _inside(region, far[0], far[1], margin=5.0)
     other = next(lane for lane in session.network.lanes if lane.edge == "out1")
     assert _inside(region, *other.shape.mean(axis=0))
 
