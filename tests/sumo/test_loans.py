@@ -106,16 +106,18 @@ def test_lent_car_is_where_it_was_put_and_goes_on_from_there_along_its_route(ses
     moved = abs(float(first.x[car]) - float(after.x[_row(after, "car")]))
     assert 6.0 * session.step_length - 0.5 < moved < 6.0 * session.step_length + 1.2
     arrived: set[str] = set()
-    last = ""
+    last, fastest = "", 0.0
     for _ in range(150):
         _clear()
         if "car" in libsumo.vehicle.getIDList():
+            fastest = max(fastest, libsumo.vehicle.getSpeed("car"))
             last = libsumo.vehicle.getRoadID("car")
             assert libsumo.vehicle.getRoute("car") == route
         session.step()
         arrived |= set(libsumo.simulation.getArrivedIDList())
     assert "car" in arrived
     assert last == "out2"
+    assert fastest > 9.0
 
 
 def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSession) -> None:
