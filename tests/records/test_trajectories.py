@@ -235,3 +235,25 @@ def test_builder_refuses_a_world_out_of_series(time: float) -> None:
 
 def test_track_names_are_unique_even_where_an_id_looks_like_one() -> None:
     assert track_names(["a", "a", "a#1", "a", "b", "a#1"]) == ("a", "a#2", "a#1", "a#3", "b", "a#1#1")
+
+
+def test_parked_is_nobody_unless_it_is_said(tmp_path: Path) -> None:
+    assert make().parked.tolist() == [False, False]
+    marked = make(parked=np.array([True, False]))
+    marked.save(tmp_path / "t.npz")
+    assert load_trajectories(tmp_path / "t.npz").parked.tolist() == [True, False]
+    with pytest.raises(ValueError, match="parked has shape"):
+        make(parked=np.array([True]))
+
+
+def test_files_of_version_1_have_nobody_parked(tmp_path: Path) -> None:
+    make(parked=np.array([True, False])).save(tmp_path / "new.npz")
+    with np.load(tmp_path / "new.npz") as data:
+        fields = {name: data[name] for name in data.files if name != "parked"}
+    np.savez_compressed(tmp_path / "old.npz", **(fields | {"version": np.array(1)}))
+    old = load_trajectories(tmp_path / "old.npz")
+    assert old.parked.tolist() == [False, False]
+    np.testing.assert_array_equal(old.x, make().x)
+    np.savez_compressed(tmp_path / "later.npz", **(fields | {"version": np.array(3)}))
+    with pytest.raises(InputError, match="has trajectories format 3, this version reads 1 to 2"):
+        load_trajectories(tmp_path / "later.npz")

@@ -60,6 +60,10 @@ class Users:
     length: Floats
     width: Floats
 
+    def take(self, users: Integers) -> "Users":
+        """The road users `users` (indices)."""
+        return Users(self.type[users], self.length[users], self.width[users])
+
 
 def users_of(
     table: Table, column: str, rows: Integers, sizes: bool, classes: dict[str, RoadUserClass] = CLASSES

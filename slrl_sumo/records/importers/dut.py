@@ -8,8 +8,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.records.importers.classes import CAR, PEDESTRIAN, RoadUserClass
 from slrl_sumo.records.importers.resample import Samples, resample
 from slrl_sumo.records.importers.table import codes, read_table
-from slrl_sumo.records.trajectories import Trajectories
-from slrl_sumo.world.geometry import wrap_angle
+from slrl_sumo.records.trajectories import Integers, Trajectories
+from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.types import RoadUserType
 
 LICENCE = "DUT and CITR: MIT (Dongfang Yang 2019, https://github.com/dongfang-steven-yang/vci-dataset-dut)"
@@ -32,8 +32,10 @@ def _read(pedestrians: Path, rate: float, vehicle: RoadUserClass, dataset: str) 
     name = pedestrians.name.removesuffix("_traj_ped_filtered.csv")
     vehicles = pedestrians.with_name(f"{name}_traj_veh_filtered.csv")
     files = [(pedestrians, "ped", PEDESTRIAN), (vehicles, "veh", vehicle)]
-    columns: list[list[np.ndarray[tuple[int], np.dtype[np.float64]]]] = []
-    user, ids, classes = [], [], []
+    columns: list[list[Floats]] = []
+    user: list[Integers] = []
+    ids: list[str] = []
+    classes: list[RoadUserClass] = []
     for file, label, kind in files:
         if file == vehicles and not file.exists():
             continue

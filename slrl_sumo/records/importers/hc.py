@@ -26,7 +26,9 @@ def read_hc(path: Path) -> Trajectories:
     numbers = table.integers("type")
     if (unknown := ~np.isin(numbers, list(_CLASSES))).any():
         row = int(np.flatnonzero(unknown)[0])
-        raise InputError(f"{table.where(row)}: unknown type {numbers[row]}; known are 1 pedestrian, 2 cyclist, 3 vehicle")
+        raise InputError(
+            f"{table.where(row)}: unknown type {numbers[row]}; known are 1 pedestrian, 2 cyclist, 3 vehicle"
+        )
     classes = [_CLASSES[n] for n in numbers[first].tolist()]
     return resample(
         Samples(
@@ -34,7 +36,7 @@ def read_hc(path: Path) -> Trajectories:
             source=f"HC {path.stem}",
             licence=LICENCE,
             user=user,
-            time=table.integers("frame") * PERIOD,
+            time=PERIOD * table.integers("frame").astype(np.float64),
             x=table.numbers("x") / PIXELS_PER_METRE,
             y=-table.numbers("y") / PIXELS_PER_METRE,
             heading=np.full(len(table), np.nan),

@@ -14,8 +14,8 @@ def read_sind(vehicles: Path) -> Trajectories:
 
     Headings of vehicles and bicycles are yaw_rad, the direction of the box (heading_rad is that of its motion).
     """
-    parts = [(*read_timed(vehicles, "yaw_rad"), "yaw_rad")]
+    parts = [read_timed(vehicles, "yaw_rad")]
     walkers = vehicles.with_name("Ped_smoothed_tracks.csv")
     if walkers.exists():
-        parts.append((*read_timed(walkers, None), None))
+        parts.append(read_timed(walkers, None))
     return resample(samples_of(parts, f"SinD {vehicles.resolve().parent.name}", LICENCE))

@@ -54,7 +54,11 @@ class Table:
 
 
 def read_table(
-    path: Path, numbers: Sequence[str], words: Sequence[str] = (), names: Sequence[str] = (), delimiter: str | None = ","
+    path: Path,
+    numbers: Sequence[str],
+    words: Sequence[str] = (),
+    names: Sequence[str] = (),
+    delimiter: str | None = ",",
 ) -> Table:
     """Read the columns `numbers` and `words` of a text file; others are not looked at.
 
