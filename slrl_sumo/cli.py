@@ -136,6 +136,54 @@ def record(
     typer.echo(f"{out}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
 
 
+@app.command("import")
+def import_(
+    format: Annotated[
+        str,
+        typer.Argument(
+            metavar="FORMAT",
+            help="levelx (or inD, rounD, uniD, exiD), sind, interaction, taf-bw, sdd, dut, citr, hc or fcd.",
+        ),
+    ],
+    path: Annotated[Path, typer.Argument(help="A file of one recording, or a folder with any number of them.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="FILE.npz: all recordings in one file, one after another in time, so that they never meet. "
+            "Any other name is a folder: one file per recording."
+        ),
+    ],
+) -> None:
+    """Turn recordings of road users into trajectories of 0.4 s."""
+    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.records.importers.formats import find_recordings, join
+
+    _check_output(out)
+    single = out.suffix == ".npz"
+    if out.exists() and out.is_dir() == single:
+        raise InputError(f"{out}: is there and is {'a folder' if single else 'no folder'}; give another --out")
+    found = find_recordings(format, path)
+    parts = []
+    with progress("{task.fields[name]}") as bar:
+        task = bar.add_task("importing", total=len(found), name="")
+        for recording in found:
+            bar.update(task, name=recording.name)
+            trajectories = recording.read()
+            if single:
+                parts.append((recording.name, trajectories))
+            else:
+                out.mkdir(exist_ok=True)
+                file = out / f"{recording.name}.npz"
+                trajectories.save(file)
+                typer.echo(f"{file}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+            bar.advance(task)
+    if single:
+        trajectories = join(parts)
+        trajectories.save(out)
+        count = f"{len(found)} recording{'s' * (len(found) > 1)}"
+        typer.echo(f"{out}: {count}, {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+
+
 @app.command()
 def fit(
     files: Annotated[list[Path], typer.Argument(help="Trajectories files.")],
