@@ -479,12 +479,12 @@ def print_tables(rows: list[dict[str, Any]], console: Console) -> None:
         table = Table(title="cars that braked by more than 2 m/s² or stopped, of all cars")
         for column in ("case", "sublane", "plain SUMO", "agents, no yielding", "agents, yielding", "interventions"):
             table.add_column(column)
-        for key in dict.fromkeys((r["case"], r["sublane"]) for r in seen):
+        for case, sublane in dict.fromkeys((r["case"], r["sublane"]) for r in seen):
             cells = []
             for setting in ("plain", "agents", "yielding"):
-                some = [r for r in seen if (r["case"], r["sublane"]) == key and r["setting"] == setting]
+                some = [r for r in seen if (r["case"], r["sublane"]) == (case, sublane) and r["setting"] == setting]
                 cells.append(f"{sum(r['braked'] for r in some)}/{sum(r['cars'] for r in some)}")
-            table.add_row(key[0], "yes" if key[1] else "no", *cells, str(sum(r["interventions"] for r in some)))
+            table.add_row(case, "yes" if sublane else "no", *cells, str(sum(r["interventions"] for r in some)))
         console.print(table)
     for r in rows:
         if r["part"] == "cost":

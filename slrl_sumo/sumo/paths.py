@@ -16,6 +16,7 @@ REACH = 120.0
 MOST_POINTS = 2_000_000
 """Paths kept at a time, counted in points (32 MB); beyond that they are forgotten and made again when needed."""
 MOST_LANES = 40
+"""Of a path, where they are very short."""
 STRAIGHTENING = 15.0
 """m in which a vehicle that drives beside its lane's centre is expected to have come back to it, at the latest."""
 

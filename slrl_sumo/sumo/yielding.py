@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.sumo.meetings import approaching, speed_along
-from slrl_sumo.sumo.meetings import meetings as meetings
-from slrl_sumo.sumo.meetings import predicted as predicted
+from slrl_sumo.sumo.meetings import approaching, meetings, predicted, speed_along
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.paths import SPACING, Paths, sweep
 from slrl_sumo.sumo.reader import Snapshot
