@@ -28,6 +28,10 @@ LEFT_TO_SUMO = frozenset(
 )
 """Vehicle classes that are never taken over (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
+KEEP_ROUTE_STRICTLY = 1
+"""Onto the route, wherever the vehicle is said to be."""
+EVERYWHERE = 1e5
+"""m; farther than any place of a network is from another."""
 MATCH_THRESHOLD = 5.0
 """m; SUMO's default of 100 m makes a call up to 40 times slower."""
 WALKING = 2
@@ -123,9 +127,10 @@ class Loans:
             self._walks.pop(road_user, None)
 
     def release(self) -> tuple[str, ...]:
-        """Give everybody back at once who can be; returns the ids of those who cannot, whom SUMO has on no lane.
+        """Give everybody back at once who can be; returns the ids of those who cannot.
 
-        Persons on a crossing go back too, but SUMO puts them on the edge before it.
+        Persons on a crossing go back too, but SUMO puts them on the edge before it. Vehicles on no lane are put on the
+        nearest place of their route, however far that is: beside it SUMO would lose them.
         """
         present = frozenset(self._api.vehicle.getIDList()) | frozenset(self._api.person.getIDList())
         self.forget([road_user for road_user in self.ids if road_user not in present])
@@ -172,8 +177,12 @@ class Loans:
         # Not the road: SUMO goes on naming the last one when the vehicle is far beside it, and would lose it there.
         lane = vehicle.getLaneID(road_user)
         # Inside a junction SUMO may brake hard for others that it would not have met there.
-        if lane == "" or (lane.startswith(":") and not forced):
+        if (lane == "" or lane.startswith(":")) and not forced:
             return False
+        if lane == "":
+            x, y = vehicle.getPosition(road_user)
+            angle = vehicle.getAngle(road_user)
+            vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
         speed_mode, lane_change_mode = self._modes.pop(road_user)
         vehicle.setSpeed(road_user, -1.0)
         vehicle.setSpeedMode(road_user, speed_mode)
@@ -187,8 +196,14 @@ class Loans:
             del self._walks[road_user]
             return True
         x, y = self._api.person.getPosition(road_user)
-        if self._api.person.getRoadID(road_user) != walk.here or not (forced or self._is_on(walk.here, x, y)):
+        on_edge = self._is_on(walk.here, x, y)
+        if self._api.person.getRoadID(road_user) != walk.here or not (forced or on_edge):
             return False
+        if not on_edge:
+            # Left beside its edge a person stands there for ever.
+            lane, end = self._api.person.getLaneID(road_user), self._lengths.get(walk.here, 0.0)
+            along = min(max(self._api.person.getLanePosition(road_user), 0.0), end)
+            x, y = self._api.simulation.convert2D(walk.here, along, int(lane.rsplit("_", 1)[1]))
         edges = self._rest_of(walk)
         if not edges:
             return False
