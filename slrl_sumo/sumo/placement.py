@@ -76,6 +76,7 @@ class Placement:
             )
             self._api.person.appendWalkingStage(road_user, [edge], 1.0)
             self._edge_of_person[road_user] = edge
+            self._staged.add(road_user)
         points = self._staging.nearest(x[~walking], y[~walking])[:, 0]
         for road_user, kind, point in zip(_pick(ids, ~walking), kinds[~walking].tolist(), points, strict=True):
             lane = self._staging.lanes[self._staging.lane[point]]
@@ -116,7 +117,11 @@ class Placement:
         vehicle, person = self._api.vehicle, self._api.person
         for i, road_user in enumerate(ids):
             if walking[i]:
-                self._renew_walk(road_user, next(lanes_under))
+                lane = next(lanes_under)
+                # SUMO ignores a change of the walk before the person has departed.
+                if road_user not in self._staged:
+                    self._renew_walk(road_user, lane)
+                self._staged.discard(road_user)
                 person.moveToXY(
                     road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
                 )
