@@ -1,5 +1,6 @@
 """Learned road users in a simulation that a user's own script has started."""
 
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -8,17 +9,20 @@ import torch
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.driver import make_driver
+from slrl_sumo.simulation.driver import SELECTORS, make_driver
 from slrl_sumo.simulation.events import DEFAULT_BUNDLE
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.command import divides_interval
 from slrl_sumo.sumo.network import read_network
-from slrl_sumo.sumo.placement import Placement
+from slrl_sumo.sumo.placement import LEARNED_TYPES, Placement
 from slrl_sumo.sumo.reader import Reader
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
+
+MARK = "slrl_sumo.attached"
+"""Parameter of our first vType that says that somebody is attached: it is seen through every connection."""
 
 
 class AttachedSimulation:
@@ -32,6 +36,8 @@ class AttachedSimulation:
                 f"the simulation's step of {self.step_length:g} s does not divide the decision interval of "
                 f"{DECISION_INTERVAL:g} s; start SUMO with --step-length 0.4, 0.2 or 0.1"
             )
+        if LEARNED_TYPES[0] in api.vehicletype.getIDList() and api.vehicletype.getParameter(LEARNED_TYPES[0], MARK):
+            raise InputError("learned road users are attached to this simulation already; leave that context first")
         self.network = read_network(api)
         self.placement = Placement(api, self.network)
         self.reader = Reader(api)
@@ -45,18 +51,22 @@ class AttachedSimulation:
         """One SUMO step."""
         self.api.simulationStep()
 
+    def mark(self, text: str) -> None:
+        """Say that somebody is attached, or (with '') that nobody is."""
+        self.api.vehicletype.setParameter(LEARNED_TYPES[0], MARK, text)
+
 
 class Attached:
     """Learned road users in a running simulation; a context manager. Made by `attach`.
 
-    Call `step` instead of `simulationStep`. Leaving the context gives back every road user that was taken over and
-    every vehicle that was held, removes those that were added, cancels the subscriptions, and leaves the simulation
-    running.
+    Call `step` instead of `simulationStep`. Leaving the context, also by an exception, gives back every road user that
+    was taken over and every vehicle that was held, removes those that were added, cancels the subscriptions, and leaves
+    the simulation running. Road users that have strayed from every lane are put on the nearest place of their route.
     """
 
     def __init__(self, simulation: AttachedSimulation, loop: CoSimulation) -> None:
         self._simulation, self._loop = simulation, loop
-        self._started = False
+        self._started = self._left = False
 
     @property
     def world(self) -> WorldState:
@@ -70,6 +80,8 @@ class Attached:
 
     def step(self) -> WorldState:
         """One SUMO step, in which the learned road users move. Returns all road users after it, learned ones first."""
+        if self._left:
+            raise InputError("this context has been left; attach again, or call simulationStep")
         if not self._started:
             self._started = True
             return self._loop.start().world
@@ -82,8 +94,18 @@ class Attached:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._left = True
+        if error is None:
+            self._leave()
+            return
+        # Where SUMO has gone there is nothing to restore, and the error says more.
+        with suppress(Exception):
+            self._leave()
+
+    def _leave(self) -> None:
         self._loop.release()
         self._simulation.reader.forget()
+        self._simulation.mark("")
 
 
 def attach(
@@ -98,30 +120,37 @@ def attach(
     seed: int = 1,
     yielding: bool = True,
 ) -> Attached:
-    """Put learned road users into a simulation that is running already.
-
-    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. The other words are those of
-    `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own
-    are taken over inside `region`. Raises InputError where they are wrong or the simulation's step does not divide
-    0.4 s.
+    """Put learned road users into a simulation that is running already; call it in a with statement.
 
         with slrl_sumo.attach(libsumo, takeover="car=0.3") as learned:
             while libsumo.simulation.getMinExpectedNumber() > 0:
-                learned.step()
+                learned.step()  # in place of libsumo.simulationStep()
+
+    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. The other words are those of
+    `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own
+    are taken over inside `region`. `step` returns all road users; everything else in the script works as before, its
+    subscriptions included. Three vTypes (learned_car, learned_bicycle, learned_pedestrian) and the routes of added
+    vehicles stay in SUMO afterwards.
+
+    Start SUMO with --time-to-teleport -1 and --collision.action warn: its defaults remove road users that stand or
+    touch. Raises InputError where something is wrong, before anybody is added or taken over: one of the words, a step
+    that does not divide 0.4 s, or a second attachment to the same simulation.
     """
     if agents is None and takeover is None:
         raise InputError("nobody to learn: give agents=N, or takeover='car=0.3'")
+    if selector not in SELECTORS:
+        raise InputError(f"selector={selector!r}: there is none of that name; use {' or '.join(SELECTORS)}")
+    mixed = None if mix is None else parse_mix(mix)
+    shares = None if takeover is None else parse_shares(takeover)
     models = load_bundle(bundle)
     # The models are so small that more threads only wait for each other.
     torch.set_num_threads(1)
-    rule = None
     simulation = AttachedSimulation(api)
-    if takeover is not None:
-        rule = Takeover(parse_shares(takeover), parse_region(region, simulation.network, api), seed)
+    rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network, api), seed)
     driver = make_driver(selector, models, api, simulation.network, seed)
     loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
     if agents is not None:
-        shares = None if mix is None else parse_mix(mix)
-        counts, _ = type_counts(agents, shares, starting_points(simulation.network), "attach")
+        counts, _ = type_counts(agents, mixed, starting_points(simulation.network), "attach")
         loop.spawn(counts, models.max_speed, seed)
+    simulation.mark("yes")
     return Attached(simulation, loop)

@@ -129,8 +129,8 @@ class Loans:
     def release(self) -> tuple[str, ...]:
         """Give everybody back at once who can be; returns the ids of those who cannot.
 
-        Persons on a crossing go back too, but SUMO puts them on the edge before it. Vehicles on no lane are put on the
-        nearest place of their route, however far that is: beside it SUMO would lose them.
+        Persons go to the right side of their edge, also from a crossing or from beside it. Vehicles on no lane are put
+        on the nearest place of their route, however far that is: beside it SUMO would lose them.
         """
         present = frozenset(self._api.vehicle.getIDList()) | frozenset(self._api.person.getIDList())
         self.forget([road_user for road_user in self.ids if road_user not in present])
@@ -147,7 +147,7 @@ class Loans:
 
     def _may_drive(self, road_user: str) -> bool:
         vehicle = self._api.vehicle
-        if vehicle.getLaneID(road_user) == "" or vehicle.getNextStops(road_user):
+        if vehicle.getLaneID(road_user) == "" or vehicle.getStops(road_user, 1):
             return False
         # Bits 1 and 8 and up of the stop state: standing at a stop, parked, or waiting for somebody.
         return vehicle.getStopState(road_user) == 0 and vehicle.getVehicleClass(road_user) not in LEFT_TO_SUMO
@@ -196,22 +196,19 @@ class Loans:
             del self._walks[road_user]
             return True
         x, y = self._api.person.getPosition(road_user)
-        on_edge = self._is_on(walk.here, x, y)
-        if self._api.person.getRoadID(road_user) != walk.here or not (forced or on_edge):
+        if self._api.person.getRoadID(road_user) != walk.here or not (forced or self._is_on(walk.here, x, y)):
             return False
-        if not on_edge:
-            # Left beside its edge a person stands there for ever.
-            lane, end = self._api.person.getLaneID(road_user), self._lengths.get(walk.here, 0.0)
-            along = min(max(self._api.person.getLanePosition(road_user), 0.0), end)
-            x, y = self._api.simulation.convert2D(walk.here, along, int(lane.rsplit("_", 1)[1]))
         edges = self._rest_of(walk)
         if not edges:
             return False
         arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
         self._set_walk(road_user, edges, arrival, walk.stop)
-        # A walk that is set begins at the right side of the lane; this keeps the person where it is.
-        angle = self._api.person.getAngle(road_user)
-        self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD)
+        if not forced:
+            # A walk that is set begins at the right side of the lane; this keeps the person where it is. Not so on
+            # release: beside its edge a person would stand for ever, and libsumo crashes in the next simulation of the
+            # process where a person's move is still waiting when the present one is closed.
+            angle = self._api.person.getAngle(road_user)
+            self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD)
         del self._walks[road_user]
         return True
 

@@ -137,13 +137,12 @@ class Placement:
         """Take road users out of SUMO, if it still has them."""
         vehicles, persons = set(self._api.vehicle.getIDList()), set(self._api.person.getIDList())
         for road_user in ids:
-            # SUMO's next step fails on subscriptions of road users that were removed.
-            if road_user in vehicles:
-                self._api.vehicle.unsubscribe(road_user)
-                self._api.vehicle.remove(road_user)
-            elif road_user in persons:
-                self._api.person.unsubscribe(road_user)
-                self._api.person.remove(road_user)
+            for domain, present in ((self._api.vehicle, vehicles), (self._api.person, persons)):
+                if road_user in present:
+                    # A user's script may have subscribed: SUMO's next step fails on those that are removed.
+                    if domain.getSubscriptionResults(road_user):
+                        domain.unsubscribe(road_user)
+                    domain.remove(road_user)
             self._edge_of_person.pop(road_user, None)
             self._staged.discard(road_user)
 
