@@ -34,6 +34,8 @@ EVERYWHERE = 1e5
 """m; farther than any place of a network is from another."""
 MATCH_THRESHOLD = 5.0
 """m; SUMO's default of 100 m makes a call up to 40 times slower."""
+MATCH_THRESHOLD_PERSON = 0.1
+"""m; with 5 m SUMO pulls persons that are beside their edge up to 5 m towards it."""
 WALKING = 2
 """Type of a walking stage (https://sumo.dlr.de/docs/TraCI/Person_Value_Retrieval.html)."""
 
@@ -106,7 +108,9 @@ class Loans:
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
             if walks:
                 self._cut_walk(road_user, next(lanes_under))
-                persons.moveToXY(road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD)
+                persons.moveToXY(
+                    road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
+                )
             else:
                 vehicle.moveToXY(
                     road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
@@ -208,7 +212,7 @@ class Loans:
             # release: beside its edge a person would stand for ever, and libsumo crashes in the next simulation of the
             # process where a person's move is still waiting when the present one is closed.
             angle = self._api.person.getAngle(road_user)
-            self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD)
+            self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
         del self._walks[road_user]
         return True
 
