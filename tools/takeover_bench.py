@@ -216,7 +216,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         region = parse_region(text, session.network, api)
         shares = parse_shares(options.shares)
         learned = empty_world()
-        asked: set[str] = set()
         settled: set[str] = set()
         # Not at the moment when everybody is handed back.
         switched, costs, most = [0.5 * GREEN], [], 0
@@ -250,7 +249,6 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
                 session.step()
                 snapshot = session.reader.read()
                 watch.look(snapshot, session.time, own)
-                asked |= own
             present = {*api.vehicle.getIDList(), *api.person.getIDList()}
             for road_user in own - present:
                 loans.forget([road_user])
