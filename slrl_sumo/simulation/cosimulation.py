@@ -155,7 +155,7 @@ class CoSimulation:
     def _decide(self) -> _Interval:
         learned = self.population.world
         following, modes = self._driver.drive(self.world, learned, self.roadmap) if len(learned) else (learned, None)
-        looped = left_scene(following, self.roadmap)
+        looped = left_scene(following, self.roadmap) & ~self.population.lent
         if looped.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
             following = bring_back(following, looped, background, self._points, self.roadmap)
@@ -183,7 +183,8 @@ class CoSimulation:
         surface = self.roadmap.surface_at(users.x, users.y)
         gone = self.population.settle(users)
         arrived = np.array([road_user in interval.arrived for road_user in users.ids], np.bool_)
-        handed_back = self._hand_back()
+        strayed = self._bring_home()
+        handed_back = strayed + self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())
         taken_over = self._take_over(self._differences.complete(background), handed_back)
         self._driver.forget(handed_back + tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)))
@@ -196,8 +197,17 @@ class CoSimulation:
             arrived=tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)),
             taken_over=taken_over,
             handed_back=handed_back,
+            strayed=strayed,
             interventions=interval.interventions,
         )
+
+    def _bring_home(self) -> tuple[str, ...]:
+        """Road users of the scenario have a route: who has left the scene is not looped, but goes back to that."""
+        learned = self.population.world
+        strayed = self.population.hand_back(left_scene(learned, self.roadmap), strayed=True)
+        # They would stray again: from here on SUMO drives them.
+        self._finished.update(strayed)
+        return strayed
 
     def _hand_back(self) -> tuple[str, ...]:
         if self._takeover is None or not self.population.lent.any():

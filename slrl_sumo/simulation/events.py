@@ -98,6 +98,8 @@ class Decision:
     """Road users of the scenario that are learned from the end of this interval on."""
     handed_back: tuple[str, ...]
     """Road users that are SUMO's again from the end of this interval on."""
+    strayed: tuple[str, ...]
+    """Those of them that had left the scene, and that SUMO has put on their route again."""
     interventions: int
     """How often a background vehicle began to brake for a learned road user."""
 

@@ -53,11 +53,15 @@ class Population:
         self._loans.take(users.ids, users.type == RoadUserType.PEDESTRIAN)
         self._join(replace(users, learned=np.ones(len(users), np.bool_)), sumo_types, lent=True)
 
-    def hand_back(self, leaving: NDArray[np.bool_]) -> tuple[str, ...]:
-        """Give lent road users `leaving` (n,) back to SUMO. Returns the ids of those that SUMO could take at once."""
+    def hand_back(self, leaving: NDArray[np.bool_], *, strayed: bool = False) -> tuple[str, ...]:
+        """Give lent road users `leaving` (n,) back to SUMO. Returns the ids of those that SUMO could take at once.
+
+        Those that `strayed` from the network are put on their route again, wherever that is.
+        """
         rows = np.flatnonzero(leaving & self.lent)
         users = self.world.take(rows)
-        done = self._loans.give_back(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        give = self._loans.bring_home if strayed else self._loans.give_back
+        done = give(users.ids, users.type == RoadUserType.PEDESTRIAN)
         back = tuple(i for i, gone in zip(users.ids, done.tolist(), strict=True) if gone)
         self.keep(~np.isin(np.arange(len(self.world)), rows[done]))
         return back

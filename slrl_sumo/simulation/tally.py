@@ -48,7 +48,7 @@ class Tally:
         self.decisions = 0
         self.loops: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
-        self.taken_over = self.handed_back = self.arrived = self.interventions = 0
+        self.taken_over = self.handed_back = self.strayed = self.arrived = self.interventions = 0
         self._lives = {start.ids[i]: _Life(int(start.type[i])) for i in np.flatnonzero(start.learned)}
         # Road users that start in contact with each other have not collided by driving.
         self._colliding = _keys(colliding_pairs(start), start)
@@ -64,6 +64,7 @@ class Tally:
         self.lost += [(world.ids[row], step.time) for row in np.flatnonzero(decision.lost)]
         self.taken_over += len(decision.taken_over)
         self.handed_back += len(decision.handed_back)
+        self.strayed += len(decision.strayed)
         self.arrived += len(decision.arrived)
         self.interventions += decision.interventions
         colliding, overlapping = colliding_pairs(world), overlapping_pairs(world)
@@ -113,6 +114,7 @@ class Tally:
             "looped": len(self.loops),
             "taken_over": self.taken_over,
             "handed_back": self.handed_back,
+            "strayed": self.strayed,
             "arrived": self.arrived,
             "yield_interventions": self.interventions,
             "per_type": self.per_type(),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.sublanes import Sublanes
 from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
 
 LEFT_TO_SUMO = frozenset(
@@ -62,6 +63,7 @@ class Loans:
         for lane in walkable:
             self._lengths.setdefault(lane.edge, lane.length)
         self._ground = LanePoints(walkable, spacing=2.0)
+        self._sublanes = Sublanes(api, network)
 
     @property
     def ids(self) -> frozenset[str]:
@@ -103,6 +105,7 @@ class Loans:
         """Say where n lent road users are after the next SUMO step: centres (m), headings (rad), speeds (m/s), (n,)."""
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
+        self._sublanes.clear([i for i, walks in zip(ids, person.tolist(), strict=True) if not walks])
         lanes_under = iter(self._ground.lanes_under(x[person], y[person]).tolist())
         vehicle, persons = self._api.vehicle, self._api.person
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
@@ -124,8 +127,16 @@ class Loans:
         """
         return self._give_back(ids, person, forced=False)
 
+    def bring_home(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Give n lent road users back that have strayed from the network, (n,): False where one stays ours.
+
+        Vehicles on no lane are put on the nearest place of their route, however far that is.
+        """
+        return self._give_back(ids, person, forced=True)
+
     def forget(self, ids: Sequence[str]) -> None:
         """Drop the loans of road users that are no longer in the simulation."""
+        self._sublanes.forget(ids)
         for road_user in ids:
             self._modes.pop(road_user, None)
             self._walks.pop(road_user, None)
