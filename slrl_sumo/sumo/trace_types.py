@@ -1,0 +1,67 @@
+"""The vehicle types that a trace names, as a file that SUMO takes with -a: --device.fcd-replay wants to know them.
+
+python -m slrl_sumo.sumo.trace_types SCENARIO OUT.add.xml
+"""
+
+import copy
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from lxml import etree
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.sumo.demand import elements
+from slrl_sumo.sumo.options import input_files
+from slrl_sumo.sumo.placement import LEARNED_TYPES
+from slrl_sumo.sumo.scenario import Scenario, find_scenario
+from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH
+
+CLASSES = ("passenger", "passenger", "pedestrian")
+"""Vehicle classes of learned road users, indexed by RoadUserType: bicycles go on the lanes of cars, see Placement."""
+SHAPES = ("passenger", "bicycle", "pedestrian")
+"""How SUMO-GUI draws them."""
+
+
+def trace_types(scenario: Scenario) -> etree._Element:
+    """An <additional> with all vTypes of the scenario's route and additional files, and those of learned road users."""
+    root = etree.Element("additional")
+    for kind, name in enumerate(LEARNED_TYPES):
+        size = {"length": f"{DEFAULT_LENGTH[kind]:g}", "width": f"{DEFAULT_WIDTH[kind]:g}"}
+        etree.SubElement(root, "vType", {"id": name, "vClass": CLASSES[kind], "guiShape": SHAPES[kind], **size})
+    known = set(LEARNED_TYPES)
+    for option in ("additional-files", "route-files"):
+        for path in input_files(scenario, option):
+            for vtype in _vtypes(path):
+                if vtype.get("id") not in known:
+                    known.add(vtype.get("id", ""))
+                    vtype.tail = None
+                    root.append(vtype)
+    etree.indent(root, "    ")
+    return root
+
+
+def _vtypes(path: Path) -> Iterator[etree._Element]:
+    try:
+        for element in elements(path):
+            if element.tag == "include" and element.get("href"):
+                yield from _vtypes(path.parent / element.get("href", ""))
+            # Those inside distributions too: road users name them, not the distribution.
+            for vtype in element.iter("vType"):
+                yield copy.deepcopy(vtype)
+    except (etree.XMLSyntaxError, OSError, EOFError) as error:
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'msg', None) or error})") from None
+
+
+def main(words: list[str]) -> None:
+    """Write the types of the scenario words[0] to the file words[1]."""
+    if len(words) != 2:
+        raise SystemExit(__doc__)
+    try:
+        etree.ElementTree(trace_types(find_scenario(words[0]))).write(words[1], encoding="UTF-8", xml_declaration=True)
+    except (InputError, OSError) as error:
+        raise SystemExit(f"trace_types: {error}") from None
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
