@@ -1,5 +1,6 @@
 """Every command of the README works as it stands there."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -36,6 +37,22 @@ def test_readme_commands_run_in_their_order(tmp_path: Path) -> None:
         for option in ("--fcd", "--summary", "--out", "--report"):
             if option in words:
                 assert (tmp_path / words[words.index(option) + 1]).exists(), f"{command} did not write its {option}"
+
+
+@pytest.mark.parametrize("script", re.findall(r"```python\n(.*?)```", README, re.DOTALL))
+def test_readme_scripts_run(script: str, tmp_path: Path) -> None:
+    scenario = ROOT / "sumo_scenarios" / "district" / "district.sumocfg"
+    done = subprocess.run(
+        [sys.executable, "-c", script.replace("path/to/your.sumocfg", str(scenario))],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    learned, everybody = re.findall(r"^(\d+) of (\d+) road users are learned$", done.stdout, re.MULTILINE)[0]
+    assert 5 < int(learned) < int(everybody)
 
 
 def test_make_targets_of_the_readme_exist() -> None:
