@@ -9,6 +9,7 @@ The rules (measured with libsumo 1.28, see docs/architecture.md):
 - Bicycles are a vehicle type of class "passenger": they map to car lanes then, and cars stop for them.
 - Persons move with keepRoute 7 (2 crashes), and their walk is renewed when the edge under them changes.
 - Every road user is moved in every SUMO step: a vehicle beside its lane vanishes in the first step without a move.
+- With the sublane model a vehicle that leaves all lanes leaves traces on which SUMO crashes later: see `sublanes`.
 """
 
 from typing import Any
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.sublanes import Sublanes
 from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
 
@@ -45,6 +47,7 @@ class Placement:
         self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
         self._staging = LanePoints([lane for lane in lanes if self._vehicle_class in lane.allowed], spacing=2.0)
         self._walks = LanePoints([lane for lane in lanes if "pedestrian" in lane.allowed], spacing=2.0)
+        self._sublanes = Sublanes(api, network)
         self._define_types()
 
     def _define_types(self) -> None:
@@ -113,6 +116,7 @@ class Placement:
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
         walking = kinds == RoadUserType.PEDESTRIAN
+        self._sublanes.clear(_pick(ids, ~walking))
         lanes_under = iter(self._walks.lanes_under(x[walking], y[walking]).tolist())
         vehicle, person = self._api.vehicle, self._api.person
         for i, road_user in enumerate(ids):
@@ -136,6 +140,8 @@ class Placement:
     def remove(self, ids: tuple[str, ...]) -> None:
         """Take road users out of SUMO, if it still has them."""
         vehicles, persons = set(self._api.vehicle.getIDList()), set(self._api.person.getIDList())
+        self._sublanes.clear([road_user for road_user in ids if road_user in vehicles])
+        self._sublanes.forget(ids)
         for road_user in ids:
             for domain, present in ((self._api.vehicle, vehicles), (self._api.person, persons)):
                 if road_user in present:

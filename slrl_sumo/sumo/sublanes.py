@@ -1,0 +1,69 @@
+"""What SUMO's sublane model forgets about vehicles that are moved from outside.
+
+A vehicle that reaches over its lane's edge also occupies the lane beside it in that model, and its rear also the one
+beside the lane behind. libsumo 1.28 clears the rear's places beside when it lets a vehicle drive, and when it puts one
+onto a lane; but not when `moveToXY` takes one off all lanes, or so far along its lane that its rear is on it too. Then
+other vehicles still meet it there, and looking for its rear (`MSVehicle::getBackPositionOnLane`) reads where nothing is
+and kills the process, perhaps many steps later. `vehicle.moveTo` puts a vehicle onto a lane at once.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from slrl_sumo.sumo.network import Lane, Network
+
+ROOM = 0.5
+"""m behind a vehicle that is put onto a lane, so that its rear is on no other one."""
+
+
+class Sublanes:
+    """Clears up after moved vehicles. Does nothing where the sublane model is off."""
+
+    def __init__(self, api: Any, network: Network) -> None:
+        self._api = api
+        self._on = float(api.simulation.getOption("lateral-resolution")) > 0.0
+        self._places: dict[str, tuple[str, float]] = {}
+        self._lengths: dict[str, float] = {}
+        self._lanes: dict[str, list[Lane]] = {}
+        for lane in network.lanes if self._on else ():
+            self._lanes.setdefault(lane.edge, []).append(lane)
+
+    def clear(self, vehicles: Sequence[str]) -> None:
+        """To be called with all moved vehicles in every SUMO step, before they are moved."""
+        if not self._on:
+            return
+        vehicle = self._api.vehicle
+        for road_user in vehicles:
+            lane = vehicle.getLaneID(road_user)
+            before = self._places.get(road_user)
+            if lane:
+                self._places[road_user] = (lane, vehicle.getLanePosition(road_user))
+                position = self._places[road_user][1]
+                if before is not None and before[0] == lane and before[1] < self._length(road_user) <= position:
+                    self._put(road_user, lane.rsplit("_", 1)[0], position, lane)
+            elif before is not None:
+                del self._places[road_user]
+                # On a lane of its route for the coming step, at the end of which it is off again, without a trace.
+                edge = vehicle.getRoute(road_user)[max(vehicle.getRouteIndex(road_user), 0)]
+                self._put(road_user, edge, max(before[1], self._length(road_user) + ROOM), "")
+
+    def forget(self, vehicles: Sequence[str]) -> None:
+        """Drop what is known of vehicles that are no longer moved."""
+        for road_user in vehicles:
+            self._places.pop(road_user, None)
+            self._lengths.pop(road_user, None)
+
+    def _length(self, road_user: str) -> float:
+        if road_user not in self._lengths:
+            self._lengths[road_user] = self._api.vehicle.getLength(road_user)
+        return self._lengths[road_user]
+
+    def _put(self, road_user: str, edge: str, position: float, last: str) -> None:
+        """Onto a lane of `edge` at `position` (m): onto `last`, or where that is '' onto one that it may use.
+
+        SUMO ignores a move to the lane that it takes the vehicle to be on, or to have left last: hence two, to
+        different lanes. An edge of one lane has none beside it.
+        """
+        kind = self._api.vehicle.getVehicleClass(road_user)
+        for lane in sorted(self._lanes[edge], key=lambda lane: (lane.id == last, kind in lane.allowed))[-2:]:
+            self._api.vehicle.moveTo(road_user, lane.id, min(position, lane.length))
