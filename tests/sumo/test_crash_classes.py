@@ -114,18 +114,30 @@ def test_persons_are_moved_although_the_scenario_asks_for_jupedsim(copy_scenario
 # --- 5: SUMO takes road users away that stand or overlap
 
 
-@pytest.mark.parametrize("action", ["teleport", "remove"])
-def test_cars_that_stand_in_each_other_stay(copy_scenario: Copy, action: str) -> None:
+def test_cars_that_stand_in_each_other_stay(copy_scenario: Copy) -> None:
     config = copy_scenario(
         "intersection",
         (".sumocfg", '<time-to-teleport value="-1"/>', '<time-to-teleport value="20"/>'),
-        (".sumocfg", '"warn"', f'"{action}"'),
+        (".sumocfg", '"warn"', '"remove"'),
     )
     assert survived("standing_cars", config)["gone_at"] is None
 
 
 def test_sumo_takes_away_what_stands_unless_it_is_told_not_to() -> None:
     assert survived("naive_standing_cars", "--collision.action", "none")["gone_at"] == pytest.approx(300, abs=2)
+
+
+# --- 6: vehicles that leave all lanes, with the sublane model
+
+
+def test_a_car_may_leave_its_lane_while_its_rear_is_on_another_one(game: Path) -> None:
+    end = survived("car_beside_its_lane", game / "fkk_in.sumocfg")
+    assert end["lanes"][0] != "" == end["lanes"][-1]
+    assert end["away"] == pytest.approx(0.0, abs=0.01)
+
+
+def test_sumo_dies_of_a_car_that_leaves_its_lane_while_its_rear_is_on_another_one(game: Path) -> None:
+    crashes("naive_car_beside_its_lane", game / "fkk_in.sumocfg")
 
 
 # --- the situations, each in its own process
@@ -336,6 +348,55 @@ def naive_standing_cars(*options: str) -> dict[str, Any]:
     return {"gone_at": gone_at}
 
 
+def two_cars(steps: int) -> list[tuple[Floats, Floats, Floats, Floats]]:
+    """Front positions (m), headings and speeds of two cars: one drives off its lane over a short one of a junction.
+
+    In fkk_in of the SUMO wheel, with the other one behind it.
+    """
+    heading, speed = np.array([0.3578, 0.3680]), np.array([4.33, 5.1])
+    times = 0.2 * np.arange(steps) - 2.0
+    return [
+        (
+            np.array([5846.2, 5816.7]) + time * speed * np.cos(heading),
+            np.array([5704.97, 5685.40]) + time * speed * np.sin(heading),
+            heading,
+            speed,
+        )
+        for time in times
+    ]
+
+
+def car_beside_its_lane(config: str) -> dict[str, Any]:
+    lanes, away = [], 0.0
+    with SumoSession(with_options(find_scenario(config), SUBLANE.split())) as session:
+        kinds, ids, length = np.zeros(2, np.int8), ("learned.0", "learned.1"), np.full(2, 5.0)
+        for number, (x, y, heading, speed) in enumerate(two_cars(40)):
+            centre_x, centre_y = x - 2.5 * np.cos(heading), y - 2.5 * np.sin(heading)
+            if number == 0:
+                session.placement.add(ids, kinds, centre_x, centre_y)
+            session.placement.move(ids, kinds, centre_x, centre_y, heading, speed, length)
+            session.step()
+            if number:
+                lanes.append(libsumo.vehicle.getLaneID(ids[0]))
+                away = max(away, float(np.hypot(*(np.array(libsumo.vehicle.getPosition(ids[0])) - (x[0], y[0])))))
+    return {"lanes": lanes, "away": away}
+
+
+def naive_car_beside_its_lane(config: str) -> dict[str, Any]:
+    """Properly staged, then moved and nothing else."""
+    with SumoSession(with_options(find_scenario(config), SUBLANE.split())) as session:
+        ids = ("learned.0", "learned.1")
+        for number, (x, y, heading, speed) in enumerate(two_cars(40)):
+            if number == 0:
+                session.placement.add(ids, np.zeros(2, np.int8), x, y)
+                session.step()
+            for i, angle in enumerate(heading_to_sumo(heading).tolist()):
+                libsumo.vehicle.moveToXY(ids[i], "", -1, float(x[i]), float(y[i]), angle, 2, 5.0)
+                libsumo.vehicle.setSpeed(ids[i], float(speed[i]))
+            session.step()
+    return {}
+
+
 SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
     function.__name__: function
     for function in (
@@ -344,6 +405,7 @@ SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
         *(persons, lent_persons, naive_persons),
         person_on_the_road,
         *(standing_cars, naive_standing_cars),
+        *(car_beside_its_lane, naive_car_beside_its_lane),
     )
 }
 
