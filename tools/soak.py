@@ -18,6 +18,7 @@ hang or loss.
 import argparse
 import json
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
@@ -196,7 +197,8 @@ class Watch:
         if decision is None:
             return
         self.mapping.look(users, snapshot, rows)
-        lost = [road_user for road_user, gone in zip(decision_ids(step.world, n), decision.lost, strict=True) if gone]
+        # The learned road users come first.
+        lost = [road_user for road_user, gone in zip(step.world.ids[:n], decision.lost, strict=True) if gone]
         self._lose(lost)
         count["taken"] += len(decision.taken_over)
         count["handed_back"] += len(decision.handed_back)
@@ -220,11 +222,6 @@ class Watch:
         self.count["jumps"] += int(jumped.sum())
         for row in np.flatnonzero(jumped).tolist():
             self.examples.append(f"{ids[row]} at {self._session.time:g} s: {far[row]:.1f} m {how}")
-
-
-def decision_ids(world: WorldState, n: int) -> tuple[str, ...]:
-    """Ids of the n learned road users, which come first."""
-    return world.ids[:n]
 
 
 def scenario_of(name: str) -> Scenario:
@@ -337,8 +334,9 @@ def child(options: argparse.Namespace, case: tuple[str, str, bool, int], agent_s
     if done.returncode == 0 and results:
         return {**row, "crashes": 0, **json.loads(results[0])}
     last = next((line for line in reversed(lines) if line.startswith("AT ")), "AT 0 0").split()
-    words = done.stderr.strip().splitlines()
-    died = f"exit code {done.returncode} after {last[1]} s; {words[-1] if words else ''}"
+    words = [line for line in done.stderr.splitlines() if line and not line.startswith((" ", "Extension modules"))]
+    how = signal.Signals(-done.returncode).name if done.returncode < 0 else f"exit code {done.returncode}"
+    died = f"{how} after {last[1]} s{f'; {words[-1]}' if words and done.returncode > 0 else ''}"
     return {**row, "crashes": 1, "agent_steps": int(last[2]), "died": died, "stderr": done.stderr[-3000:]}
 
 

@@ -198,6 +198,8 @@ class Loans:
             x, y = vehicle.getPosition(road_user)
             angle = vehicle.getAngle(road_user)
             vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
+        self._sublanes.clear((road_user,))
+        self._sublanes.forget((road_user,))
         speed_mode, lane_change_mode = self._modes.pop(road_user)
         vehicle.setSpeed(road_user, -1.0)
         vehicle.setSpeedMode(road_user, speed_mode)
