@@ -78,7 +78,7 @@ class SumoSession:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        refused = error is not None and isinstance(error, self.api.TraCIException)
+        refused = isinstance(error, self.api.TraCIException | self.api.FatalTraCIError)
         time = self.time if refused else 0.0
         self.close()
         if refused:
