@@ -190,14 +190,61 @@ def fit(
     out: Annotated[Path, typer.Option(help="Bundle folder to write.")],
     seed: Annotated[int, typer.Option(help="The same seed gives the same bundle.")] = 1,
     epochs: Annotated[int, typer.Option(help="Passes over the windows.")] = 35,
+    modes: Annotated[
+        str, typer.Option(help="Clustering: kmeans, or balanced between turning and straight.")
+    ] = "kmeans",
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(help="Trajectories to measure errors on, not learned from; default: a tenth of the tracks."),
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for pictures of the modes.")] = None,
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
     from slrl_sumo.learning.fit import fit as learn
     from slrl_sumo.records.trajectories import load_trajectories
 
-    bundle = learn([load_trajectories(file) for file in files], name=out.name, seed=seed, epochs=epochs)
+    if report is not None:
+        _check_output(report)
+    recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
+    bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
     bundle.save(out)
+    if report is not None:
+        from slrl_sumo.analysis.modes_report import write_modes
+
+        write_modes(recordings, report, seed)
     typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
+
+
+@app.command()
+def evaluate(
+    file: Annotated[Path, typer.Argument(help="Trajectories file of a recording.")],
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
+    out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv, errors.png.")],
+    selectors: Annotated[str, typer.Option(help="Separated by commas.")] = "constant-velocity,prior,oracle",
+    starts: Annotated[int, typer.Option(help="A rollout begins at every so manieth frame of 0.4 s.")] = 5,
+    seed: Annotated[int, typer.Option(help="Of the sampled rollouts.")] = 1,
+) -> None:
+    """Measure prediction errors over 6.4 s on a recording."""
+    from slrl_sumo.analysis.evaluate import evaluate as measure
+    from slrl_sumo.analysis.prediction_report import check_folder, print_evaluation, write_evaluation
+    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.models.bundle import load_bundle
+    from slrl_sumo.records.trajectories import load_trajectories
+
+    check_folder(out)
+    recording, models = load_trajectories(file), load_bundle(bundle)
+    with progress() as bar:
+        task = bar.add_task("rollouts", total=1.0)
+        result = measure(
+            recording,
+            models,
+            selectors=[name.strip() for name in selectors.split(",")],
+            starts_every=starts,
+            seed=seed,
+            progress=lambda share: bar.update(task, completed=share),
+        )
+    write_evaluation(result, out)
+    print_evaluation(result)
 
 
 @app.command()

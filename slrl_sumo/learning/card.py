@@ -16,11 +16,13 @@ def model_card(name: str, training: dict[str, Any]) -> str:
         f"| {source} | {licence} | {len(counts)} | {sum(counts)} |" for (source, licence), counts in tracks.items()
     ]
     sizes = [
-        f"| {kind} | {kinds[kind]['tracks']} | {kinds[kind]['windows']} | {kinds[kind]['smallest_mode']} |"
+        f"| {kind} | {kinds[kind]['tracks']} | {kinds[kind]['windows']} "
+        f"| {kinds[kind]['held_out_windows']} | {kinds[kind]['smallest_mode']} |"
         for kind in TYPE_NAMES
     ]
     errors = [
         f"| {kind} | {kinds[kind]['displacement_error_m']:.3f} | {kinds[kind]['constant_velocity_error_m']:.3f} "
+        f"| {kinds[kind]['destination_error_m']:.2f} "
         f"| {kinds[kind]['prior_cross_entropy_nats']:.2f} | {kinds[kind]['frequency_cross_entropy_nats']:.2f} "
         f"| {kinds[kind]['prior_accuracy']:.2f} | {kinds[kind]['most_frequent_accuracy']:.2f} |"
         for kind in TYPE_NAMES
@@ -34,6 +36,10 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             f"| {kind} | {brake:.2f} to {gas:.2f} | {right:.2f} to {left:.2f} | {curvature} "
             f"| {kinds[kind]['max_speed_mps']:.1f} |"
         )
+    if training["tests"]:
+        held_out = f"Measured on recordings that nothing was learned from: {', '.join(training['tests'])}."
+    else:
+        held_out = f"{training['held_out_share']:.0%} of the tracks of each type were kept out of training."
     return "\n".join(
         [
             f"# Model bundle `{name}`",
@@ -47,22 +53,24 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "|---|---|---|---|",
             *recordings,
             "",
+            *([training["notice"].strip(), ""] if training["notice"] else []),
             f"One window per recorded moment (of every {training['stride']}th frame) with 0.8 s before, 4.8 s after.",
             "",
-            "| type | tracks | windows | windows in the smallest mode |",
-            "|---|---|---|---|",
+            "| type | tracks | windows | of them held out | windows in the smallest mode |",
+            "|---|---|---|---|---|",
             *sizes,
             "",
             "## Errors on held-out tracks",
             "",
-            f"{training['held_out_share']:.0%} of the tracks of each type were kept out of training. One step error: "
+            f"{held_out} One step error: "
             "mean distance to the recorded position after 0.4 s, with the mode that the recorded destination has; "
-            "beside it the error of constant velocity. Cross-entropy and accuracy: of the prior's mode, beside those "
-            "of the modes' frequencies and of always taking the most frequent one.",
+            "beside it the error of constant velocity. Destination: the same after 4.8 s in that mode. "
+            "Cross-entropy and accuracy: of the prior's mode, beside those of the modes' frequencies and "
+            "of always taking the most frequent one.",
             "",
-            "| type | one step (m) | constant velocity (m) | cross-entropy (nats) | of frequencies | accuracy "
-            "| of the most frequent |",
-            "|---|---|---|---|---|---|---|",
+            "| type | one step (m) | constant velocity (m) | destination (m) | cross-entropy (nats) "
+            "| of frequencies | accuracy | of the most frequent |",
+            "|---|---|---|---|---|---|---|---|",
             *errors,
             "",
             "## Limits",
@@ -81,9 +89,11 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "",
             "## How it was made",
             "",
-            f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam; K-Means modes of the "
-            "position after 4.8 s; displacement models trained on the one-step displacement of the bounded motion; "
-            "headings turned at random in training. "
+            f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam; modes: "
+            f"{training['modes_by']} of the position after 4.8 s; displacement models trained on the path of "
+            "the bounded motion over these 4.8 s; "
+            "headings turned at random in training; taught by mirrored windows too: "
+            f"{', '.join(training['mirrored']) or 'no type'}. "
             f"slrl_sumo {training['versions']['slrl_sumo']}, torch {training['versions']['torch']}, "
             f"scikit-learn {training['versions']['scikit_learn']}.",
             "",

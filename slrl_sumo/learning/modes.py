@@ -11,8 +11,32 @@ ENOUGH = 200_000
 """Distinct destinations beyond which K-Means sees a random share: 20 centres in the plane need no more."""
 
 
-def cluster(destinations: Floats, k: int, seed: int, name: str = "road user") -> Floats:
-    """Centres (k, 2) of K-Means over destinations (N, 2), both m in the ego frame.
+BALANCE = 0.5
+"""Balanced clustering gives a cell of n destinations the weight of n to the power of 1 - BALANCE."""
+
+TURNS = np.radians([-75.0, -45.0, -20.0, -7.0, 7.0, 20.0, 45.0, 75.0])
+"""Bounds between the cells of bearings, rad."""
+
+SPEED_CELLS = 6
+
+
+def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
+    """Weights (N,) under which turning and going straight, fast and slow come nearer to being equally frequent.
+
+    Destinations (N, 2) m, ego frame, that were seen `counts` (N,) times fall into cells by their bearing and their
+    distance (which is speed), SPEED_CELLS of equal width up to the 99th percentile. The paper names the bias of
+    K-Means towards going straight as its first limitation (section 4.3).
+    """
+    far = np.hypot(destinations[:, 0], destinations[:, 1])
+    width = max(float(np.percentile(np.repeat(far, counts), 99)) / SPEED_CELLS, 1e-3)
+    ring = np.minimum(far / width, SPEED_CELLS - 1).astype(np.intp)
+    turn = np.searchsorted(TURNS, np.arctan2(destinations[:, 1], destinations[:, 0]))
+    cell = ring * (len(TURNS) + 1) + turn
+    return np.asarray(counts * np.bincount(cell, counts)[cell] ** -BALANCE, np.float64)
+
+
+def cluster(destinations: Floats, k: int, seed: int, name: str = "road user", *, balanced: bool = False) -> Floats:
+    """Centres (k, 2) of K-Means over destinations (N, 2), both m in the ego frame; `balanced`: see `balance`.
 
     Sorted by distance from the road user, then by angle, and rounded to mm, so that the same data and seed give the
     same centres whatever the number of threads. Raises InputError where there are fewer than k distinct destinations;
@@ -30,7 +54,8 @@ def cluster(destinations: Floats, k: int, seed: int, name: str = "road user") ->
     if len(distinct) > ENOUGH:
         rows = np.random.default_rng(seed).choice(len(distinct), ENOUGH, replace=False)
         distinct, weight = distinct[rows], weight[rows]
-    found: Floats = KMeans(k, n_init=4, random_state=seed).fit(distinct, sample_weight=weight).cluster_centers_
+    weights = balance(distinct, weight) if balanced else weight
+    found: Floats = KMeans(k, n_init=4, random_state=seed).fit(distinct, sample_weight=weights).cluster_centers_
     centres = np.round(found, 3) + 0.0  # + 0.0 makes -0.0 plain 0.0
     order = np.lexsort((np.arctan2(centres[:, 1], centres[:, 0]), np.hypot(centres[:, 0], centres[:, 1])))
     return np.asarray(centres[order], np.float64)

@@ -10,8 +10,8 @@ from rich.progress import track
 from torch import Tensor
 from torch.nn import functional
 
-from slrl_sumo.learning.windows import Windows
-from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
+from slrl_sumo.learning.windows import FUTURE, Windows
+from slrl_sumo.models.displacement import SPEED, DisplacementModels, new_speed
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
@@ -27,17 +27,30 @@ STEPS = 8
 Many more of them made modes with few windows overfit (tried on the HC recordings)."""
 
 KINEMATIC_WEIGHT = 0.1
-"""Weight of the acceleration and yaw rate errors beside the displacement error: near standstill the displacement
-says nothing about the turn, and nothing about how hard a stopped road user brakes."""
+"""Weight of the first step's acceleration and yaw rate errors beside the position errors: near standstill positions
+say nothing about the turn, and nothing about how hard a stopped road user brakes."""
 
+EPOCH_PATHS = 120_000
+"""Windows an epoch of paths draws at most: those of successive moments share 11 of 12 intervals, so of a million any
+eighth says as much."""
+
+PRIOR_PENALTY = 3.0
+"""Of the sum of squared weights of the mode classifiers, beside the sum of the windows' cross-entropies. Found on HC:
+it made the 400 windows of cyclists and cars say less about other cyclists and cars, and changed nothing for walkers."""
+
+MODE_PENALTY = 3.0
+"""Of the sum of squared differences between the weights of a mode's model and those its type has in common, beside
+the sum of the windows' errors: a mode with few windows keeps to what its type does. Found on HC (docs/prediction.md)."""
+
+ACCELERATION = FEATURES.index("acceleration")
 HEADING = FEATURES.index("heading")
 Longs = NDArray[np.int64]
 
 
 def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
-    """Feature vectors (N, 12) with a new random heading each: which way is north must not matter to the models."""
+    """Feature vectors (..., 12) with a new random heading each: which way is north must not matter to the models."""
     turned = vector.clone()
-    turned[:, HEADING] = (torch.rand(len(vector), generator=generator) * 2 - 1) * torch.pi
+    turned[..., HEADING] = (torch.rand(vector.shape[:-1], generator=generator) * 2 - 1) * torch.pi
     return turned
 
 
@@ -73,41 +86,77 @@ def train_displacement(
 ) -> None:
     """Train all displacement models at once, each on the windows of its type and mode (N,).
 
+    A model is rolled out over the 4.8 s to the destination, fed with its own speed and acceleration as in a run, and
+    all positions on the way count: a model that is trained on single steps drifts where errors add up.
     They start as constant velocity, then all modes of a type learn the same for TYPE_EPOCHS, then each its own.
     """
     networks = models.networks
     networks.initialise(generator)
-    _train_motion(models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "motion of types", generator)
+    _train_paths(models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "paths of types", generator)
     with torch.no_grad():
         for parameter in networks.parameters():
             parameter.copy_(parameter[:, :1].expand_as(parameter))
-    _train_motion(models, train, mode, epochs, "motion of modes", generator)
+    _train_paths(models, train, mode, epochs, "paths of modes", generator)
 
 
-def _train_motion(
+def rolled(models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tensor) -> tuple[Tensor, Tensor]:
+    """What becomes of road users that follow one mode for 12 intervals while their surroundings stay as they are.
+
+    `vector` (n, rows, 12), `kind` and `mode` (n,) as in `DisplacementModels.motion_blocks`. Returns the positions
+    (n, rows, 12, 2) in m, in the ego frame of the start, and acceleration and yaw rate (n, rows, 2) of the first step.
+    """
+    top = models.max_speed[kind][:, None]
+    speed, rest = vector[..., SPEED], vector[..., ACCELERATION + 1 :]
+    x = y = heading = torch.zeros_like(speed)
+    positions, first = [], torch.zeros(0)
+    for step in range(FUTURE):
+        acceleration, yaw_rate = models.motion_blocks(vector, kind, mode)
+        if step == 0:
+            first = torch.stack([acceleration, yaw_rate], -1)
+        after = new_speed(speed, acceleration, top)
+        middle = heading + 0.5 * DECISION_INTERVAL * yaw_rate
+        x = x + DECISION_INTERVAL * after * middle.cos()
+        y = y + DECISION_INTERVAL * after * middle.sin()
+        heading = heading + DECISION_INTERVAL * yaw_rate
+        vector = torch.cat([torch.stack([after, (after - speed) / DECISION_INTERVAL], -1), rest], -1)
+        speed = after
+        positions.append(torch.stack([x, y], -1))
+    return torch.stack(positions, -2), first
+
+
+def _train_paths(
     models: DisplacementModels, train: Windows, mode: Longs, epochs: int, what: str, generator: torch.Generator
 ) -> None:
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
-    target = torch.from_numpy(train.displacement).float()
-    # What is beyond the bounds cannot be learned; the displacement error still counts it.
+    target = torch.from_numpy(train.path.astype(np.float32))
+    # What is beyond the bounds cannot be learned; the position errors still count it.
     bounds = torch.stack([models.acceleration_bounds, models.yaw_rate_bounds], -1)[kind]
     kinematics = torch.from_numpy(np.stack([train.acceleration, train.yaw_rate], -1)).float()
     kinematics = kinematics.clamp(bounds[:, 0], bounds[:, 1])
-    # Errors count relative to what is usual for the type, so that one learning rate suits walking and driving.
-    straight = vector[:, SPEED, None] * torch.tensor([DECISION_INTERVAL, 0.0])
-    usual = torch.cat([(straight - target).square().mean(-1, keepdim=True), kinematics.square()], -1)
-    unit = torch.stack([usual[kind == int(t)].mean(0).sqrt().clamp_min(1e-3) for t in RoadUserType])
+    # Errors count relative to those of constant velocity at that time, so that walking and driving, and the first
+    # step and the last, weigh alike.
+    ahead = torch.arange(1, FUTURE + 1) * DECISION_INTERVAL
+    usual, unit = [], []
+    for t in RoadUserType:
+        mine = kind == int(t)
+        straight = torch.stack([vector[mine, SPEED, None] * ahead, torch.zeros(int(mine.sum()), FUTURE)], -1)
+        usual.append((straight - target[mine]).square().mean((0, 2)).sqrt().clamp_min(1e-2))
+        unit.append(kinematics[mine].square().mean(0).sqrt().clamp_min(1e-3))
+    path_scale, kinematic_scale = torch.stack(usual), torch.stack(unit)
     random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
+    group = train.type * models.networks.members + mode
+    common = [weight.detach().clone() for weight in models.networks.weight]
     optimizer = torch.optim.Adam(models.parameters())
     for _ in _epochs(epochs, what, optimizer):
-        north_free = turned(vector, generator)
-        for rows in _batches(train.type * models.networks.members + mode, 64, 120, random):
-            t = kind[rows[:, 0]]
-            seen, scale = north_free[rows], unit[t][:, None]
-            acceleration, yaw_rate = models.motion_blocks(seen, t, chosen[rows[:, 0]])
-            moved = displacement(seen[..., SPEED], acceleration, yaw_rate, models.max_speed[t][:, None])
-            off = torch.stack([acceleration, yaw_rate], -1) - kinematics[rows]
-            error = _huber((moved - target[rows]) / scale[..., :1]) + KINEMATIC_WEIGHT * _huber(off / scale[..., 1:])
+        some = random.permutation(len(train))[:EPOCH_PATHS]
+        for rows in _batches(group[some], 64, 120, random):
+            rows = torch.from_numpy(some)[rows]
+            of = kind[rows[:, 0]]
+            path, first = rolled(models, turned(vector[rows], generator), of, chosen[rows[:, 0]])
+            error = _huber((path - target[rows]) / path_scale[of][:, None, :, None])
+            error = error + KINEMATIC_WEIGHT * _huber((first - kinematics[rows]) / kinematic_scale[of][:, None])
+            apart = [(w - c).square().sum() for w, c in zip(models.networks.weight, common, strict=True)]
+            error = error + MODE_PENALTY / len(train) * torch.stack(apart).sum()
             optimizer.zero_grad()
             torch.autograd.backward(error)
             optimizer.step()
@@ -119,17 +168,21 @@ def _huber(error: Tensor) -> Tensor:
 
 
 def train_prior(prior: Prior, train: Windows, mode: Longs, epochs: int, generator: torch.Generator) -> None:
-    """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,)."""
+    """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,).
+
+    The weights have a Gaussian prior (PRIOR_PENALTY): a type with few windows learns less from each of them.
+    """
     prior.networks.initialise(generator)
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
     random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
     optimizer = torch.optim.Adam(prior.parameters())
     for _ in _epochs(epochs, "prior", optimizer):
-        north_free = turned(vector, generator)
         for rows in _batches(train.type, 128, 36, random):
             t = kind[rows[:, 0]]
-            logits = prior.networks(north_free[rows], t, torch.zeros_like(t))
+            logits = prior.networks(turned(vector[rows], generator), t, torch.zeros_like(t))
+            size = torch.stack([weight.square().sum() for weight in prior.networks.weight]).sum()
             error = functional.cross_entropy(logits.flatten(0, 1), chosen[rows].flatten())
+            error = error + PRIOR_PENALTY / len(train) * size
             optimizer.zero_grad()
             torch.autograd.backward(error)
             optimizer.step()

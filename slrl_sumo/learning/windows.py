@@ -1,7 +1,7 @@
 """Windows: what road users saw in recordings, what they did next and where they were 4.8 s later."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +29,8 @@ class Windows:
     """m/s² carried out in the next interval, (N,)."""
     yaw_rate: Floats
     """rad/s carried out in the next interval, (N,)."""
-    displacement: Floats
-    """Position after the next interval, (N, 2) m, ego frame."""
-    destination: Floats
-    """Position after 12 intervals, (N, 2) m, ego frame."""
+    path: Floats
+    """Positions after each of the next 12 intervals, (N, 12, 2) m, ego frame."""
     track: NDArray[np.int64]
     """Index of the track in its recording, (N,)."""
     recording: NDArray[np.int64]
@@ -40,6 +38,16 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.type)
+
+    @property
+    def displacement(self) -> Floats:
+        """Position after the next interval, (N, 2) m, ego frame."""
+        return self.path[:, 0]
+
+    @property
+    def destination(self) -> Floats:
+        """Position after 12 intervals, (N, 2) m, ego frame."""
+        return self.path[:, -1]
 
     def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Windows":
         """The windows `rows` (a mask or indices)."""
@@ -49,32 +57,40 @@ class Windows:
 def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
     """All windows of the recordings: each row that has 2 rows before it and 12 after it in its track.
 
-    With `stride` > 1 only every stride-th frame number counts. Features come from the same code that live simulation
-    uses, with every recorded road user of the frame around.
+    With `stride` > 1 only every stride-th frame number counts. Parked road users have no windows. Features come from
+    the same code that live simulation uses, with every recorded road user of the frame around.
     """
-    parts = [_of_one(recording, index, stride) for index, recording in enumerate(recordings)]
+    return joined([_of_one(recording, index, stride) for index, recording in enumerate(recordings)])
+
+
+def joined(parts: Sequence[Windows]) -> Windows:
+    """The windows of all parts, one after the other."""
     names = Windows.__dataclass_fields__
     return Windows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def mirrored(windows: Windows) -> Windows:
+    """The windows seen in a mirror: what was on the left is on the right."""
+    vector = windows.vector.copy()
+    vector[:, FEATURES.index("heading")] *= -1
+    return replace(windows, vector=vector, yaw_rate=-windows.yaw_rate, path=windows.path * np.array([1.0, -1.0]))
 
 
 def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
     row = np.arange(PAST, len(recording.frame) - FUTURE)
     # Rows of a track follow each other frame by frame, so both ends in one track mean a window without a gap.
-    row = row[(recording.track[row - PAST] == recording.track[row + FUTURE]) & (recording.frame[row] % stride == 0)]
-    heading = recording.heading[row]
-
-    def seen_from_here(later: int) -> Floats:
-        dx = recording.x[row + later] - recording.x[row]
-        dy = recording.y[row + later] - recording.y[row]
-        return np.stack(to_ego(dx, dy, heading), -1)
-
+    whole = recording.track[row - PAST] == recording.track[row + FUTURE]
+    row = row[whole & (recording.frame[row] % stride == 0) & ~recording.parked[recording.track[row]]]
+    heading = recording.heading[row, None]
+    later = row[:, None] + np.arange(1, FUTURE + 1)
+    dx = recording.x[later] - recording.x[row, None]
+    dy = recording.y[later] - recording.y[row, None]
     return Windows(
         vector=_vectors(recording, row),
         type=recording.type[recording.track[row]].astype(np.int64),
         acceleration=recording.acceleration[row + 1],
         yaw_rate=recording.yaw_rate[row + 1],
-        displacement=seen_from_here(1),
-        destination=seen_from_here(FUTURE),
+        path=np.stack(to_ego(dx, dy, heading), -1),
         track=recording.track[row].astype(np.int64),
         recording=np.full(len(row), index, np.int64),
     )

@@ -1,47 +1,84 @@
 """Selectors: what chooses a mode for each road user."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.observation import Observation
+from slrl_sumo.world.geometry import Floats
+
+HOLD = 8
+"""Decisions for which a drawn mode is held on average, 3.2 s. Modes that are drawn anew every 0.4 s cancel out: all
+samples go the mean way. Of 1, 4, 8 and 12 it came nearest to held-out recordings of HC and SDD (docs/prediction.md)."""
+
+Modes = NDArray[np.int64]
 
 
 class Selector(Protocol):
-    """Chooses modes. One selector belongs to one run: it may carry a random state from call to call."""
+    """Chooses modes. One selector belongs to one run: it may carry a memory and a random state from call to call."""
 
     needs_image: bool
     """Whether `choose` reads `Observation.image`; where it does not, no image needs to be drawn."""
 
-    def choose(self, observation: Observation) -> NDArray[np.int64]:
-        """The mode of each observed road user, (n,) in 0..modes-1."""
+    def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
+        """The mode of each observed road user, (n,) in 0..modes-1; `ids` (n,) say who it is that observes."""
         ...
 
 
 class PriorSelector:
     """Chooses the modes as people did in the recordings (the paper's supervised baseline, section 4.1).
 
-    With `sample` each mode is drawn from the prior's distribution, by a generator of its own seeded with `seed`, one
-    draw per road user and call; otherwise the most probable mode is taken and `seed` has no say.
+    With `sample` each mode is drawn from the prior's distribution, by a generator of its own seeded with `seed`, and
+    held for a random time, HOLD calls on average; who is not named by `ids` gets a new one every call. Otherwise the
+    most central mode is taken (see `central`) and `seed` has no say.
     """
 
     needs_image = False
 
     def __init__(self, bundle: ModelBundle, seed: int, *, sample: bool = True) -> None:
-        self._prior = bundle.prior
+        self._bundle = bundle
         self._sample = sample
         self._random = np.random.default_rng(seed)
+        self._held: dict[str, int] = {}
 
-    def choose(self, observation: Observation) -> NDArray[np.int64]:
-        """The mode of each observed road user, (n,) in 0..modes-1."""
+    def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
+        """See Selector."""
         with torch.inference_mode():
-            logits = self._prior.logits(*tensors(observation)).double()
+            vector, kind = tensors(observation)
+            probability = torch.softmax(self._bundle.prior.logits(vector, kind).double(), -1)
             if not self._sample:
-                return np.asarray(logits.argmax(-1).numpy(), np.int64)
-            cumulated = torch.softmax(logits, -1).cumsum(-1).numpy()
-        # The last sum may be a hair below 1, so it is left out: what lies above all others is the last mode.
-        draw = self._random.random(len(cumulated))[:, None]
-        return np.asarray((draw >= cumulated[:, :-1]).sum(-1), np.int64)
+                return central(self._bundle, probability, kind)
+        draw, again = self._random.random((2, len(observation)))
+        modes = drawn(probability.numpy(), draw)
+        if ids is not None:
+            holds = again >= 1 / HOLD
+            for row, name in enumerate(ids):
+                if holds[row] and name in self._held:
+                    modes[row] = self._held[name]
+            self._held = dict(zip(ids, modes.tolist(), strict=True))  # who is gone is forgotten
+        return modes
+
+
+def drawn(probability: Floats, draw: Floats) -> Modes:
+    """Modes (n,) with these probabilities (n, modes), for draws (n,) from [0, 1)."""
+    # The last sum may be a hair below 1, so it is left out: what lies above all others is the last mode.
+    return np.asarray((draw[:, None] >= probability.cumsum(-1)[:, :-1]).sum(-1), np.int64)
+
+
+def central(bundle: ModelBundle, probability: Tensor, kind: Tensor) -> Modes:
+    """The modes (n,) whose destinations are on average nearest to those that `probability` (n, modes) expects.
+
+    Of many modes side by side none is probable, and the most probable one may be an outlier: this one errs least.
+    `kind`: (n,) int64 types.
+    """
+    centres = torch.from_numpy(bundle.mode_centres)
+    distance = torch.cdist(centres, centres)
+    expected = torch.zeros_like(probability)
+    for t in range(len(centres)):
+        expected[kind == t] = probability[kind == t] @ distance[t]
+    return np.asarray(expected.argmin(-1).numpy(), np.int64)

@@ -27,10 +27,13 @@ FEATURES: tuple[str, ...] = (
 """Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of all others within each radius."""
 
 
-def features(world: WorldState, rows: NDArray[np.intp]) -> NDArray[np.float32]:
+def features(
+    world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None = None
+) -> NDArray[np.float32]:
     """The vector of the road users `rows` of `world`, (len(rows), 12), columns as in FEATURES, not normalised.
 
-    All road users of the world are counted, learned or background, except the road user itself.
+    All road users of the world are counted, learned or background, except the road user itself. Where `world` holds
+    several scenes that do not see each other, `scene` (n,) says which one each road user belongs to.
     """
     table = np.zeros((len(rows), len(FEATURES)), np.float32)
     if len(rows) == 0:
@@ -40,13 +43,15 @@ def features(world: WorldState, rows: NDArray[np.intp]) -> NDArray[np.float32]:
     table[:, 1] = world.acceleration[rows]
     table[np.arange(len(rows)), 2 + own_type] = 1.0
     table[:, 5] = world.heading[rows]
-    table[:, 6:] = _counts(world, rows)
+    table[:, 6:] = _counts(world, rows, scene)
     return table
 
 
-def _counts(world: WorldState, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def _counts(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None) -> NDArray[np.intp]:
     """VRUs within each radius, then non-VRUs within each radius, (len(rows), 6)."""
-    everyone = np.stack([world.x, world.y], axis=1)
+    # Scenes lie one above the other, out of sight: within one the distances are those in the plane, to the bit.
+    height = [] if scene is None else [4 * RADII[-1] * scene]
+    everyone = np.stack([world.x, world.y, *height], axis=1)
     # One search for the largest radius, then counting by ring: several times quicker than a search per radius and kind.
     # Distances are compared again below, so the search may be a little wider than the radius.
     pairs = cKDTree(everyone[rows]).sparse_distance_matrix(

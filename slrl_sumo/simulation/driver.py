@@ -48,7 +48,7 @@ class ModelDriver:
         """See Driver."""
         rows = np.arange(len(learned))
         observation = observe(world, rows, roadmap, with_image=self._selector.needs_image)
-        modes = self._selector.choose(observation)
+        modes = self._selector.choose(observation, learned.ids)
         acceleration, yaw_rate = self._bundle.motion(observation, modes)
         max_speed = self._bundle.max_speed[learned.type]
         return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), modes

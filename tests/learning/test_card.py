@@ -9,8 +9,9 @@ def test_card_states_data_licence_sizes_and_errors(learned: ModelBundle) -> None
     for kind, record in learned.training["types"].items():
         errors = f"| {kind} | {record['displacement_error_m']:.3f} | {record['constant_velocity_error_m']:.3f} |"
         assert errors in card
-        assert f"| {kind} | {record['tracks']} | {record['windows']} | {record['smallest_mode']} |" in card
-    assert "seed 4, 35 epochs" in card
+        sizes = f"| {record['windows']} | {record['held_out_windows']} | {record['smallest_mode']} |"
+        assert f"| {kind} | {record['tracks']} {sizes}" in card
+    assert "seed 4, 15 epochs" in card
     assert card.endswith("\n")
     for line in card.splitlines():
         assert line.startswith("|") == line.endswith("|")

@@ -4,7 +4,7 @@ from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning import modes
-from slrl_sumo.learning.modes import assign, cluster
+from slrl_sumo.learning.modes import assign, balance, cluster
 from slrl_sumo.world.geometry import Floats
 
 
@@ -24,6 +24,27 @@ def test_clusters_are_found_and_sorted_by_distance_then_angle() -> None:
     np.testing.assert_allclose(centres, middles, atol=0.05)
     np.testing.assert_array_equal(assign(points, centres), np.repeat(np.arange(5), 200))
     np.testing.assert_array_equal(cluster(np.array([[3.0, 4], [5, 0], [0, 5], [0, -5]]), 4, 0)[:, 1], [-5, 0, 4, 5])
+
+
+def test_balanced_modes_give_turns_more_than_their_share() -> None:
+    random = np.random.default_rng(0)
+    straight = np.stack([random.uniform(0, 40, 9800), random.normal(0, 0.5, 9800)], -1)
+    turning = np.stack([random.uniform(5, 15, 200), random.uniform(5, 15, 200) * random.choice([-1, 1], 200)], -1)
+    points = np.concatenate([straight, turning])
+    plain, balanced = (cluster(points, 20, 1, balanced=b) for b in (False, True))
+    far = [np.abs(np.arctan2(centres[:, 1], centres[:, 0])) > 0.4 for centres in (plain, balanced)]
+    assert far[1].sum() >= far[0].sum() + 3
+    # The few that turn are nearer to their mode, those that go straight not much farther from theirs.
+    off = [np.hypot(*(points - centres[assign(points, centres)]).T) for centres in (plain, balanced)]
+    assert off[1][9800:].mean() < 0.7 * off[0][9800:].mean()
+    assert off[1][:9800].mean() < 2.0 * off[0][:9800].mean()
+
+
+def test_balance_weighs_by_what_is_rare() -> None:
+    # Nine go straight and one turns, all at one speed: weights 9^-1/2 and 1^-1/2; a count counts like so many rows.
+    points = np.array([[10.0, 0.0]] * 9 + [[6.0, 8.0]])
+    np.testing.assert_allclose(balance(points, np.ones(10, np.int64)), [1 / 3] * 9 + [1])
+    np.testing.assert_allclose(balance(points[8:], np.array([9, 1])), [3, 1])
 
 
 def test_same_seed_same_centres() -> None:

@@ -1,6 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 
-from slrl_sumo.learning.windows import windows
+from slrl_sumo.learning.windows import mirrored, windows
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.records.trajectories import Trajectories
 
@@ -52,6 +54,24 @@ def test_no_window_reaches_into_another_track() -> None:
     assert short.vector.shape == (0, 12)
     found = windows([recording([15, 14, 16], [0, 0, 0], [0, 15, 30])])
     np.testing.assert_array_equal(found.track, [0, 2, 2])
+
+
+def test_parked_road_users_are_seen_and_teach_nothing() -> None:
+    both = recording([17, 17], [0, 2], [5, 5])
+    found = windows([replace(both, parked=np.array([True, False]))])
+    np.testing.assert_array_equal(found.track, [1, 1, 1])
+    np.testing.assert_array_equal(found.vector[:, FEATURES.index("other_10")], 1)
+
+
+def test_the_mirror_swaps_left_and_right() -> None:
+    found = windows([recording([17, 17], [0, 2], [5, 5])])
+    seen = mirrored(found)
+    np.testing.assert_array_equal(seen.path[..., 0], found.path[..., 0])
+    np.testing.assert_array_equal(seen.path[..., 1], -found.path[..., 1])
+    np.testing.assert_array_equal(seen.yaw_rate, -found.yaw_rate)
+    np.testing.assert_array_equal(seen.vector[:, 5], -found.vector[:, 5])
+    np.testing.assert_array_equal(np.delete(seen.vector, 5, 1), np.delete(found.vector, 5, 1))
+    np.testing.assert_array_equal(seen.acceleration, found.acceleration)
 
 
 def test_stride_and_recordings() -> None:

@@ -1,8 +1,9 @@
 import numpy as np
+import pytest
 import torch
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.models.selector import PriorSelector
+from slrl_sumo.models.selector import HOLD, PriorSelector
 from slrl_sumo.perception.observation import Observation
 
 
@@ -37,9 +38,35 @@ def test_modes_are_drawn_as_often_as_the_prior_says(bundle: ModelBundle, seen: O
         np.testing.assert_allclose(drawn, probability, atol=4 * np.sqrt(0.25 / times))
 
 
-def test_without_sampling_the_most_probable_mode_is_taken(bundle: ModelBundle, seen: Observation) -> None:
-    modes = PriorSelector(bundle, 1, sample=False).choose(seen)
-    np.testing.assert_array_equal(modes, bundle.prior.logits(*tensors(seen)).argmax(-1).numpy())
+def test_a_drawn_mode_is_held_by_its_road_user_for_as_long_as_chance_says(
+    bundle: ModelBundle, seen: Observation
+) -> None:
+    times = 4000
+    ids = [f"u{i}" for i in range(times)]
+    # Two modes that are equally likely: who draws anew gets the other one every second time.
+    bundle.prior.networks.weight[-1].zero_()
+    bundle.prior.networks.bias[-1].fill_(-100.0)
+    bundle.prior.networks.bias[-1][..., [3, 8]] = 0.0
+    many = Observation(np.repeat(seen.vector[:1], times, 0), None, np.repeat(seen.type[:1], times))
+    selector = PriorSelector(bundle, 1)
+    first = selector.choose(many, ids)
+    assert set(first.tolist()) == {3, 8}
+    order = np.random.default_rng(0).permutation(times)
+    second = selector.choose(many, [ids[i] for i in order])  # by name, not by row
+    assert np.mean(second != first[order]) == pytest.approx(0.5 / HOLD, abs=0.015)
+    stranger = selector.choose(many, [f"v{i}" for i in range(times)])
+    assert np.mean(stranger != second) == pytest.approx(0.5, abs=0.04)
+    assert np.mean(selector.choose(many, ids) != first) == pytest.approx(0.5, abs=0.04)  # who was away is forgotten
+
+
+def test_without_sampling_the_most_central_mode_is_taken(bundle: ModelBundle, seen: Observation) -> None:
+    modes = PriorSelector(bundle, 1, sample=False).choose(seen, ["x"] * 300)
+    vector, kind = tensors(seen)
+    probability = torch.softmax(bundle.prior.logits(vector, kind).double(), -1).numpy()
+    for i in range(0, 300, 7):
+        centres = bundle.mode_centres[kind[i]]
+        expected = [np.hypot(*(centres - centre).T) @ probability[i] for centre in centres]
+        assert modes[i] == np.argmin(expected)
     assert len(set(modes.tolist())) > 3
 
 

@@ -1,0 +1,82 @@
+"""How the road users of rollouts move: constant velocity, the best mode in hindsight, the prior of a bundle."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from slrl_sumo.analysis.prediction import Moment, Motion, Move
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.selector import HOLD, Modes, central, drawn
+from slrl_sumo.perception.features import features
+from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.types import DECISION_INTERVAL
+
+
+def constant_velocity(moment: Moment) -> Motion:
+    """Everybody keeps speed and heading."""
+    still = np.zeros(len(moment.rows))
+    return still, still, np.full(len(moment.rows), np.inf)
+
+
+def oracle(bundle: ModelBundle) -> Move:
+    """At each step the mode whose displacement comes nearest to the true position: the floor that the modes allow."""
+
+    def move(moment: Moment) -> Motion:
+        vector, kind = _seen(moment)
+        with torch.inference_mode():
+            acceleration, yaw_rate = (z.double().numpy() for z in bundle.displacement.motion_all(vector, kind))
+        top = bundle.max_speed[kind.numpy()]
+        world, rows = moment.world, moment.rows
+        # As `advance` moves them.
+        speed = np.clip(world.speed[rows, None] + acceleration * DECISION_INTERVAL, 0.0, top[:, None])
+        middle = world.heading[rows, None] + 0.5 * yaw_rate * DECISION_INTERVAL
+        x = world.x[rows, None] + speed * DECISION_INTERVAL * np.cos(middle)
+        y = world.y[rows, None] + speed * DECISION_INTERVAL * np.sin(middle)
+        best = np.hypot(x - moment.next_x[:, None], y - moment.next_y[:, None]).argmin(1)[:, None]
+        return np.take_along_axis(acceleration, best, 1)[:, 0], np.take_along_axis(yaw_rate, best, 1)[:, 0], top
+
+    return move
+
+
+def prior_central(bundle: ModelBundle) -> Move:
+    """The prior's one prediction: at each step its most central mode (see slrl_sumo.models.selector.central)."""
+
+    def move(moment: Moment) -> Motion:
+        vector, kind = _seen(moment)
+        with torch.inference_mode():
+            probability = torch.softmax(bundle.prior.logits(vector, kind).double(), -1)
+            return _motion(bundle, vector, kind, central(bundle, probability, kind))
+
+    return move
+
+
+def prior_sampled(bundle: ModelBundle, draws: Floats) -> Move:
+    """Modes drawn from the prior and held as in a run (see PriorSelector).
+
+    `draws` (U, steps, 2) from [0, 1), by member of the cast and step: which mode, and whether to keep the old one.
+    """
+    held: Modes = np.zeros(len(draws), np.int64)
+    chose = np.zeros(len(draws), np.bool_)
+
+    def move(moment: Moment) -> Motion:
+        vector, kind = _seen(moment)
+        draw, again = draws[moment.users, moment.step].T
+        with torch.inference_mode():
+            probability = torch.softmax(bundle.prior.logits(vector, kind).double(), -1).numpy()
+            keeps = chose[moment.users] & (again >= 1 / HOLD)
+            modes = np.where(keeps, held[moment.users], drawn(probability, draw))
+            held[moment.users], chose[moment.users] = modes, True
+            return _motion(bundle, vector, kind, modes)
+
+    return move
+
+
+def _seen(moment: Moment) -> tuple[Tensor, Tensor]:
+    """Feature vectors (m, 12) and types (m,) of those to be moved."""
+    vector = features(moment.world, moment.rows, moment.scene)
+    return torch.from_numpy(vector), torch.from_numpy(moment.world.type[moment.rows].astype(np.int64))
+
+
+def _motion(bundle: ModelBundle, vector: Tensor, kind: Tensor, modes: Modes) -> Motion:
+    acceleration, yaw_rate = bundle.displacement.motion(vector, kind, torch.from_numpy(modes))
+    return acceleration.double().numpy(), yaw_rate.double().numpy(), bundle.max_speed[kind.numpy()]

@@ -1,0 +1,43 @@
+"""Pictures and counts of modes, of plain and of balanced clustering side by side."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from slrl_sumo.analysis.prediction_plots import draw_modes
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning.fit import MODES_BY
+from slrl_sumo.learning.modes import assign, cluster
+from slrl_sumo.learning.windows import windows
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.records.trajectories import Trajectories
+from slrl_sumo.world.types import TYPE_NAMES
+
+
+def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> None:
+    """Write modes-TYPE.png for each type of the recordings, and modes.csv, into `folder`, which is created.
+
+    Clustered is what `fit` would learn from, without its mirrored windows.
+    """
+    every = windows(recordings)
+    rows = []
+    try:
+        folder.mkdir(exist_ok=True)
+        for t in np.unique(every.type).tolist():
+            mine = every.take(every.type == t)
+            centres = {
+                name: cluster(mine.destination, MODES, seed, TYPE_NAMES[t], balanced=name == "balanced")
+                for name in MODES_BY
+            }
+            draw_modes(mine, centres).savefig(folder / f"modes-{TYPE_NAMES[t]}.png", dpi=100)
+            for name, middle in centres.items():
+                counts = np.bincount(assign(mine.destination, middle), minlength=MODES)
+                rows += [(name, TYPE_NAMES[t], mode, *middle[mode], counts[mode]) for mode in range(MODES)]
+        with open(folder / "modes.csv", "w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(("clustering", "type", "mode", "ahead_m", "left_m", "windows"))
+            writer.writerows(rows)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None

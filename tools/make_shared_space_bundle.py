@@ -1,0 +1,36 @@
+"""The recipe of the shipped bundle `shared-space`: a real shared street (HC), then a supervised fit.
+
+    python tools/make_shared_space_bundle.py PATH/TO/hc --out slrl_sumo/bundles/shared-space
+
+PATH/TO/hc holds D1.csv, D2.csv, D3.csv and LICENSE.md (https://github.com/haohao11/MCENET, data/HC). Learned from D1,
+measured on D2 and D3. Takes half a minute.
+"""
+
+import argparse
+from pathlib import Path
+
+from slrl_sumo.learning.fit import fit
+from slrl_sumo.records.importers.hc import read_hc
+
+
+def main() -> None:
+    """Read and fit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("data", type=Path, help="folder with D1.csv, D2.csv, D3.csv and LICENSE.md")
+    parser.add_argument("--out", type=Path, required=True, help="bundle folder to write")
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    licence = (arguments.data / "LICENSE.md").read_text(encoding="utf-8").strip()
+    train, *tests = (read_hc(arguments.data / f"D{number}.csv") for number in (1, 2, 3))
+    notice = f"The data, of which these weights are a derived work, comes with this notice:\n\n{_quoted(licence)}"
+    bundle = fit([train], name=arguments.out.name, seed=arguments.seed, tests=tests, notice=notice)
+    bundle.save(arguments.out)
+    print((arguments.out / "MODEL_CARD.md").read_text(encoding="utf-8"))
+
+
+def _quoted(text: str) -> str:
+    return "\n".join(f"> {line}".rstrip() for line in text.splitlines())
+
+
+if __name__ == "__main__":
+    main()
