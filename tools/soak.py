@@ -9,7 +9,7 @@ command that repeats it. An agent-step is one learned road user in one SUMO step
 - prior, lane: added road users that the bundle's mode classifier or the lane follower drives;
 - random: added road users on random walks with jumps, over all surfaces and off them;
 - takeover: all of the scenario's own road users, everywhere, with the lane follower;
-- takeover-random: the same on random walks without jumps, which leave their lanes and routes.
+- takeover-random: the same on random walks without jumps, which leave their lanes, their routes and the scene.
 
 Each run ends by giving everybody back or taking them out, and 10 s more of SUMO. Exit code 1 if there was any crash,
 hang or loss.
@@ -69,7 +69,18 @@ NEVER_BUSY = 600.0
 HANG = 1800.0
 """s of wall clock after which a run counts as hung."""
 COUNTS = ("agent_steps", "crashes", "lost", "jumps", "teleports")
-COLUMNS = ("runs", *COUNTS, "taken", "handed_back", "arrived", "looped", "edge_share", "lane_share", "fcd_ok")
+COLUMNS = (
+    "runs",
+    *COUNTS,
+    "taken",
+    "handed_back",
+    "strayed",
+    "arrived",
+    "looped",
+    "edge_share",
+    "lane_share",
+    "fcd_ok",
+)
 
 
 class RandomDriver:
@@ -204,7 +215,9 @@ class Watch:
         count["handed_back"] += len(decision.handed_back)
         count["arrived"] += len(decision.arrived)
         count["looped"] += int(decision.looped.sum())
-        self.keep_returned(decision.handed_back)
+        count["strayed"] += len(decision.strayed)
+        # Those that had left the scene are put on their route again, wherever that is.
+        self.keep_returned(tuple(set(decision.handed_back) - set(decision.strayed)))
 
     def keep_returned(self, ids: tuple[str, ...]) -> None:
         """Where road users that were given back are now, for the next step."""
@@ -296,7 +309,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         while session.time < end + AFTER:
             session.step()
         result: dict[str, Any] = {name: watch.count[name] for name in ("agent_steps", "lost", "jumps", "teleports")}
-        result |= {name: watch.count[name] for name in ("taken", "handed_back", "arrived", "looped")}
+        result |= {name: watch.count[name] for name in ("taken", "handed_back", "strayed", "arrived", "looped")}
         result |= {name: watch.mapping.count[name] for name in ("on_edge", "edge_right", "on_lane", "lane_right")}
         result |= {"agents": agents, "sumo_steps": steps, "sumo_step_s": session.step_length}
         result |= {"simulated_s": round(end - begin, 1), "wall_s": round(time.perf_counter() - wall, 1)}
