@@ -40,7 +40,8 @@ it made the 400 windows of cyclists and cars say less about other cyclists and c
 
 MODE_PENALTY = 3.0
 """Of the sum of squared differences between the weights of a mode's model and those its type has in common, beside
-the sum of the windows' errors: a mode with few windows keeps to what its type does. Found on HC (docs/prediction.md)."""
+the sum of the windows' errors: a mode with few windows keeps to what its type does. Found on HC
+(docs/prediction.md)."""
 
 ACCELERATION = FEATURES.index("acceleration")
 HEADING = FEATURES.index("heading")

@@ -27,9 +27,7 @@ FEATURES: tuple[str, ...] = (
 """Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of all others within each radius."""
 
 
-def features(
-    world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None = None
-) -> NDArray[np.float32]:
+def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """The vector of the road users `rows` of `world`, (len(rows), 12), columns as in FEATURES, not normalised.
 
     All road users of the world are counted, learned or background, except the road user itself. Where `world` holds

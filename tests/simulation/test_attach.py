@@ -106,7 +106,7 @@ def check_restored(api: Any, selector: str, steps: int) -> None:
         assert set(world.ids) == set(api.vehicle.getIDList()) | set(api.person.getIDList())
         still = {i for i in held if not i.startswith("learned_")}
         vehicles = still & set(api.vehicle.getIDList())
-        assert len(vehicles) >= 2
+        assert vehicles  # who strayed off the network is SUMO's again already
         routes = {v: api.vehicle.getRoute(v) for v in vehicles}
         time = api.simulation.getTime()
     assert api.simulation.getTime() == time
