@@ -40,6 +40,7 @@ def draw_errors(rows: Sequence[dict[str, Any]]) -> Figure:
         axes.set_xlabel(f"step ({DECISION_INTERVAL} s)")
         axes.set_ylabel("displacement error (m)")
         axes.set_ylim(bottom=0)
+        axes.set_xticks(range(0, last["step"] + 1, 2))
         axes.grid(alpha=0.3)
         axes.legend(fontsize=8)
     return figure
@@ -68,5 +69,6 @@ def draw_modes(windows: Windows, centres: dict[str, Floats], seed: int = 0) -> F
         axes.set_ylabel("left (m)")
         counts.bar(np.arange(len(middle)), np.bincount(mode, minlength=len(middle)), color=colours)
         counts.set_xlabel("mode")
+        counts.set_xticks(range(len(middle)))
         counts.set_ylabel("windows")
     return figure

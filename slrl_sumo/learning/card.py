@@ -31,7 +31,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
     for kind in TYPE_NAMES:
         brake, gas = kinds[kind]["acceleration_bounds_mps2"]
         right, left = kinds[kind]["yaw_rate_bounds_radps"]
-        curvature = "free" if kind == "pedestrian" else f"{kinds[kind]['max_curvature_per_m']:.3f}"
+        curvature = f"{kinds[kind]['max_curvature_per_m']:.3f}"
         bounds.append(
             f"| {kind} | {brake:.2f} to {gas:.2f} | {right:.2f} to {left:.2f} | {curvature} "
             f"| {kinds[kind]['max_speed_mps']:.1f} |"
@@ -76,7 +76,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "## Limits",
             "",
             "What the models can do is bounded by what was recorded (1st to 99th percentile of road users in motion, "
-            "for yaw rates of those that turn, 99.5th for speed). Cars and bicycles turn at most by the given "
+            "for yaw rates of those that turn, 99.5th for speed). Everybody turns at most by the given "
             "curvature per metre.",
             "",
             "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",

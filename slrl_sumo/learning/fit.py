@@ -37,6 +37,9 @@ MODES_BY = ("kmeans", "balanced")
 TURNING = 0.02
 """rad/s; a road user with a higher yaw rate is turning."""
 
+FREE_TURNING = 0.5
+"""m/s from which on pedestrians turn as quickly as they ever do; below it the less the slower they are."""
+
 Longs = NDArray[np.int64]
 
 
@@ -200,7 +203,9 @@ def _set_bounds(models: DisplacementModels, train: Windows) -> None:
             lowest, highest = np.percentile(values, (1, 99))
             bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
         fast = rows & (after > 1.0)
-        if fast.any():
+        if t == RoadUserType.PEDESTRIAN:
+            models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
+        elif fast.any():
             models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[fast]) / after[fast], 99))
         models.max_speed[t] = float(np.percentile(after[rows], 99.5))
 

@@ -34,7 +34,7 @@ EPOCH_PATHS = 120_000
 """Windows an epoch of paths draws at most: those of successive moments share 11 of 12 intervals, so of a million any
 eighth says as much."""
 
-PRIOR_PENALTY = 3.0
+PRIOR_PENALTY = 1.0
 """Of the sum of squared weights of the mode classifiers, beside the sum of the windows' cross-entropies. Found on HC:
 it made the 400 windows of cyclists and cars say less about other cyclists and cars, and changed nothing for walkers."""
 

@@ -36,7 +36,8 @@ class DisplacementModels(nn.Module):
     displacement. The bounds are buffers, per type:
 
     acceleration_bounds, yaw_rate_bounds: (3, 2) lowest <= 0 and highest >= 0, m/s² and rad/s.
-    max_curvature: (3,) 1/m; cars and bicycles turn at most this much per metre, so not at all while they stand.
+    max_curvature: (3,) 1/m; they turn at most this much per metre, so not at all while they stand: recorded headings
+        are held then, and models that never learned to turn on the spot would spin.
     max_speed: (3,) m/s.
     """
 
@@ -77,8 +78,7 @@ class DisplacementModels(nn.Module):
         after = new_speed(speed, acceleration, self.max_speed[kind][:, None]).detach()
         turn = (self.max_curvature[kind][:, None] * after)[..., None]
         bounds = self.yaw_rate_bounds[kind][:, None].expand(*after.shape, 2)
-        free = (kind == RoadUserType.PEDESTRIAN)[:, None, None]
-        bounds = torch.where(free, bounds, torch.maximum(torch.minimum(bounds, turn), -turn))
+        bounds = torch.maximum(torch.minimum(bounds, turn), -turn)
         return acceleration, _within(raw[..., 1], bounds)
 
 

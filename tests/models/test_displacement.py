@@ -8,7 +8,7 @@ from slrl_sumo.perception.observation import Observation
 from slrl_sumo.world.advance import advance
 from slrl_sumo.world.geometry import to_ego
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.world.types import DECISION_INTERVAL
 
 
 def test_batched_motion_is_that_of_one_network_per_road_user(bundle: ModelBundle, seen: Observation) -> None:
@@ -26,9 +26,8 @@ def test_batched_motion_is_that_of_one_network_per_road_user(bundle: ModelBundle
         a = float(x[0] * high if x[0] > 0 else -x[0] * low)
         speed = min(max(float(vector[i, SPEED]) + a * DECISION_INTERVAL, 0.0), float(models.max_speed[t]))
         right, left = (float(b) for b in models.yaw_rate_bounds[t])
-        if t != RoadUserType.PEDESTRIAN:
-            limit = float(models.max_curvature[t]) * speed
-            right, left = max(right, -limit), min(left, limit)
+        limit = float(models.max_curvature[t]) * speed
+        right, left = max(right, -limit), min(left, limit)
         w = float(x[1]) * (left if x[1] > 0 else -right)
         np.testing.assert_allclose([float(acceleration[i]), float(yaw_rate[i])], [a, w], rtol=1e-4, atol=1e-5)
 
@@ -55,25 +54,23 @@ def test_bounds_hold_for_any_input(bundle: ModelBundle, seen: Observation) -> No
         right, left = models.yaw_rate_bounds[kind].T[:, :, None]
         assert bool(((acceleration >= low) & (acceleration <= high)).all())
         assert bool(((yaw_rate >= right) & (yaw_rate <= left)).all())
-        steered = kind != RoadUserType.PEDESTRIAN
         speed = new_speed(x[:, SPEED, None], acceleration, models.max_speed[kind][:, None])
         limit = models.max_curvature[kind][:, None] * speed
-        assert bool((yaw_rate.abs() <= limit + 1e-6)[steered].all())
+        assert bool((yaw_rate.abs() <= limit + 1e-6).all())
     reached = models.motion_all(wild, kind)[0]
     assert float(reached.max()) > 2.9  # the bounds are reached, not just never approached
     assert float(reached.min()) < -3.9
 
 
-def test_cars_and_bicycles_that_stand_cannot_turn_but_pedestrians_can(bundle: ModelBundle, seen: Observation) -> None:
+def test_who_stands_cannot_turn(bundle: ModelBundle, seen: Observation) -> None:
     vector, kind = tensors(seen)
     standing = vector.clone()
     standing[:, SPEED] = 0.0
     acceleration, yaw_rate = bundle.displacement.motion_all(standing, kind)
     stays = acceleration <= 0
-    steered = (kind != RoadUserType.PEDESTRIAN)[:, None]
-    assert int((stays & steered).sum()) > 100
-    assert bool((yaw_rate[stays & steered] == 0).all())
-    assert float(yaw_rate[stays & ~steered].abs().min()) > 0
+    assert int(stays.sum()) > 100
+    assert bool((yaw_rate[stays] == 0).all())
+    assert float(yaw_rate[~stays].abs().min()) > 0
 
 
 def test_displacement_is_the_motion_of_advance() -> None:
