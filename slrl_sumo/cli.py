@@ -49,7 +49,7 @@ def run(
         typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
     ] = None,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
-    selector: Annotated[str, typer.Option(help="Who picks the modes: prior; or lane: no models.")] = "prior",
+    selector: Annotated[str, typer.Option(help="Who picks the modes: prior, greedy or sampled; or lane: no models.")] = "prior",
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,

@@ -4,6 +4,7 @@ config.json           what it is and its shapes (BundleConfig)
 weights.safetensors   all weights, bounds, normalisation and mode centres
 training.json         how it was made and what was measured then
 MODEL_CARD.md         the same for people, with the licence of the data
+selector.*            the trained selector, where there is one (see slrl_sumo.models.policy)
 """
 
 import json
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.displacement import MODES, DisplacementModels
+from slrl_sumo.models.policy import POLICY_FILES, Policy, read_policy, write_policy
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
@@ -91,6 +93,10 @@ class ModelBundle:
     """How it was made and what was measured, plain JSON values."""
     card: str
     """Text of the model card (Markdown)."""
+    policy: Policy | None = None
+    """The trained selector, if any."""
+    policy_training: dict[str, Any] | None = None
+    """How that was trained, plain JSON values."""
 
     @property
     def max_speed(self) -> Floats:
@@ -139,6 +145,8 @@ class ModelBundle:
         (folder / "MODEL_CARD.md").write_text(self.card, encoding="utf-8")
         # Not save_file: that makes a file which only its owner may read.
         (folder / "weights.safetensors").write_bytes(save({k: v.contiguous() for k, v in state.items()}))
+        if self.policy is not None:
+            write_policy(folder, self.policy, self.policy_training or {})
 
 
 def tensors(observation: Observation) -> tuple[Tensor, Tensor]:
@@ -171,6 +179,7 @@ def load_bundle(name_or_folder: str | Path) -> ModelBundle:
     displacement = DisplacementModels(config.modes, config.displacement_hidden)
     prior = Prior(config.modes, config.prior_hidden)
     state = _read_weights(folder, config, displacement, prior)
+    policy = read_policy(folder)
     displacement.load_state_dict({k.removeprefix("displacement."): v for k, v in state.items() if k[0] == "d"})
     prior.load_state_dict({k.removeprefix("prior."): v for k, v in state.items() if k[0] == "p"})
     return ModelBundle(
@@ -182,6 +191,8 @@ def load_bundle(name_or_folder: str | Path) -> ModelBundle:
         prior=prior.requires_grad_(False).eval(),
         training=_read_json(folder / "training.json"),
         card=(folder / "MODEL_CARD.md").read_text(encoding="utf-8", errors="replace"),
+        policy=policy[0] if policy else None,
+        policy_training=policy[1] if policy else None,
     )
 
 
@@ -226,4 +237,4 @@ def _replaceable(target: Path) -> bool:
     if not target.is_dir():
         return False
     names = {path.name for path in target.iterdir()}
-    return not names or (names <= set(FILES) and "config.json" in names)
+    return not names or (names <= {*FILES, *POLICY_FILES} and "config.json" in names)

@@ -8,7 +8,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle, tensors
+from slrl_sumo.models.policy import policy_logits
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.world.geometry import Floats
 
@@ -62,6 +64,37 @@ class PriorSelector:
                     modes[row] = self._held[name]
             self._held = dict(zip(ids, modes.tolist(), strict=True))  # who is gone is forgotten
         return modes
+
+
+class PolicySelector:
+    """Chooses the modes by the bundle's trained policy, which looks at the image (paper, section 3.4).
+
+    With `sample` each mode is drawn anew at every call, by a generator seeded with `seed`: so it was trained. Otherwise
+    the most probable mode is taken. Raises InputError where the bundle has no trained policy.
+    """
+
+    needs_image = True
+
+    def __init__(self, bundle: ModelBundle, seed: int, *, sample: bool) -> None:
+        if bundle.policy is None:
+            raise InputError(
+                f"bundle {bundle.name}: it has no trained selector; use --selector prior, or train one with "
+                "`slrl-sumo train`"
+            )
+        self._policy, self._prior = bundle.policy, bundle.prior
+        self._sample = sample
+        self._random = np.random.default_rng(seed)
+
+    def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
+        """See Selector."""
+        if observation.image is None:
+            raise ValueError("this selector needs observations with images")
+        with torch.inference_mode():
+            vector, kind = tensors(observation)
+            logits, _ = policy_logits(self._policy, self._prior, vector, torch.from_numpy(observation.image), kind)
+        if not self._sample:
+            return np.asarray(logits.argmax(-1).numpy(), np.int64)
+        return drawn(logits.double().exp().numpy(), self._random.random(len(observation)))
 
 
 def drawn(probability: Floats, draw: Floats) -> Modes:

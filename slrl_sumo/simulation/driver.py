@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.selector import PriorSelector, Selector
+from slrl_sumo.models.selector import PolicySelector, PriorSelector, Selector
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.sumo.lanedriver import LaneDriver
 from slrl_sumo.sumo.network import Network
@@ -16,8 +16,9 @@ from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
 
-SELECTORS = ("prior", "lane")
-"""`prior`: the bundle's mode classifier; `lane`: the baseline that follows lanes and routes, without models."""
+SELECTORS = ("prior", "greedy", "sampled", "lane")
+"""`prior`: the bundle's mode classifier; `greedy` and `sampled`: the most probable mode of its trained policy, or one
+drawn from it; `lane`: the baseline that follows lanes and routes, without models."""
 
 Modes = NDArray[np.int64] | None
 
@@ -87,4 +88,6 @@ def make_driver(selector: str, bundle: ModelBundle, api: Any, network: Network, 
         return RouteDriver(LaneDriver(api, network))
     if selector == "prior":
         return ModelDriver(bundle, PriorSelector(bundle, seed))
+    if selector in ("greedy", "sampled"):
+        return ModelDriver(bundle, PolicySelector(bundle, seed, sample=selector == "sampled"))
     raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")

@@ -1,0 +1,146 @@
+"""The selector's policy: a network that corrects the prior by what the road user sees (paper, sections 3.1 and 3.4).
+
+selector.json          its shapes (PolicyConfig) and how it was trained
+selector.safetensors   its weights
+"""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
+from torch import Tensor, nn
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.prior import Prior
+from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS
+from slrl_sumo.world.types import RoadUserType
+
+Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
+
+POLICY_FILES = ("selector.json", "selector.safetensors")
+
+HEADING = FEATURES.index("heading")
+COUNTS = FEATURES.index("vru_5")
+
+
+@dataclass(frozen=True)
+class PolicyConfig:
+    """Shapes of a policy, and the observation it reads."""
+
+    preset: str = "paper"
+    modes: int = MODES
+    channels: tuple[int, ...] = (16, 32, 32)
+    """Of the convolutions, each with stride 2: a quarter of the pixels remains after each."""
+    hidden: int = 128
+    head: int = 64
+
+
+class Policy(nn.Module):
+    """Distribution over modes and value of n observations; type-specific heads on a shared trunk.
+
+    The logits are those of the prior plus the network's own, which begin at zero: before any training the policy is
+    the supervised baseline. The absolute heading is not read, so that a network turned round gives the same choices.
+    """
+
+    def __init__(self, config: PolicyConfig) -> None:
+        super().__init__()
+        self.config = config
+        types = len(RoadUserType)
+        layers: list[nn.Module] = []
+        inputs, rows, cols = 3, EGO_ROWS, EGO_COLS
+        for k, channels in enumerate(config.channels):
+            kernel = 5 if k == 0 else 3
+            layers += [_scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)), nn.ReLU()]
+            inputs, rows, cols = channels, (rows + 1) // 2, (cols + 1) // 2
+        self.encoder = nn.Sequential(
+            *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), nn.ReLU()
+        )
+        self.trunk = nn.Sequential(_scaled(nn.Linear(config.hidden + len(FEATURES) - 1, config.hidden)), nn.ReLU())
+        self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
+        self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
+
+    def forward(self, vector: Tensor, image: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+        """What is added to the prior's logits, (n, modes), and the value, (n,).
+
+        `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types.
+        """
+        pixels = image.permute(0, 3, 1, 2).float().div_(255.0)
+        seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
+        rows = torch.arange(len(kind), device=kind.device)
+        correction = torch.stack([actor(seen) for actor in self.actors], 1)[rows, kind]
+        value = torch.stack([critic(seen) for critic in self.critics], 1)[rows, kind, 0]
+        return correction, value
+
+
+def policy_logits(policy: Policy, prior: Prior, vector: Tensor, image: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+    """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
+
+    The prior is frozen; its log probabilities stop at -8, so that training can find modes that it has never seen.
+    """
+    with torch.no_grad():
+        known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-8.0)
+    correction, value = policy(vector, image, kind)
+    return torch.log_softmax(known + correction, -1), value
+
+
+def _normalised(vector: Tensor) -> Tensor:
+    """The vector (n, 12) without the heading, each column of order 1: (n, 11)."""
+    motion = vector[:, :HEADING] * vector.new_tensor([0.1, 0.3, 1.0, 1.0, 1.0])
+    return torch.cat([motion, 0.5 * torch.log1p(vector[:, COUNTS:])], -1)
+
+
+def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
+    return nn.Sequential(
+        _scaled(nn.Linear(config.hidden, config.head)), nn.ReLU(), _scaled(nn.Linear(config.head, outputs), gain)
+    )
+
+
+def _scaled(layer: Layer, gain: float = 2**0.5) -> Layer:
+    """Orthogonal weights and no bias, the usual start of PPO (CleanRL's layer_init)."""
+    nn.init.orthogonal_(layer.weight, gain) if gain else nn.init.zeros_(layer.weight)
+    assert layer.bias is not None
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None:
+    """Write the policy's files into a bundle's folder; `training` says how it was made, plain JSON values."""
+    values = {**asdict(policy.config), "training": training}
+    (folder / POLICY_FILES[0]).write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+    state = {k: v.detach().cpu().contiguous() for k, v in policy.state_dict().items()}
+    (folder / POLICY_FILES[1]).write_bytes(save(state))
+
+
+def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
+    """The policy of a bundle's folder, frozen, and how it was trained; None where the bundle has none.
+
+    Raises InputError where its files are damaged or not for this version.
+    """
+    there = [(folder / name).is_file() for name in POLICY_FILES]
+    if not any(there):
+        return None
+    damaged = f"bundle {folder}: its selector is damaged"
+    if not all(there):
+        raise InputError(f"{damaged} ({POLICY_FILES[there.index(False)]} missing); copy the bundle again")
+    try:
+        values = json.loads((folder / POLICY_FILES[0]).read_text(encoding="utf-8"))
+        training = values.pop("training")
+        shapes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        config = PolicyConfig(**shapes)
+        policy = Policy(config)
+        state = load_file(folder / POLICY_FILES[1])
+        policy.load_state_dict(state)
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RuntimeError, SafetensorError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{damaged} ({reason}); copy the bundle again, or train it anew") from error
+    if not all(bool(torch.isfinite(value).all()) for value in state.values()):
+        raise InputError(f"{damaged} (weights that are not finite); copy the bundle again, or train it anew")
+    if config.preset != "paper":
+        raise InputError(f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs 'paper'")
+    return policy.requires_grad_(False).eval(), training
