@@ -22,7 +22,7 @@ def policy(bundle: ModelBundle) -> Policy:
 
 def _with_images(seen: Observation) -> Observation:
     image = np.random.default_rng(2).integers(0, 256, (len(seen), 20, 40, 3)).astype(np.uint8)
-    return replace(seen, image=image)
+    return replace(seen, image=image, vector=np.abs(seen.vector))  # counts are not negative
 
 
 def _disturb(policy: Policy) -> None:
@@ -32,8 +32,7 @@ def _disturb(policy: Policy) -> None:
 
 
 def test_an_untrained_policy_is_the_prior(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
-    vector, kind = tensors(seen)
-    image = torch.from_numpy(_with_images(seen).image)
+    vector, image, kind = _arguments(_with_images(seen))
     logits, _ = policy_logits(policy, bundle.prior, vector, image, kind)
     known = torch.log_softmax(bundle.prior.logits(vector, kind), -1).clamp_min(-8.0)
     torch.testing.assert_close(logits, torch.log_softmax(known, -1))
@@ -43,8 +42,7 @@ def test_choices_depend_on_image_and_type_and_not_on_the_heading(
     bundle: ModelBundle, seen: Observation, policy: Policy
 ) -> None:
     _disturb(policy)
-    vector, kind = tensors(seen)
-    image = torch.from_numpy(_with_images(seen).image)
+    vector, image, kind = _arguments(_with_images(seen))
     before, value = policy(vector, image, kind)
     turned = vector.clone()
     turned[:, 5] += 1.0
@@ -62,7 +60,7 @@ def test_greedy_takes_the_most_probable_mode_and_sampled_draws(
     trained = replace(bundle, policy=policy)
     looked = _with_images(seen)
     assert looked.image is not None
-    logits, _ = policy_logits(policy, bundle.prior, *_swap(looked))
+    logits, _ = policy_logits(policy, bundle.prior, *_arguments(looked))
     greedy = PolicySelector(trained, 1, sample=False).choose(looked)
     np.testing.assert_array_equal(greedy, logits.argmax(-1).numpy())
     draws = PolicySelector(trained, 1, sample=True)
@@ -72,7 +70,7 @@ def test_greedy_takes_the_most_probable_mode_and_sampled_draws(
     np.testing.assert_allclose(counts / 400, logits.exp().detach().numpy(), atol=0.12)
 
 
-def _swap(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _arguments(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     vector, kind = tensors(seen)
     return vector, torch.from_numpy(seen.image), kind
 
