@@ -49,7 +49,9 @@ def run(
         typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
     ] = None,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
-    selector: Annotated[str, typer.Option(help="Who picks the modes: prior, greedy or sampled; or lane: no models.")] = "prior",
+    selector: Annotated[
+        str, typer.Option(help="Who picks the modes: prior, greedy or sampled; or lane: no models.")
+    ] = "prior",
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
@@ -191,8 +193,9 @@ def fit(
     seed: Annotated[int, typer.Option(help="The same seed gives the same bundle.")] = 1,
     epochs: Annotated[int, typer.Option(help="Passes over the windows.")] = 35,
     modes: Annotated[
-        str, typer.Option(help="Clustering: kmeans, or balanced between turning and straight.")
-    ] = "kmeans",
+        str,
+        typer.Option(help="Clusters of: relative (to the own speed), kmeans (the paper's), balanced (more turning)."),
+    ] = "relative",
     test: Annotated[
         list[Path] | None,
         typer.Option(help="Trajectories to measure errors on, not learned from; default: a tenth of the tracks."),

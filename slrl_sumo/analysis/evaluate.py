@@ -66,7 +66,8 @@ def evaluate(
     `rows`: selector, type, step, ade_m (mean error over the steps so far), fde_m (error after this step), min_ade_m
     and min_fde_m (the same of the best of SAMPLES rollouts per road user; equal where nothing is drawn), n (road users
     behind it). A road user's steps count from its own entry. `bends`: the same at the last step, of those who went
-    round a bend. `driving`: how the prior drives if all are left alone for 64 steps (see slrl_sumo.analysis.freerun).
+    round a bend. `reversing`: road users left out, in all rollouts together, because they are cars that reverse then.
+    `driving`: how the prior drives if all are left alone for 64 steps (see slrl_sumo.analysis.freerun).
     The figures depend on `seed`, not on `batch`. Raises InputError where nothing can be evaluated.
     """
     for name in selectors:
@@ -79,10 +80,12 @@ def evaluate(
     starts = np.arange(recording.frames.start, recording.frames.stop, starts_every)
     parts: dict[str, list[Rollouts]] = {name: [] for name in selectors}
     drives: list[Drive] = []
+    reversed_ = 0
     with one_thread():
         for first in range(0, len(starts), batch):
             here = starts[first : first + batch]
             cast = cast_of(recording, here)
+            reversed_ += int(cast.reverses.sum())
             for name in selectors:
                 parts[name].append(_rollouts(recording, cast, here, name, bundle, seed))
             if "prior" in selectors:
@@ -97,6 +100,7 @@ def evaluate(
         "starts": len(starts),
         "starts_every": starts_every,
         "samples": SAMPLES,
+        "reversing": reversed_,
         "surface": "everything is road (the selectors evaluated here do not look at it)",
         "rows": [row for name in selectors for row in _rows(name, parts[name])],
         "bends": [row for name in selectors for row in _bends(name, parts[name])],

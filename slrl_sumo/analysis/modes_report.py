@@ -1,4 +1,4 @@
-"""Pictures and counts of modes, of plain and of balanced clustering side by side."""
+"""Pictures and counts of modes, of all ways to find them side by side."""
 
 import csv
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.analysis.prediction_plots import draw_modes
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.fit import MODES_BY
+from slrl_sumo.learning.fit import MODES_BY, goals
 from slrl_sumo.learning.modes import assign, cluster
 from slrl_sumo.learning.windows import windows
 from slrl_sumo.models.displacement import MODES
@@ -16,7 +16,7 @@ from slrl_sumo.records.trajectories import Trajectories
 from slrl_sumo.world.types import TYPE_NAMES
 
 
-def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> None:
+def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int, dpi: int = 100) -> None:
     """Write modes-TYPE.png for each type of the recordings, and modes.csv, into `folder`, which is created.
 
     Clustered is what `fit` would learn from, without its mirrored windows.
@@ -27,14 +27,14 @@ def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> 
         folder.mkdir(exist_ok=True)
         for t in np.unique(every.type).tolist():
             mine = every.take(every.type == t)
-            centres = {
-                name: cluster(mine.destination, MODES, seed, TYPE_NAMES[t], balanced=name == "balanced")
-                for name in MODES_BY
-            }
-            draw_modes(mine, centres).savefig(folder / f"modes-{TYPE_NAMES[t]}.png", dpi=100)
-            for name, middle in centres.items():
-                counts = np.bincount(assign(mine.destination, middle), minlength=MODES)
-                rows += [(name, TYPE_NAMES[t], mode, *middle[mode], counts[mode]) for mode in range(MODES)]
+            modes = {}
+            for name in MODES_BY:
+                goal = goals(mine, name)
+                centres = cluster(goal, MODES, seed, TYPE_NAMES[t], balanced=name == "balanced")
+                modes[name] = assign(goal, centres)
+                counts = np.bincount(modes[name], minlength=MODES)
+                rows += [(name, TYPE_NAMES[t], mode, *centres[mode], counts[mode]) for mode in range(MODES)]
+            draw_modes(mine, modes, MODES).savefig(folder / f"modes-{TYPE_NAMES[t]}.png", dpi=dpi)
         with open(folder / "modes.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(("clustering", "type", "mode", "ahead_m", "left_m", "windows"))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.learning.windows import PAST
+from slrl_sumo.learning.windows import PAST, reversing
 from slrl_sumo.records.trajectories import Integers, Trajectories
 from slrl_sumo.world.advance import advance
 from slrl_sumo.world.geometry import Floats
@@ -25,7 +25,8 @@ class Cast:
     """U road users of the rollouts from some start frames: who takes part in which scene, and from when to when.
 
     A road user is there as recorded until its motion is known (PAST intervals, as in training), then it is simulated,
-    to the end of its track or of the rollout. Parked ones are there as recorded all the time.
+    to the end of its track or of the rollout. Parked ones are there as recorded all the time, and so are cars that
+    reverse on the way: nothing here drives backwards, so nothing would be measured.
     """
 
     scene: Integers
@@ -39,6 +40,8 @@ class Cast:
     """First interval in which it is simulated, (U,)."""
     leaves: Integers
     """Intervals after the start at which its track or the rollout ends, (U,)."""
+    reverses: NDArray[np.bool_]
+    """Whether it is a car that would be simulated, but reverses then and is there as recorded, (U,)."""
 
     def __len__(self) -> int:
         return len(self.scene)
@@ -91,14 +94,20 @@ def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Ca
     first, last = recording.frame[first_row], recording.frame[recording.starts[1:] - 1]
     scene, track = np.nonzero((first <= starts[:, None] + steps) & (last >= starts[:, None]))
     begin = starts[scene]
-    appears = np.maximum(first[track] - begin, 0)
+    row = first_row[track] + begin - first[track]
+    enters = np.maximum(first[track] + PAST - begin, 0)
+    leaves = np.minimum(last[track] - begin, steps)
+    backwards = np.cumsum(reversing(recording))
+    reverses = (enters < leaves) & (backwards[row + leaves] > backwards[np.minimum(row + enters - PAST, row + leaves)])
+    reverses &= ~recording.parked[track]
     return Cast(
         scene=scene,
         track=track,
-        row=first_row[track] + begin - first[track],
-        appears=appears,
-        enters=np.where(recording.parked[track], steps, np.maximum(first[track] + PAST - begin, 0)),
-        leaves=np.minimum(last[track] - begin, steps),
+        row=row,
+        appears=np.maximum(first[track] - begin, 0),
+        enters=np.where(recording.parked[track] | reverses, steps, enters),
+        leaves=leaves,
+        reverses=reverses,
     )
 
 

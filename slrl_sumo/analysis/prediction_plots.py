@@ -7,10 +7,9 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from slrl_sumo.learning.modes import assign
 from slrl_sumo.learning.windows import Windows
-from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 
 SELECTOR_COLOURS = {"constant-velocity": "#555555", "prior": "#0072B2", "oracle": "#009E73"}
@@ -46,29 +45,32 @@ def draw_errors(rows: Sequence[dict[str, Any]]) -> Figure:
     return figure
 
 
-def draw_modes(windows: Windows, centres: dict[str, Floats], seed: int = 0) -> Figure:
+def draw_modes(windows: Windows, modes: dict[str, NDArray[np.int64]], count: int, seed: int = 0) -> Figure:
     """The paths of one type's windows in the ego frame, coloured by mode, as in the paper's Fig. 1.
 
-    `centres`: (modes, 2) m by name of the clustering; one picture each, and below it how many windows each mode has.
+    `modes`: (N,) in 0..count-1 by name of the way they were found; one picture each with the mean destination of each
+    mode, and below it how many windows each has.
     """
     random = np.random.default_rng(seed)
     some = random.permutation(len(windows))[:PATHS]
     paths = np.concatenate([np.zeros((len(some), 1, 2)), windows.path[some]], axis=1)
-    figure = Figure(figsize=(6.4 * len(centres), 8.0), layout="constrained")
-    above, below = figure.subplots(2, len(centres), squeeze=False, height_ratios=(3, 1))
-    for axes, counts, (name, middle) in zip(above, below, centres.items(), strict=True):
-        mode = assign(windows.destination, middle)
+    figure = Figure(figsize=(6.4 * len(modes), 8.0), layout="constrained")
+    above, below = figure.subplots(2, len(modes), squeeze=False, height_ratios=(3, 1))
+    for axes, bars, (name, mode) in zip(above, below, modes.items(), strict=True):
+        counts = np.bincount(mode, minlength=count)
+        total = np.stack([np.bincount(mode, windows.destination[:, i], count) for i in (0, 1)], -1)
+        middle = total / np.maximum(counts, 1)[:, None]
         # Neighbouring modes have neighbouring numbers: jumping through the map keeps their colours apart.
-        colours = np.asarray(colormaps["tab20"](np.arange(len(middle)) * 7 % 20))
+        colours = np.asarray(colormaps["tab20"](np.arange(count) * 7 % 20))
         axes.add_collection(LineCollection(list(paths), colors=colours[mode[some]], linewidths=0.5, alpha=0.6))
         axes.scatter(*middle.T, c=colours, s=45, edgecolors="black", zorder=3)
         axes.set_aspect("equal", adjustable="datalim")
         axes.autoscale_view()
-        axes.set_title(f"{name}: {len(middle)} modes of the position after 4.8 s")
+        axes.set_title(f"{name}: {count} modes")
         axes.set_xlabel("ahead (m)")
         axes.set_ylabel("left (m)")
-        counts.bar(np.arange(len(middle)), np.bincount(mode, minlength=len(middle)), color=colours)
-        counts.set_xlabel("mode")
-        counts.set_xticks(range(len(middle)))
-        counts.set_ylabel("windows")
+        bars.bar(np.arange(count), counts, color=colours)
+        bars.set_xlabel("mode")
+        bars.set_xticks(range(count))
+        bars.set_ylabel("windows")
     return figure

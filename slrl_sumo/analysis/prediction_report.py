@@ -74,6 +74,8 @@ def print_evaluation(result: dict[str, Any]) -> None:
                 str(row["n"]),
             )
         console.print(table)
+    if result["reversing"]:
+        console.print(f"left out: cars that reverse, {result['reversing']} times", highlight=False)
     console.print(f"surface: {result['surface']}", highlight=False)
 
 

@@ -4,6 +4,17 @@ from typing import Any
 
 from slrl_sumo.world.types import TYPE_NAMES
 
+FEW = 2000
+"""Training windows below which the card warns."""
+
+MODES_BY_TEXT = {
+    "relative": "K-Means of the position after 4.8 s relative to the own speed (three quarters of the way that "
+    "constant velocity leads are taken out)",
+    "kmeans": "K-Means of the position after 4.8 s",
+    "balanced": "K-Means of the position after 4.8 s, balanced between turning and going straight",
+}
+"""How modes are found, by the names that `slrl-sumo fit --modes` knows."""
+
 
 def model_card(name: str, training: dict[str, Any]) -> str:
     """Markdown text of the model card of bundle `name`, from its training record (see slrl_sumo.learning.fit)."""
@@ -36,6 +47,17 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             f"| {kind} | {brake:.2f} to {gas:.2f} | {right:.2f} to {left:.2f} | {curvature} "
             f"| {kinds[kind]['max_speed_mps']:.1f} |"
         )
+    few = [
+        f"{kind} ({count})"
+        for kind in TYPE_NAMES
+        if (count := kinds[kind]["windows"] - kinds[kind]["held_out_windows"]) < FEW
+    ]
+    scarce = (
+        f"**Few windows to learn from**, fewer than {FEW}: {', '.join(few)}. Windows of successive moments overlap, so "
+        "these are a handful of road users: what the bundle makes of the type is hardly more than a guess.\n\n"
+        if few
+        else ""
+    )
     if training["tests"]:
         held_out = f"Measured on recordings that nothing was learned from: {', '.join(training['tests'])}."
     else:
@@ -76,21 +98,21 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "## Limits",
             "",
             "What the models can do is bounded by what was recorded (1st to 99th percentile of road users in motion, "
-            "for yaw rates of those that turn, 99.5th for speed). Everybody turns at most by the given "
+            "for yaw rates of those that turn, 99th of all for the top speed). Everybody turns at most by the given "
             "curvature per metre.",
             "",
             "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
             "|---|---|---|---|---|",
             *bounds,
             "",
-            "The models see speed, acceleration, type, heading and counts of neighbours: neither lanes, traffic lights "
-            "nor where anybody wants to go. Do not use them for safety assessment, and expect behaviour outside the "
-            "recorded range of density and speed to be a guess.",
+            f"{scarce}The models see speed, acceleration, type, heading and counts of neighbours: neither lanes, "
+            "traffic lights nor where anybody wants to go. Do not use them for safety assessment, and expect behaviour "
+            "outside the recorded range of density and speed to be a guess.",
             "",
             "## How it was made",
             "",
             f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam; modes: "
-            f"{training['modes_by']} of the position after 4.8 s; displacement models trained on the path of "
+            f"{MODES_BY_TEXT[training['modes_by']]}; displacement models trained on the path of "
             "the bounded motion over these 4.8 s; "
             "headings turned at random in training; taught by mirrored windows too: "
             f"{', '.join(training['mirrored']) or 'no type'}. "

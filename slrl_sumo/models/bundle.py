@@ -84,7 +84,8 @@ class ModelBundle:
     name: str
     config: BundleConfig
     mode_centres: Floats
-    """(3, modes, 2) m: mean destination of each type and mode, ego frame."""
+    """(3, modes, 2) m, ego frame: mean of what the modes of each type are clusters of: destinations, or destinations
+    relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.fit.goals)."""
     mode_counts: NDArray[np.int64]
     """(3, modes): windows of each type and mode in training."""
     displacement: DisplacementModels

@@ -89,6 +89,20 @@ def test_who_comes_later_counts_from_its_entry_and_who_leaves_until_then() -> No
     ]
 
 
+def test_cars_that_reverse_are_there_as_recorded(bundle: ModelBundle) -> None:
+    # Backwards from frame 20 to 24. The bicycle with the same path is simulated: it has turned, not reversed.
+    made = recording([straight(60, 1.0), straight(60, 1.0, 9)], [0, 1])
+    back = np.where((made.frame >= 20) & (made.frame < 25), -0.4, 0.4)
+    made = Trajectories(**{**{n: getattr(made, n) for n in made.__dataclass_fields__}, "x": np.r_[
+        np.cumsum(back[:60]), np.cumsum(back[60:])]})  # fmt: skip
+    cast = cast_of(made, np.array([0, 3, 4, 20, 25, 26]))
+    # From frame 4 on the last interval of 16 is backwards; at frame 26 the two before are forwards again.
+    assert cast.reverses.tolist() == [False, False, False, False, True, False, True, False, True, False, False, False]
+    errors = rollout(made, cast, constant_velocity)
+    assert errors.steps.tolist() == [14, 14, 16, 16, 0, 16, 0, 16, 0, 16, 16, 16]
+    assert evaluate(made, bundle, starts_every=1)["reversing"] == 26 - 4
+
+
 def test_scenes_do_not_see_each_other_and_batches_do_not_matter(bundle: ModelBundle) -> None:
     random = np.random.default_rng(3)
     paths = [circle(int(n), v, w, y) for n, v, w, y in zip(

@@ -21,7 +21,7 @@ def a_result() -> dict[str, object]:
         for k in range(1, 17)
     ]  # fmt: skip
     return {
-        "recording": "made", "bundle": "b", "seed": 1, "starts": 3, "starts_every": 5, "samples": 20,
+        "recording": "made", "bundle": "b", "seed": 1, "starts": 3, "starts_every": 5, "samples": 20, "reversing": 2,
         "surface": "everything is road", "rows": rows, "bends": rows[-1:], "driving": [],
     }  # fmt: skip
 
@@ -39,6 +39,7 @@ def test_files_hold_the_contract(tmp_path: Path, capsys: pytest.CaptureFixture[s
     printed = capsys.readouterr().out
     assert "14.40" in printed  # the prior's error at the last step
     assert "everything is road" in printed
+    assert "cars that reverse, 2 times" in printed
 
 
 def test_curves_are_the_final_errors_and_the_best_where_it_differs() -> None:
@@ -58,13 +59,13 @@ def test_modes_are_drawn_with_as_many_windows_as_each_has() -> None:
         ids=("a",), type=np.zeros(1, np.int8), length=np.ones(1), width=np.ones(1),
     )  # fmt: skip
     seen = windows([made])
-    far = np.array([[0.0, 0.0], [1000.0, 0.0]])
-    figure = draw_modes(seen, {"one": far[:1], "two": far})
-    assert [axes.get_title() for axes in figure.axes[:2]] == [
-        "one: 1 modes of the position after 4.8 s",
-        "two: 2 modes of the position after 4.8 s",
-    ]
-    assert figure.axes[3].containers[0].datavalues.tolist() == [len(seen), 0]  # type: ignore[attr-defined]
+    one = np.zeros(len(seen), np.int64)
+    figure = draw_modes(seen, {"one": one, "two": np.minimum(np.arange(len(seen)), 1)}, 2)
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["one: 2 modes", "two: 2 modes"]
+    assert figure.axes[2].containers[0].datavalues.tolist() == [len(seen), 0]  # type: ignore[attr-defined]
+    assert figure.axes[3].containers[0].datavalues.tolist() == [1, len(seen) - 1]  # type: ignore[attr-defined]
+    dots = np.asarray(figure.axes[1].collections[1].get_offsets())
+    np.testing.assert_allclose(dots, [seen.destination[0], seen.destination[1:].mean(0)])
 
 
 def test_pictures_of_modes_for_each_type_and_counts_of_both_clusterings(tmp_path: Path) -> None:
@@ -84,7 +85,7 @@ def test_pictures_of_modes_for_each_type_and_counts_of_both_clusterings(tmp_path
     }  # fmt: skip
     with open(tmp_path / "modes" / "modes.csv", newline="") as file:
         table = list(csv.DictReader(file))
-    for clustering in ("kmeans", "balanced"):
+    for clustering in ("relative", "kmeans", "balanced"):
         mine = [row for row in table if row["clustering"] == clustering and row["type"] == "car"]
         assert sum(int(row["windows"]) for row in mine) == 15 * 6
         assert [int(row["mode"]) for row in mine] == list(range(20))

@@ -58,7 +58,7 @@ def traffic() -> list[Trajectories]:
 
 @pytest.fixture(scope="session")
 def learned(traffic: list[Trajectories]) -> ModelBundle:
-    return fit(traffic, name="made", seed=4, epochs=15)
+    return fit(traffic, name="made", seed=4, epochs=15, modes="kmeans")
 
 
 @pytest.fixture(scope="session")

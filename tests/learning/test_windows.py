@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.learning.windows import mirrored, windows
+from slrl_sumo.learning.windows import OWN_SPEED, mirrored, reversing, windows
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.records.trajectories import Trajectories
 
@@ -61,6 +61,34 @@ def test_parked_road_users_are_seen_and_teach_nothing() -> None:
     found = windows([replace(both, parked=np.array([True, False]))])
     np.testing.assert_array_equal(found.track, [1, 1, 1])
     np.testing.assert_array_equal(found.vector[:, FEATURES.index("other_10")], 1)
+
+
+def test_cars_that_reverse_teach_nothing_then() -> None:
+    # Forwards by 0.8 m up to row 20, backwards to row 26, still to row 40; a walker beside does the same.
+    step = np.r_[0.0, np.full(20, 0.8), np.full(6, -0.6), np.zeros(14)]
+    made = recording([41, 41], [0, 2], [0, 0])
+    beside = np.repeat([0.0, 5.0], 41)
+    made = replace(made, x=np.tile(np.cumsum(step), 2), y=beside, heading=np.zeros(82))
+    np.testing.assert_array_equal(np.flatnonzero(reversing(made)), np.arange(21, 27))
+    found = windows([made])
+    walker = found.take(found.track == 1)
+    car = found.take(found.track == 0)
+    assert len(walker) == 27  # rows 2 to 28
+    # Row 19 is the last whose next interval is forwards; 28 the first with two intervals behind it that do not reverse.
+    assert len(car) == 18 + 1
+    assert car.path[:, 0, 0].min() >= 0.0
+    assert walker.path[:, 0, 0].min() < -0.5
+    # Steps of noise do not count.
+    slow = replace(made, x=np.tile(np.cumsum(np.where(step < 0, -0.1, step)), 2))
+    assert len(windows([slow])) == 2 * 27
+
+
+def test_relative_destinations_lack_most_of_the_own_way() -> None:
+    found = windows([recording([17], [0], [5])])
+    speed = found.vector[:, 0].astype(np.float64)
+    expected = found.destination - np.stack([OWN_SPEED * 4.8 * speed, 0 * speed], -1)
+    np.testing.assert_allclose(found.relative, expected)
+    assert 0 < OWN_SPEED <= 1
 
 
 def test_the_mirror_swaps_left_and_right() -> None:
