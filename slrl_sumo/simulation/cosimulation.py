@@ -10,10 +10,10 @@ from slrl_sumo.perception.observation import Observation, observe
 from slrl_sumo.simulation.background import Differences, background_world, places_of
 from slrl_sumo.simulation.driver import Driver, Modes
 from slrl_sumo.simulation.events import Decision, Step
-from slrl_sumo.simulation.looping import bring_back, left_scene
+from slrl_sumo.simulation.looping import bring_back, left_scene, start_anew
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
-from slrl_sumo.simulation.spawn import draw_starts, starting_points
+from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speed
 from slrl_sumo.simulation.takeover import drawn
 from slrl_sumo.sumo.ahead import TrafficAhead, traffic_ahead
 from slrl_sumo.sumo.loans import Loans
@@ -76,7 +76,7 @@ class CoSimulation:
 
     Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
     to give back what is not ours. `population` are the learned road users, `world` all road users as they are now;
-    `surfaces` and `roadmap` are the ground.
+    `surfaces` and `roadmap` are the ground, `points` the places per type where road users may start.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class CoSimulation:
         self._substeps = round(DECISION_INTERVAL / simulation.step_length)
         self._loans = Loans(simulation.api, simulation.network)
         self.population = Population(simulation.placement, self._loans)
-        self._points = starting_points(simulation.network)
+        self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
         self._differences = Differences()
         self._snapshot: Snapshot | None = None
@@ -99,9 +99,8 @@ class CoSimulation:
     def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
         """Add road users: `counts` per type, (3,), at legal places drawn by `seed`; `max_speed` per type, m/s, (3,)."""
         rng = np.random.default_rng(seed)
-        kinds, x, y, heading, limit = draw_starts(counts, self._points, rng)
-        # Everybody is under way already, between slow and usual for the type, and no faster than the lane allows.
-        speed = np.minimum(0.5 * max_speed[kinds], limit) * rng.uniform(0.5, 1.0, len(kinds))
+        kinds, x, y, heading, limit = draw_starts(counts, self.points, rng)
+        speed = starting_speed(max_speed[kinds], limit, rng.random(len(kinds)))
         self.population.spawn(kinds, x, y, heading, speed, self._simulation.time)
 
     def start(self) -> Step:
@@ -134,6 +133,13 @@ class CoSimulation:
         self._interval = None
         return step, self._close(interval)
 
+    def start_anew(self, rows: NDArray[np.intp], max_speed: Floats, rng: np.random.Generator) -> None:
+        """Put learned road users `rows`, all of them ours, to new places as `spawn` does; between two decisions."""
+        learned = self.population.world
+        background = self.world.take(np.arange(len(learned), len(self.world)))
+        self.population.world = start_anew(learned, rows, background, self.points, max_speed, rng)
+        self.world = self.population.world.join(background)
+
     def observe(self, rows: NDArray[np.intp], with_image: bool) -> Observation:
         """What the learned road users `rows` see now."""
         return observe(self.world, rows, self.roadmap, with_image=with_image)
@@ -158,7 +164,7 @@ class CoSimulation:
         looped = left_scene(following, self.roadmap) & ~self.population.lent
         if looped.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
-            following = bring_back(following, looped, background, self._points, self.roadmap)
+            following = bring_back(following, looped, background, self.points, self.roadmap)
         shares = np.arange(1, self._substeps + 1) / self._substeps
         states = [between(learned, following, share, looped) for share in shares]
         return _Interval(states, modes, looped, [], set(), 0)

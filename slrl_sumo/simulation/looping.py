@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.simulation.spawn import starting_speed
 from slrl_sumo.sumo.lanepoints import LanePoints
-from slrl_sumo.world.geometry import wrap_angle
+from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
@@ -70,3 +71,35 @@ def bring_back(
         heading[row] = wrap_angle(direction)
         speed[row] = min(speed[row], source.lanes[source.lane[best]].max_speed)
     return replace(world, x=x, y=y, heading=heading, speed=speed)
+
+
+def start_anew(
+    world: WorldState,
+    rows: NDArray[np.intp],
+    others: WorldState,
+    points: tuple[LanePoints, ...],
+    max_speed: Floats,
+    rng: np.random.Generator,
+) -> WorldState:
+    """`world` with its road users `rows` at places drawn anew, with room to stop, under way as at the very start.
+
+    `max_speed`: per type, m/s, (3,). Where no free place is among those drawn, the one with the widest gap is taken.
+    """
+    x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
+    acceleration, yaw_rate = world.acceleration.copy(), world.yaw_rate.copy()
+    radii = 0.5 * np.concatenate([np.hypot(world.length, world.width), np.hypot(others.length, others.width)])
+    for row in rows.tolist():
+        kind = int(world.type[row])
+        source = points[kind]
+        drawn = rng.integers(0, len(source), CANDIDATES[0])
+        crowd_x, crowd_y = np.concatenate([x, others.x]), np.concatenate([y, others.y])
+        apart = np.hypot(source.x[drawn, None] - crowd_x, source.y[drawn, None] - crowd_y) - radii
+        apart[:, row] = np.inf
+        gap = np.minimum(apart.min(axis=1) - radii[row], ROOM[kind])
+        best = int(drawn[gap.argmax()])
+        x[row], y[row] = source.x[best], source.y[best]
+        about = np.pi * int(rng.integers(0, 2)) if kind == RoadUserType.PEDESTRIAN else 0.0
+        heading[row] = wrap_angle(source.heading[best] + about)
+        speed[row] = starting_speed(max_speed[kind], source.lanes[source.lane[best]].max_speed, rng.uniform())
+        acceleration[row] = yaw_rate[row] = 0.0
+    return replace(world, x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, yaw_rate=yaw_rate)

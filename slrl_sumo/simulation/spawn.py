@@ -1,5 +1,7 @@
 """Where learned road users may start, and how many of each type."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -140,6 +142,12 @@ def draw_starts(
         parts.append((np.full(len(rows), kind, np.int8), source.x[rows], source.y[rows], heading, limit))
     kinds, x, y, heading, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
     return kinds, x, y, heading, limit
+
+
+def starting_speed(max_speed: Any, limit: Any, draw: Any) -> Any:
+    """Speed (m/s) at the start: everybody is under way already, between slow and usual for the type, and no faster
+    than the lane allows. `max_speed` of the type and the lane's `limit` in m/s, `draw` from [0, 1); scalars or (n,)."""
+    return np.minimum(0.5 * max_speed, limit) * (0.5 + 0.5 * draw)
 
 
 def _choose(

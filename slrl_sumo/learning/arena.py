@@ -1,0 +1,240 @@
+"""One running simulation as an environment: every learned road user in it is one slot with episodes of its own."""
+
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from slrl_sumo.learning import rewards
+from slrl_sumo.learning.rewards import RewardWeights
+from slrl_sumo.models.bundle import ModelBundle, tensors
+from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.raster import ego_picture
+from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.driver import Modes
+from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.spawn import type_counts
+from slrl_sumo.simulation.tally import OWN_SURFACE
+from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.world.advance import advance
+from slrl_sumo.world.contacts import colliding_pairs, overlapping_pairs
+from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+
+EPISODE_STEPS = 128
+"""Decisions of an episode (paper, section 4.1)."""
+
+HORIZON = 4.8
+"""s from a window's moment to its destination (paper, section 3.2)."""
+MOVING_DISTANCE = rewards.SLOW * HORIZON
+
+
+@dataclass(frozen=True)
+class ArenaSettings:
+    """What happens in the arena, besides the scenario and the models."""
+
+    agents: int = 64
+    mix: tuple[float, float, float] | None = None
+    """Shares of cars, bicycles and pedestrians; None is the usual mix, as far as the network has room for it."""
+    weights: RewardWeights = field(default_factory=RewardWeights)
+    desired_speed: tuple[float, float, float] | None = None
+    """m/s per type; None is the mean of what the bundle's recordings show of road users in motion."""
+    episode_steps: int = EPISODE_STEPS
+    warm_up: float = 40.0
+    """s of plain SUMO before anybody learned is there, so that there is traffic."""
+    staggered: bool = False
+    """Whether first episodes are cut short at random, so that not all slots end theirs at the same step."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one decision led to; all arrays have one entry per slot, (n,)."""
+
+    observation: Observation
+    """What everybody sees now; whose episode has ended sees the start of the next one."""
+    reward: Floats
+    terms: dict[str, Floats]
+    """The terms of the reward before weighting, by name."""
+    terminated: NDArray[np.bool_]
+    """Contact with somebody, or lost: off the ground, or away from SUMO."""
+    truncated: NDArray[np.bool_]
+    """The episode's time is over."""
+    final: Observation | None
+    """What those saw in the end whose episode is over, in the order of their slots; None where nobody's is."""
+    steps: NDArray[np.int64]
+    """Decisions of the current episode so far, before a new one began."""
+    speed: Floats
+    """m/s at the end of the decision."""
+
+
+class _GivenModes:
+    """A driver that does what it is told: the modes of the next decision, chosen from the observation made before."""
+
+    def __init__(self, bundle: ModelBundle) -> None:
+        self._bundle = bundle
+        self.observation: Observation | None = None
+        self.modes: NDArray[np.int64] | None = None
+
+    def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
+        assert self.observation is not None
+        assert self.modes is not None
+        acceleration, yaw_rate = self._bundle.motion(self.observation, self.modes)
+        max_speed = self._bundle.max_speed[learned.type]
+        return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), self.modes
+
+    def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
+        return np.zeros(len(learned), np.bool_)
+
+    def forget(self, ids: tuple[str, ...]) -> None:
+        pass
+
+
+class Arena:
+    """A scenario with learned road users whose modes are given from outside; a context manager.
+
+    Road users come back at a new place when their episode ends, so the slots are always filled; the scene loops on
+    itself (paper, section 3.4). One arena per process: SUMO allows no more.
+    """
+
+    def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
+        self.bundle, self.settings = bundle, settings
+        self._session = SumoSession(scenario, seed=seed % 2**31)
+        self._scenario, self._seed = scenario, seed
+        self._random = np.random.default_rng([seed, 1])
+        self._driver = _GivenModes(bundle)
+        self._desired = np.array(settings.desired_speed or recorded_speed(bundle))
+
+    def __enter__(self) -> Self:
+        self._session.__enter__()
+        try:
+            self._start()
+        except BaseException:
+            self._session.close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._session.__exit__(kind, error, trace)
+
+    def _start(self) -> None:
+        while self._session.time < self.settings.warm_up:
+            self._session.step()
+        self.simulation = CoSimulation(self._session, self._driver)
+        self._points = self.simulation.points
+        mix = None if self.settings.mix is None else np.array(self.settings.mix)
+        counts, _ = type_counts(self.settings.agents, mix, self._points, str(self._scenario.config))
+        self.simulation.spawn(counts, self.bundle.max_speed, self._seed)
+        self.simulation.start()
+        n = len(self.simulation.population.world)
+        self._steps = np.zeros(n, np.int64)
+        self._limit = np.full(n, self.settings.episode_steps)
+        if self.settings.staggered:
+            self._limit = self._random.integers(1, self.settings.episode_steps + 1, n)
+        # Road users that start in contact with each other have not collided by driving.
+        self._touching = _touching(self.simulation.world)
+        self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
+        self._was_off = np.zeros(n, np.bool_)
+        self.observation = self.simulation.observe(np.arange(n), with_image=True)
+
+    @property
+    def world(self) -> WorldState:
+        """All road users as they are now, those of the slots first."""
+        return self.simulation.world
+
+    def step(self, modes: NDArray[np.int64]) -> Outcome:
+        """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
+        log_probability = self._log_prior(modes)
+        self._driver.observation, self._driver.modes = self.observation, modes
+        decision = self.simulation.decide()
+        n = len(modes)
+        self._steps += 1
+        touching = _touching(self.simulation.world)
+        hit = np.zeros(n, np.bool_)
+        hit[[self._row[user] for pair in touching - self._touching for user in pair if user in self._row]] = True
+        terms = self._terms(decision, hit, log_probability)
+        learned = self.simulation.population.world
+        lost = decision.lost | (decision.looped & self._was_off)
+        self._was_off = ~OWN_SURFACE[learned.type, decision.surface]
+        terminated = hit | lost
+        truncated = (self._steps >= self._limit) & ~terminated
+        ended = np.flatnonzero(terminated | truncated)
+        steps, speed, final = self._steps.copy(), learned.speed, None
+        if len(ended):
+            final = self.simulation.observe(ended, with_image=True)
+            self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
+            self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
+            self._was_off[ended] = False
+            touching = _touching(self.simulation.world)
+        self._touching = touching
+        self.observation = self.simulation.observe(np.arange(n), with_image=True)
+        reward = rewards.weighted(terms, self.settings.weights)
+        return Outcome(self.observation, reward, terms, terminated, truncated, final, steps, speed)
+
+    def _log_prior(self, modes: NDArray[np.int64]) -> Floats:
+        """Log probability of each mode under the bundle's prior, (n,)."""
+        with torch.inference_mode():
+            every = torch.log_softmax(self.bundle.prior.logits(*tensors(self.observation)), -1)
+            return every.double().numpy()[np.arange(len(modes)), modes]
+
+    def _terms(self, decision: Decision, hit: NDArray[np.bool_], log_probability: Floats) -> dict[str, Floats]:
+        """All terms of the reward, (n,) each."""
+        learned = self.simulation.population.world
+        lane_heading, limit, on_lane = lanes_here(learned, self._points)
+        return {
+            "close": rewards.close(self.simulation.world, len(learned)),
+            "off_surface": rewards.off_surface(learned.type, decision.surface),
+            "moving": rewards.moving(learned.speed),
+            "contact": rewards.contact(hit),
+            "speed": rewards.speed_kept(learned.speed, np.minimum(self._desired[learned.type], limit)),
+            "wrong_way": rewards.wrong_way(learned.heading, lane_heading, on_lane),
+            "comfort": rewards.comfort(learned.speed, learned.acceleration, learned.yaw_rate),
+            "realism": rewards.realism(log_probability),
+        }
+
+    def picture(self, slot: int) -> NDArray[np.uint8]:
+        """What a slot sees, enlarged for people, (rows, cols, 3) RGB."""
+        assert self.observation.image is not None
+        return ego_picture(self.observation.image[slot])
+
+
+def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Heading (rad) and speed limit (m/s) of the nearest lane for the type of each of n road users, and whether it is
+    on a lane with a direction, (n,) each. Pedestrians walk either way; junctions have no lanes here."""
+    heading, limit = np.zeros(len(users)), np.full(len(users), np.inf)
+    on_lane = np.zeros(len(users), np.bool_)
+    for kind, source in enumerate(points):
+        rows = np.flatnonzero(users.type == kind)
+        if not len(rows) or not len(source):
+            continue
+        nearest = source.nearest(users.x[rows], users.y[rows])[:, 0]
+        heading[rows] = source.heading[nearest]
+        limit[rows] = np.array([lane.max_speed for lane in source.lanes])[source.lane[nearest]]
+        if kind != RoadUserType.PEDESTRIAN:
+            on_lane[rows] = source.lanes_under(users.x[rows], users.y[rows]) >= 0
+    return heading, limit, on_lane
+
+
+def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
+    """m/s per type: the mean, over the recordings that the bundle was fitted to, of road users in motion.
+
+    In motion is who comes farther than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
+    """
+    distance = np.hypot(bundle.mode_centres[..., 0], bundle.mode_centres[..., 1])
+    count = np.where(distance > MOVING_DISTANCE, bundle.mode_counts, 0)
+    car, bicycle, pedestrian = (distance * count).sum(1) / np.maximum(count.sum(1), 1) / HORIZON
+    return float(car), float(bicycle), float(pedestrian)
+
+
+def _touching(world: WorldState) -> set[tuple[str, str]]:
+    """Who is in contact with whom: boxes that overlap, or centres closer than 0.5 m."""
+    pairs = np.concatenate([overlapping_pairs(world), colliding_pairs(world)])
+    return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}

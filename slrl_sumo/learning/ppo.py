@@ -1,0 +1,244 @@
+"""Proximal policy optimisation of the selector, in the order and with the names of CleanRL's ppo.py (paper, 3.4).
+
+Schulman et al. 2017, https://arxiv.org/abs/1707.06347. T steps are rolled out in N slots with the policy as it is, then
+it is updated on them for some epochs of minibatches, and so on.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from slrl_sumo.models.policy import Policy, policy_logits
+from slrl_sumo.models.prior import Prior
+from slrl_sumo.perception.features import FEATURES
+
+CAR = FEATURES.index("car")
+"""Where the one-hot type begins in the vector."""
+
+
+@dataclass(frozen=True)
+class PpoSettings:
+    """Names as in CleanRL."""
+
+    num_steps: int = 64
+    """T: decisions of each slot between two updates."""
+    learning_rate: float = 5e-4
+    anneal_lr: bool = True
+    gamma: float = 0.97
+    gae_lambda: float = 0.95
+    num_minibatches: int = 4
+    update_epochs: int = 3
+    norm_adv: bool = True
+    clip_coef: float = 0.2
+    clip_vloss: bool = False
+    ent_coef: float = 0.01
+    vf_coef: float = 0.5
+    max_grad_norm: float = 0.5
+
+
+class Slots(Protocol):
+    """What PPO needs of an environment: gymnasium's VectorEnv with autoreset in the same step (see ArenaVectorEnv)."""
+
+    num_envs: int
+
+    def reset(self, *, seed: int) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]: ...
+
+    def step(
+        self, actions: NDArray[np.int64]
+    ) -> tuple[dict[str, NDArray[Any]], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """One rollout: T steps of N slots."""
+
+    vector: Tensor
+    """(T, N, 12) float32."""
+    image: Tensor
+    """(T, N, rows, cols, 3) uint8."""
+    actions: Tensor
+    """(T, N) int64."""
+    logprobs: Tensor
+    values: Tensor
+    rewards: Tensor
+    """(T, N)."""
+    terminated: Tensor
+    """(T, N) bool: the episode is over and nothing comes after it."""
+    truncated: Tensor
+    """(T, N) bool: the episode was cut off; what would have come is worth `final_values`."""
+    final_values: Tensor
+    """(T, N); 0 where nothing was truncated."""
+    next_value: Tensor
+    """(N,): value of what is seen after the last step."""
+
+
+def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
+    """Generalised advantage estimates and returns, (T, N) each (Schulman et al. 2016, arXiv 1506.02438).
+
+    A truncated episode is worth the value of its last observation, a terminated one nothing; neither knows of the
+    episode that begins in its slot afterwards.
+    """
+    done = (batch.terminated | batch.truncated).float()
+    advantages = torch.zeros_like(batch.rewards)
+    lastgaelam = torch.zeros_like(batch.next_value)
+    following = batch.next_value
+    for t in reversed(range(len(batch.rewards))):
+        nextvalue = torch.where(batch.truncated[t], batch.final_values[t], following * (1.0 - done[t]))
+        delta = batch.rewards[t] + gamma * nextvalue - batch.values[t]
+        lastgaelam = delta + gamma * gae_lambda * (1.0 - done[t]) * lastgaelam
+        advantages[t] = lastgaelam
+        following = batch.values[t]
+    return advantages, advantages + batch.values
+
+
+class Agent:
+    """The policy that learns, on a device, with what belongs to it: the frozen prior and the optimiser."""
+
+    def __init__(self, policy: Policy, prior: Prior, settings: PpoSettings, device: torch.device) -> None:
+        self.policy, self.prior = policy.to(device), prior.to(device)
+        self.device = device
+        self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
+
+    def logits_and_value(self, vector: Tensor, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Log probabilities (n, modes) and values (n,) of observations on any device."""
+        vector, image = vector.to(self.device), image.to(self.device)
+        kind = vector[:, CAR : CAR + 3].argmax(-1)
+        return policy_logits(self.policy, self.prior, vector, image, kind)
+
+
+def rollout(
+    agent: Agent, env: Slots, observation: dict[str, NDArray[Any]], num_steps: int, generator: torch.Generator
+) -> tuple[Batch, dict[str, NDArray[Any]], list[dict[str, Any]]]:
+    """T steps of all slots from `observation` on. Returns them, what is seen then, and the infos of every step."""
+    shape = (num_steps, env.num_envs)
+    vector = torch.empty(*shape, *observation["vector"].shape[1:])
+    image = torch.empty(*shape, *observation["image"].shape[1:], dtype=torch.uint8)
+    actions = torch.empty(shape, dtype=torch.int64)
+    logprobs, values, rewards, final_values = (torch.zeros(shape) for _ in range(4))
+    terminated, truncated = (torch.empty(shape, dtype=torch.bool) for _ in range(2))
+    final: list[tuple[int, NDArray[np.intp], NDArray[Any], NDArray[Any]]] = []
+    infos: list[dict[str, Any]] = []
+    with torch.no_grad():
+        for t in range(num_steps):
+            vector[t], image[t] = torch.from_numpy(observation["vector"]), torch.from_numpy(observation["image"])
+            logits, value = agent.logits_and_value(vector[t], image[t])
+            logits, values[t] = logits.cpu(), value.cpu()
+            actions[t] = torch.multinomial(logits.exp(), 1, generator=generator)[:, 0]
+            logprobs[t] = logits.gather(1, actions[t][:, None])[:, 0]
+            observation, reward, over, cut, info = env.step(actions[t].numpy())
+            rewards[t] = torch.from_numpy(reward)
+            terminated[t], truncated[t] = torch.from_numpy(over), torch.from_numpy(cut)
+            if cut.any():
+                rows, last = np.flatnonzero(cut), info["final_obs"]
+                final.append((t, rows, last["vector"][rows], last["image"][rows]))
+            infos.append({name: values for name, values in info.items() if "final" not in name})
+        if final:
+            _, value = agent.logits_and_value(
+                torch.from_numpy(np.concatenate([v for _, _, v, _ in final])),
+                torch.from_numpy(np.concatenate([i for *_, i in final])),
+            )
+            times = np.concatenate([np.full(len(rows), t) for t, rows, _, _ in final])
+            final_values[times, np.concatenate([rows for _, rows, _, _ in final])] = value.cpu()
+        _, next_value = agent.logits_and_value(
+            torch.from_numpy(observation["vector"]), torch.from_numpy(observation["image"])
+        )
+    batch = Batch(
+        vector, image, actions, logprobs, values, rewards, terminated, truncated, final_values, next_value.cpu()
+    )
+    return batch, observation, infos
+
+
+def update(agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.Generator) -> dict[str, float]:
+    """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance."""
+    advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
+    names = ("vector", "image", "actions", "logprobs", "values")
+    flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
+    b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
+    size = len(b_returns)
+    minibatch = math.ceil(size / settings.num_minibatches)
+    sums: dict[str, float] = {}
+    updates = 0
+    for _ in range(settings.update_epochs):
+        order = torch.randperm(size, generator=generator).to(agent.device)
+        for start in range(0, size, minibatch):
+            mb = order[start : start + minibatch]
+            logits, newvalue = agent.logits_and_value(flat["vector"][mb], flat["image"][mb])
+            newlogprob = logits.gather(1, flat["actions"][mb][:, None])[:, 0]
+            entropy = -(logits.exp() * logits).sum(-1).mean()
+            logratio = newlogprob - flat["logprobs"][mb]
+            ratio = logratio.exp()
+            mb_advantages = b_advantages[mb]
+            if settings.norm_adv:
+                mb_advantages = (mb_advantages - mb_advantages.mean()) / (mb_advantages.std() + 1e-8)
+            pg_loss1 = -mb_advantages * ratio
+            pg_loss2 = -mb_advantages * ratio.clamp(1 - settings.clip_coef, 1 + settings.clip_coef)
+            pg_loss = torch.max(pg_loss1, pg_loss2).mean()
+            v_loss = (newvalue - b_returns[mb]) ** 2
+            if settings.clip_vloss:
+                change = (newvalue - flat["values"][mb]).clamp(-settings.clip_coef, settings.clip_coef)
+                v_loss = torch.max(v_loss, (flat["values"][mb] + change - b_returns[mb]) ** 2)
+            v_loss = 0.5 * v_loss.mean()
+            loss = pg_loss - settings.ent_coef * entropy + settings.vf_coef * v_loss
+            agent.optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(agent.policy.parameters(), settings.max_grad_norm)
+            agent.optimizer.step()
+            with torch.no_grad():
+                figures = {
+                    "policy_loss": pg_loss,
+                    "value_loss": v_loss,
+                    "entropy": entropy,
+                    "approx_kl": ((ratio - 1) - logratio).mean(),
+                    "clipfrac": ((ratio - 1).abs() > settings.clip_coef).float().mean(),
+                }
+            for name, value in figures.items():
+                sums[name] = sums.get(name, 0.0) + float(value.detach())
+            updates += 1
+    figures_mean = {name: value / updates for name, value in sums.items()}
+    var = float(b_returns.var())
+    unexplained = float((b_returns - flat["values"]).var())
+    figures_mean["explained_variance"] = 1.0 - unexplained / var if var > 0 else 0.0
+    return figures_mean
+
+
+def learn(
+    agent: Agent,
+    env: Slots,
+    settings: PpoSettings,
+    *,
+    iterations: range,
+    total: int,
+    reset_every: int,
+    seed: int,
+    after: Callable[[int, Batch, list[dict[str, Any]], dict[str, float]], None],
+) -> None:
+    """Run `iterations` (a part of range(total)) of rollout and update; `after` is told of each.
+
+    Every `reset_every` iterations all simulations begin anew, drawn by `seed` and the iteration alone: a training that
+    is resumed at such a point goes on exactly as it would have without the break. `iterations` must begin at one.
+    """
+    if iterations.start % reset_every:
+        raise ValueError("training can be taken up only where simulations begin anew")
+    observation: dict[str, NDArray[Any]] = {}
+    generator = torch.Generator()
+    for iteration in iterations:
+        if iteration % reset_every == 0:
+            number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)
+            observation, _ = env.reset(seed=number)
+            generator.manual_seed(number)
+        if settings.anneal_lr:
+            frac = 1.0 - iteration / total
+            agent.optimizer.param_groups[0]["lr"] = frac * settings.learning_rate
+        started = time.perf_counter()
+        batch, observation, infos = rollout(agent, env, observation, settings.num_steps, generator)
+        rolled = time.perf_counter()
+        figures = update(agent, batch, settings, generator)
+        figures["rollout_s"], figures["update_s"] = rolled - started, time.perf_counter() - rolled
+        after(iteration, batch, infos, figures)

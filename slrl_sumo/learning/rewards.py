@@ -1,0 +1,98 @@
+"""What a road user is rewarded for: pure functions on arrays, and their weights (paper, section 3.3).
+
+All of them return one number per road user, of order 1, positive where it is good.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.world.contacts import close_pairs
+from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.surfaces import Surface
+from slrl_sumo.world.types import RoadUserType
+
+CLOSE = 1.0
+"""m between centres; the paper's r1."""
+SLOW = 0.5
+"""m/s; the paper's r3."""
+LIKED = np.zeros((len(RoadUserType), len(Surface)))
+"""How wrong a Surface is for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads, but
+slightly dislike it (paper, r2)."""
+LIKED[:, Surface.NONE] = 1.0
+LIKED[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
+LIKED[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
+HARD_ACCELERATION = 3.0
+"""m/s²; uncomfortable, along or across."""
+RAREST = -8.0
+"""Log probability at which a mode counts as never seen."""
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """What each term counts; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three."""
+
+    close: float = 1.0
+    off_surface: float = 1.0
+    moving: float = 0.5
+    contact: float = 5.0
+    speed: float = 1.0
+    wrong_way: float = 0.5
+    comfort: float = 0.1
+    realism: float = 0.05
+
+
+TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
+
+
+def weighted(terms: dict[str, Floats], weights: RewardWeights) -> Floats:
+    """The reward of each road user, (n,): the sum of all TERMS, each (n,), by weight."""
+    return np.asarray(sum(getattr(weights, name) * terms[name] for name in TERMS), np.float64)
+
+
+def close(world: WorldState, n: int) -> Floats:
+    """r1: minus the number of road users whose centres are closer than CLOSE, for the first `n` of `world`, (n,)."""
+    pairs = close_pairs(world, CLOSE)
+    return -np.bincount(pairs.ravel(), minlength=len(world))[:n].astype(np.float64)
+
+
+def off_surface(kind: NDArray[np.int8], surface: NDArray[np.uint8]) -> Floats:
+    """r2: minus how wrong the `surface` under each road user is for its type `kind`; both (n,)."""
+    return -LIKED[kind, surface]
+
+
+def moving(speed: Floats) -> Floats:
+    """r3: 1 for who is faster than SLOW; `speed` (n,) in m/s."""
+    return (speed > SLOW).astype(np.float64)
+
+
+def contact(touching: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who has come into contact with somebody, (n,)."""
+    return -touching.astype(np.float64)
+
+
+def speed_kept(speed: Floats, desired: Floats) -> Floats:
+    """From 0 at the desired speed down to -1 at none or twice of it; both (n,) in m/s."""
+    return -np.minimum(np.abs(speed - desired) / np.maximum(desired, 0.1), 1.0)
+
+
+def wrong_way(heading: Floats, lane_heading: Floats, on_lane: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who is `on_lane` and drives against its direction (more than 90 degrees off); rad, (n,)."""
+    against = np.abs(wrap_angle(heading - lane_heading)) > 0.5 * np.pi
+    return -(against & on_lane).astype(np.float64)
+
+
+def comfort(speed: Floats, acceleration: Floats, yaw_rate: Floats) -> Floats:
+    """From 0 down to -1 at HARD_ACCELERATION along or across; m/s, m/s², rad/s, (n,)."""
+    felt = np.hypot(acceleration, speed * yaw_rate) / HARD_ACCELERATION
+    return -np.minimum(felt**2, 1.0)
+
+
+def realism(log_probability: Floats) -> Floats:
+    """From 0 for modes that people always chose down to -1 for modes that nobody did.
+
+    `log_probability` (n,): that of the chosen mode under the bundle's prior, a density learned from recordings.
+    """
+    return np.maximum(log_probability, RAREST) / -RAREST
