@@ -1,6 +1,7 @@
 """Points sampled along lanes: places to start at, and the lane that lies under a position."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,14 @@ class LanePoints:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def take(self, rows: NDArray[np.intp]) -> "LanePoints":
+        """The points `rows` (integer indices) alone, on the same lanes."""
+        some = copy(self)
+        some.x, some.y, some.heading, some.offset = (a[rows] for a in (self.x, self.y, self.heading, self.offset))
+        some.lane = self.lane[rows]
+        some._tree = cKDTree(np.column_stack([some.x, some.y])) if len(rows) else None
+        return some
 
     def nearest(self, x: Floats, y: Floats, count: int = 1) -> NDArray[np.intp]:
         """Indices of the `count` points nearest to each of n positions, nearest first: (n, min(count, p))."""
