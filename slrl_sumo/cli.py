@@ -219,6 +219,42 @@ def fit(
 
 
 @app.command()
+def train(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FAMILY",
+            help="intersection, shared-space or random: networks drawn anew; or a scenario; several with commas.",
+        ),
+    ],
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one: its models stay as they are.")],
+    out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
+    steps: Annotated[int, typer.Option(help="Decisions of single road users, in all.")] = 5_000_000,
+    workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
+    device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
+    threads: Annotated[int, typer.Option(help="Threads of the policy's update.")] = 1,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+) -> None:
+    """Train the selector of a bundle by reinforcement learning."""
+    from slrl_sumo.analysis.training import train_with_progress
+    from slrl_sumo.learning.train import TrainRequest
+    from slrl_sumo.learning.train_settings import read_settings
+
+    _check_output(out)
+    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 1024), ("threads", threads, 1024)):
+        if not 1 <= value <= most:
+            raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
+    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads)
+    if not train_with_progress(request, read_settings(config), resume=resume):
+        raise typer.Exit(130)
+    typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
+
+
+@app.command()
 def evaluate(
     what: Annotated[
         str, typer.Argument(metavar="SCENARIO|FILE", help="Scenario as in `run`, or trajectories of a recording, .npz.")
@@ -240,6 +276,14 @@ def evaluate(
     starts: Annotated[
         int | None, typer.Option(help="FILE: a rollout begins at every so manieth frame of 0.4 s. [default: 5]")
     ] = None,
+    net: Annotated[
+        Path | None, typer.Option(help="FILE: SUMO network in its coordinates; without: everything is road.")
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(help="FILE: or a PNG: white road, yellow sidewalk, black nothing; upper left at 0, 0."),
+    ] = None,
+    metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: of --mask.")] = None,
 ) -> None:
     """Measure selectors in a scenario, or prediction errors over 6.4 s on a recording."""
     from slrl_sumo.analysis.prediction_report import check_folder
@@ -253,13 +297,15 @@ def evaluate(
         "workers": workers,
         "recording": recording,
     }
-    for option, value in {"agents": agents, **scenario_options}.items() if is_file else [("starts", starts)]:
+    file_options = {"starts": starts, "net": net, "mask": mask, "metres-per-pixel": metres_per_pixel}
+    for option, value in ({"agents": agents, **scenario_options} if is_file else file_options).items():
         if value is not None:
             kind, other = ("a recording", "a scenario") if is_file else ("a scenario", "a recording (.npz)")
             raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
     check_folder(out)
     if is_file:
-        _evaluate_recording(what, bundle, out, names, 5 if starts is None else starts, seed)
+        ground = (net, mask, metres_per_pixel)
+        _evaluate_recording(what, bundle, out, names, 5 if starts is None else starts, seed, ground)
         return
     given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
     if agents is not None:
@@ -276,22 +322,31 @@ def evaluate(
 
 
 def _evaluate_recording(
-    file: str, bundle: str, out: Path, selectors: tuple[str, ...] | None, starts: int, seed: int
+    file: str,
+    bundle: str,
+    out: Path,
+    selectors: tuple[str, ...] | None,
+    starts: int,
+    seed: int,
+    ground: tuple[Path | None, Path | None, float | None],
 ) -> None:
-    from slrl_sumo.analysis.evaluate import SELECTORS
     from slrl_sumo.analysis.evaluate import evaluate as measure
+    from slrl_sumo.analysis.ground import given_ground
     from slrl_sumo.analysis.prediction_report import print_evaluation, write_evaluation
     from slrl_sumo.analysis.progress import progress
     from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.records.trajectories import load_trajectories
 
     recording, models = load_trajectories(file), load_bundle(bundle)
+    roadmap, surface = given_ground(recording, *ground)
     with progress() as bar:
         task = bar.add_task("rollouts", total=1.0)
         result = measure(
             recording,
             models,
-            selectors=SELECTORS if selectors is None else selectors,
+            selectors=selectors,
+            roadmap=roadmap,
+            surface=surface,
             starts_every=starts,
             seed=seed,
             progress=lambda share: bar.update(task, completed=share),

@@ -1,14 +1,19 @@
-"""How the road users of rollouts move: constant velocity, the best mode in hindsight, the prior of a bundle."""
+"""How the road users of rollouts move: constant velocity, the best mode in hindsight, prior and policy of a bundle."""
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from slrl_sumo.analysis.prediction import Moment, Motion, Move
+from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.policy import policy_logits
 from slrl_sumo.models.selector import HOLD, Modes, central, drawn
 from slrl_sumo.perception.features import features
+from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS, ego_images
 from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.types import DECISION_INTERVAL
 
 
@@ -69,6 +74,38 @@ def prior_sampled(bundle: ModelBundle, draws: Floats) -> Move:
             return _motion(bundle, vector, kind, modes)
 
     return move
+
+
+def policy_chosen(bundle: ModelBundle, roadmap: RoadMap, draws: Floats | None) -> Move:
+    """Modes of the trained policy, which looks at the ground, as in a run (see PolicySelector).
+
+    `draws` (U, steps) from [0, 1) by member of the cast and step; without, the most probable mode is taken.
+    Raises InputError where the bundle has no policy.
+    """
+    if bundle.policy is None:
+        raise InputError(f"bundle {bundle.name} has no trained selector; leave greedy and sampled out of --selectors")
+    policy = bundle.policy
+
+    def move(moment: Moment) -> Motion:
+        vector, kind = _seen(moment)
+        images = torch.from_numpy(_images(moment, roadmap))
+        with torch.inference_mode():
+            logits = policy_logits(policy, bundle.prior, vector, images, kind)[0].double().numpy()
+            modes = logits.argmax(-1) if draws is None else drawn(np.exp(logits), draws[moment.users, moment.step])
+            return _motion(bundle, vector, kind, modes)
+
+    return move
+
+
+def _images(moment: Moment, roadmap: RoadMap) -> NDArray[np.uint8]:
+    """The ego images of those to be moved, with those of their own scene only."""
+    images = np.zeros((len(moment.rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
+    scene = moment.scene[moment.rows]
+    for one in np.unique(scene).tolist():
+        members, mine = np.flatnonzero(moment.scene == one), np.flatnonzero(scene == one)
+        rows = np.searchsorted(members, moment.rows[mine])
+        images[mine] = ego_images(moment.world.take(members), rows, roadmap)
+    return images
 
 
 def _seen(moment: Moment) -> tuple[Tensor, Tensor]:

@@ -8,18 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.analysis.choices import constant_velocity, oracle, prior_central, prior_sampled
+from slrl_sumo.analysis.choices import constant_velocity, oracle, policy_chosen, prior_central, prior_sampled
 from slrl_sumo.analysis.freerun import STEPS as DRIVE_STEPS
 from slrl_sumo.analysis.freerun import Drive, drive_on, driving_figures
+from slrl_sumo.analysis.ground import everywhere_road
 from slrl_sumo.analysis.prediction import STEPS, Cast, Errors, Move, cast_of, rollout
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.fit import one_thread
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.records.trajectories import Integers, Trajectories
+from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 
 SELECTORS = ("constant-velocity", "prior", "oracle")
+POLICY_SELECTORS = ("greedy", "sampled")
+"""Those of bundles with a trained policy."""
 SAMPLES = 20
 """Sampled rollouts of which the best counts, per road user."""
 
@@ -49,13 +54,22 @@ class Rollouts:
     """m, the least of all samples after each step, (U, STEPS)."""
     best_mean: Floats
     """m, the least of all samples' mean errors over the steps so far, (U, STEPS)."""
+    off_surface: Integers
+    """Intervals of the one prediction that ended off the own surface, (U,)."""
+
+
+def selectors_of(bundle: ModelBundle) -> tuple[str, ...]:
+    """All selectors that can be evaluated with a bundle."""
+    return SELECTORS if bundle.policy is None else SELECTORS + POLICY_SELECTORS
 
 
 def evaluate(
     recording: Trajectories,
     bundle: ModelBundle,
     *,
-    selectors: Sequence[str] = SELECTORS,
+    selectors: Sequence[str] | None = None,
+    roadmap: RoadMap | None = None,
+    surface: str = "",
     starts_every: int = STARTS_EVERY,
     seed: int = 1,
     batch: int = BATCH,
@@ -68,17 +82,26 @@ def evaluate(
     behind it). A road user's steps count from its own entry. `bends`: the same at the last step, of those who went
     round a bend. `reversing`: road users left out, in all rollouts together, because they are cars that reverse then.
     `driving`: how the prior drives if all are left alone for 64 steps (see slrl_sumo.analysis.freerun).
+    `roadmap` is the ground, `surface` says where it comes from; with it there is `off_surface`: per selector and type
+    the share of steps that end off the own surface, also of what was recorded. Without it everything is road.
+    `selectors`: of selectors_of(bundle), which is the default.
     The figures depend on `seed`, not on `batch`. Raises InputError where nothing can be evaluated.
     """
+    known = selectors_of(bundle)
+    selectors = known if selectors is None else selectors
     for name in selectors:
-        if name not in SELECTORS:
-            raise InputError(f"--selectors {name}: there is none of that name; use {', '.join(SELECTORS)}")
+        if name not in known:
+            missing = (
+                f"bundle {bundle.name} has no trained selector" if name in POLICY_SELECTORS else "no such selector"
+            )
+            raise InputError(f"--selectors {name}: {missing}; use {', '.join(known)}")
     if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
         raise InputError(f"the recording has an interval of {recording.dt} s, evaluation needs {DECISION_INTERVAL} s")
     if starts_every < 1:
         raise InputError(f"--starts {starts_every}: give a number of frames, 1 or more")
     starts = np.arange(recording.frames.start, recording.frames.stop, starts_every)
     parts: dict[str, list[Rollouts]] = {name: [] for name in selectors}
+    ground = everywhere_road(recording) if roadmap is None else roadmap
     drives: list[Drive] = []
     reversed_ = 0
     with one_thread():
@@ -87,7 +110,7 @@ def evaluate(
             cast = cast_of(recording, here)
             reversed_ += int(cast.reverses.sum())
             for name in selectors:
-                parts[name].append(_rollouts(recording, cast, here, name, bundle, seed))
+                parts[name].append(_rollouts(recording, cast, here, name, bundle, ground, seed))
             if "prior" in selectors:
                 drives.append(drive_on(recording, here, partial(_in_a_run, bundle, here, seed)))
             progress(min(first + batch, len(starts)) / max(len(starts), 1))
@@ -101,9 +124,10 @@ def evaluate(
         "starts_every": starts_every,
         "samples": SAMPLES,
         "reversing": reversed_,
-        "surface": "everything is road (the selectors evaluated here do not look at it)",
+        "surface": "everything is road (no --net or --mask was given)" if roadmap is None else surface,
         "rows": [row for name in selectors for row in _rows(name, parts[name])],
         "bends": [row for name in selectors for row in _bends(name, parts[name])],
+        "off_surface": [] if roadmap is None else _off_surface(recording, parts, roadmap),
         "driving": driving_figures("prior", drives, bundle) if drives else [],
     }
 
@@ -114,19 +138,29 @@ def _in_a_run(bundle: ModelBundle, starts: Integers, seed: int, cast: Cast) -> M
 
 
 def _rollouts(
-    recording: Trajectories, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, seed: int
+    recording: Trajectories, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, ground: RoadMap, seed: int
 ) -> Rollouts:
+    def many(make: Callable[[Floats], Move]) -> Floats:
+        draws = _draws(cast, starts, seed, SAMPLES, STEPS).reshape(-1, STEPS, 2)
+        return rollout(recording, _copies(cast, len(starts)), make(draws)).error.reshape(SAMPLES, len(cast), STEPS)
+
     if name == "constant-velocity":
-        one = rollout(recording, cast, constant_velocity)
+        one = rollout(recording, cast, constant_velocity, ground)
         samples = one.error[None]
     elif name == "oracle":
-        one = rollout(recording, cast, oracle(bundle))
+        one = rollout(recording, cast, oracle(bundle), ground)
+        samples = one.error[None]
+    elif name == "prior":
+        one = rollout(recording, cast, prior_central(bundle), ground)
+        samples = many(partial(prior_sampled, bundle))
+    elif name == "greedy":
+        one = rollout(recording, cast, policy_chosen(bundle, ground, None), ground)
         samples = one.error[None]
     else:
-        one = rollout(recording, cast, prior_central(bundle))
-        draws = _draws(cast, starts, seed, SAMPLES, STEPS).reshape(-1, STEPS, 2)
-        samples = rollout(recording, _copies(cast, len(starts)), prior_sampled(bundle, draws)).error
-        samples = samples.reshape(SAMPLES, len(cast), STEPS)
+        # Nothing is central about a draw: the one prediction is the first sample.
+        first = _draws(cast, starts, seed, 1, STEPS)[0, :, :, 0]
+        one = rollout(recording, cast, policy_chosen(bundle, ground, first), ground)
+        samples = many(lambda draws: policy_chosen(bundle, ground, draws[..., 0]))
     return Rollouts(
         type=one.type,
         steps=one.steps,
@@ -134,6 +168,7 @@ def _rollouts(
         error=one.error,
         best=samples.min(0),
         best_mean=_so_far(samples).min(0),
+        off_surface=one.off_surface,
     )
 
 
@@ -165,6 +200,26 @@ def _bend(recording: Trajectories, cast: Cast, errors: Errors) -> NDArray[np.boo
 def _so_far(error: Floats) -> Floats:
     """Mean over the steps so far, along the last axis."""
     return error.cumsum(-1) / np.arange(1, error.shape[-1] + 1)
+
+
+def _off_surface(recording: Trajectories, parts: dict[str, list[Rollouts]], roadmap: RoadMap) -> list[dict[str, Any]]:
+    rows = []
+    kind = recording.type[recording.track]
+    moving = ~recording.parked[recording.track]
+    off = ~OWN_SURFACE[kind, roadmap.surface_at(recording.x, recording.y)]
+    for t, type_name in enumerate(TYPE_NAMES):
+        mine = moving & (kind == t)
+        if mine.any():
+            share = float(off[mine].mean())
+            rows.append({"selector": "recorded", "type": type_name, "share": share, "steps": int(mine.sum())})
+    for name, some in parts.items():
+        every = _joined(some)
+        for t, type_name in enumerate(TYPE_NAMES):
+            steps = int(every.steps[every.type == t].sum())
+            if steps:
+                share = float(every.off_surface[every.type == t].sum() / steps)
+                rows.append({"selector": name, "type": type_name, "share": share, "steps": steps})
+    return rows
 
 
 def _table(name: str, kind: int, step: int, rollouts: Rollouts, who: NDArray[np.bool_]) -> dict[str, Any]:

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.learning.windows import PAST, reversing
 from slrl_sumo.records.trajectories import Integers, Trajectories
+from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.world.advance import advance
 from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
 
 STEPS = 16
@@ -86,6 +88,8 @@ class Errors:
     """Simulated intervals, (U,)."""
     error: Floats
     """m to the true position after each interval since the road user's entry, (U, STEPS); 0 after `steps`."""
+    off_surface: Integers
+    """Intervals that ended off the own surface, (U,); 0 without a map."""
 
 
 def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Cast:
@@ -111,15 +115,19 @@ def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Ca
     )
 
 
-def rollout(recording: Trajectories, cast: Cast, move: Move, steps: int = STEPS) -> Errors:
-    """Simulate the cast: every interval `move` says how the road users move, and `advance` moves them."""
+def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | None = None) -> Errors:
+    """Simulate the cast: every interval `move` says how the road users move, and `advance` moves them.
+
+    With a map it is counted how often they are off their own surface.
+    """
+    steps = STEPS
     users, kind = len(cast), recording.type[cast.track]
     length, width = recording.length[cast.track], recording.width[cast.track]
     state = np.zeros((6, users))  # x, y, heading, speed, acceleration, yaw rate
     recorded = np.stack(
         [recording.x, recording.y, recording.heading, recording.speed, recording.acceleration, recording.yaw_rate]
     )
-    errors = np.zeros((users, steps))
+    errors, off_surface = np.zeros((users, steps)), np.zeros(users, np.int64)
     for step in range(steps):
         seen = np.flatnonzero((cast.appears <= step) & (step <= cast.leaves))
         as_recorded = seen[step <= cast.enters[seen]]
@@ -136,7 +144,9 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, steps: int = STEPS)
         state[:, moved] = then.x, then.y, then.heading, then.speed, then.acceleration, then.yaw_rate
         off = np.hypot(then.x - moment.next_x, then.y - moment.next_y)
         errors[moved, step - cast.enters[moved]] = off
-    return Errors(kind, np.maximum(cast.leaves - cast.enters, 0), errors)
+        if roadmap is not None:
+            off_surface[moved] += ~OWN_SURFACE[kind[moved], roadmap.surface_at(then.x, then.y)]
+    return Errors(kind, np.maximum(cast.leaves - cast.enters, 0), errors, off_surface)
 
 
 def _world(

@@ -74,6 +74,15 @@ def print_evaluation(result: dict[str, Any]) -> None:
                 str(row["n"]),
             )
         console.print(table)
+    if result["off_surface"]:
+        table = Table(title="steps that end off the own surface", title_justify="left")
+        for heading in ("type", "selector"):
+            table.add_column(heading)
+        for heading in ("share", "steps"):
+            table.add_column(heading, justify="right")
+        for row in sorted(result["off_surface"], key=lambda row: str(row["type"])):
+            table.add_row(row["type"], row["selector"], f"{row['share']:.1%}", str(row["steps"]))
+        console.print(table)
     if result["reversing"]:
         console.print(f"left out: cars that reverse, {result['reversing']} times", highlight=False)
     console.print(f"surface: {result['surface']}", highlight=False)

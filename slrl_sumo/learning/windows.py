@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
 
 from slrl_sumo.perception.features import FEATURES, features
 from slrl_sumo.records.trajectories import Trajectories
@@ -78,7 +80,16 @@ def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
     come from the same code that live simulation uses, with every recorded road user of the frame around, parked and
     reversing ones among them.
     """
-    return joined([_of_one(recording, index, stride) for index, recording in enumerate(recordings)])
+    console = Console(stderr=True)
+    numbered = track(
+        enumerate(recordings),
+        "windows",
+        total=len(recordings),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    return joined([_of_one(recording, index, stride) for index, recording in numbered])
 
 
 def joined(parts: Sequence[Windows]) -> Windows:

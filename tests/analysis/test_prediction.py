@@ -1,17 +1,22 @@
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-from slrl_sumo.analysis.choices import constant_velocity, oracle, prior_sampled
+from slrl_sumo.analysis.choices import constant_velocity, oracle, policy_chosen, prior_sampled
 from slrl_sumo.analysis.evaluate import SAMPLES, evaluate
 from slrl_sumo.analysis.freerun import drive_on
+from slrl_sumo.analysis.ground import everywhere_road
 from slrl_sumo.analysis.prediction import STEPS, Moment, Motion, cast_of, rollout
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.records.trajectories import Trajectories
+from slrl_sumo.world.roadmap import Area, RoadMap, Surface, SurfaceShapes
 
 Path = tuple[int, np.ndarray]
 """First frame, and x, y, heading per row, (n, 3)."""
@@ -194,6 +199,50 @@ def test_the_best_of_all_samples_is_kept_for_each_road_user(
     assert max(calls) >= 2 * SAMPLES
 
 
+def test_a_trained_selector_sees_the_ground_and_its_own_scene(bundle: ModelBundle) -> None:
+    torch.manual_seed(3)
+    policy = Policy(PolicyConfig())
+    with torch.no_grad():  # trained ones are not zero
+        for actor in policy.actors:
+            list(actor.parameters())[-2].normal_()
+    trained = replace(bundle, policy=policy)
+    made = recording([circle(30, 4.0, 0.2), circle(30, 1.2, -0.3, y=8), straight(30, 1.0, -6)], [1, 2, 2])
+    everywhere = everywhere_road(made)
+    starts = np.array([2, 6, 9])
+    nowhere = RoadMap(SurfaceShapes(()))
+    moved = {
+        name: rollout(made, cast_of(made, starts), policy_chosen(trained, ground, None)).error
+        for name, ground in (("road", everywhere), ("nothing", nowhere))
+    }
+    assert np.abs(moved["road"] - moved["nothing"]).max() > 0.01
+    single = [
+        rollout(made, cast_of(made, starts[i : i + 1]), policy_chosen(trained, everywhere, None)) for i in range(3)
+    ]
+    np.testing.assert_allclose(moved["road"], np.concatenate([one.error for one in single]), rtol=1e-3, atol=1e-3)
+    result = evaluate(made, trained, starts_every=6)
+    assert list(dict.fromkeys(row["selector"] for row in result["rows"])) == [
+        "constant-velocity", "prior", "oracle", "greedy", "sampled",
+    ]  # fmt: skip
+    drawn = [row for row in result["rows"] if row["selector"] == "sampled" and row["step"] == STEPS]
+    assert all(row["min_ade_m"] < row["ade_m"] for row in drawn)
+
+
+def test_steps_off_the_road_are_counted_with_a_map_only(bundle: ModelBundle) -> None:
+    # A bicycle goes 1.6 m per step along +x; the road ends at 20 m.
+    made = recording([straight(30, 4.0)], [1])
+    road = RoadMap(SurfaceShapes((Area(Surface.ROAD, np.array([[-5.0, -9], [20, -9], [20, 9], [-5, 9]])),)))
+    result = evaluate(made, bundle, selectors=["constant-velocity"], roadmap=road, surface="by hand", starts_every=30)
+    # It is at 1.6 m times the frame. Simulated are frames 3 to 16, off the road 13 to 16; recorded off are 13 to 29.
+    assert result["off_surface"] == [
+        {"selector": "recorded", "type": "bicycle", "share": 17 / 30, "steps": 30},
+        {"selector": "constant-velocity", "type": "bicycle", "share": pytest.approx(4 / 14), "steps": 14},
+    ]
+    assert result["surface"] == "by hand"
+    plain = evaluate(made, bundle, selectors=["constant-velocity"], starts_every=30)
+    assert plain["off_surface"] == []
+    assert plain["surface"].startswith("everything is road")
+
+
 def test_a_long_drive_moves_everybody_who_is_there(bundle: ModelBundle) -> None:
     made = recording([straight(30, 2.0), circle(30, 4.0, 0.25, y=9), straight(20, 1.0, 18, first=10)], [2, 1, 2])
     drive = drive_on(made, np.array([5]), lambda cast: constant_velocity)
@@ -213,8 +262,10 @@ def test_a_long_drive_moves_everybody_who_is_there(bundle: ModelBundle) -> None:
 
 def test_what_cannot_be_evaluated_is_refused(bundle: ModelBundle) -> None:
     made = recording([straight(30, 1.2)], [2])
-    with pytest.raises(InputError, match="--selectors best: there is none of that name"):
+    with pytest.raises(InputError, match="--selectors best: no such selector; use constant-velocity, prior, oracle"):
         evaluate(made, bundle, selectors=["prior", "best"])
+    with pytest.raises(InputError, match="--selectors greedy: bundle random has no trained selector"):
+        evaluate(made, bundle, selectors=["greedy"])
     with pytest.raises(InputError, match="--starts 0"):
         evaluate(made, bundle, starts_every=0)
     with pytest.raises(InputError, match="no road user of the recording can be simulated"):

@@ -23,6 +23,7 @@ def a_result() -> dict[str, object]:
     return {
         "recording": "made", "bundle": "b", "seed": 1, "starts": 3, "starts_every": 5, "samples": 20, "reversing": 2,
         "surface": "everything is road", "rows": rows, "bends": rows[-1:], "driving": [],
+        "off_surface": [{"selector": "recorded", "type": "car", "share": 0.125, "steps": 80}],
     }  # fmt: skip
 
 
@@ -39,6 +40,7 @@ def test_files_hold_the_contract(tmp_path: Path, capsys: pytest.CaptureFixture[s
     printed = capsys.readouterr().out
     assert "14.40" in printed  # the prior's error at the last step
     assert "everything is road" in printed
+    assert "12.5%" in printed
     assert "cars that reverse, 2 times" in printed
 
 
