@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.records.importers.table import Table
+from slrl_sumo.records.importers.table import Table, codes
 from slrl_sumo.records.trajectories import Integers
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
@@ -73,13 +73,13 @@ def users_of(
     Where these are 0 (VRUs of levelXdata) the default of the class stands in. Raises InputError, with line, on an
     unknown class and a size that no road user has.
     """
-    words = table.words(column)[rows]
-    known = []
-    for row, word in zip(rows.tolist(), words.tolist(), strict=True):
-        one = classes.get(word.lower())
-        if one is None:
-            raise InputError(f"{table.where(row)}: unknown {column} {word!r}; known are {', '.join(classes)}")
-        known.append(one)
+    words = table.words(column)
+    values, first, _ = codes(words)
+    unknown = [int(row) for row, word in zip(first, values.tolist(), strict=True) if str(word).lower() not in classes]
+    if unknown:
+        row = min(unknown)
+        raise InputError(f"{table.where(row)}: unknown {column} {str(words[row])!r}; known are {', '.join(classes)}")
+    known = [classes[word.lower()] for word in words[rows].tolist()]
     length, width = np.array([one.length for one in known]), np.array([one.width for one in known])
     if sizes:
         for name, values in (("length", length), ("width", width)):

@@ -139,19 +139,20 @@ def _complaint(
     lines = _lines(path, delimiter)
     if header:
         next(lines)
+    due = f"{len(names)}" if header else f"{len(names)} ({', '.join(names)})"
     short: InputError | None = None
     for line, cells in lines:
         if short is not None:
             return short
         if len(cells) < len(names):
-            short = InputError(f"{path}, line {line}: {len(cells)} columns instead of {len(names)}")
+            short = InputError(f"{path}, line {line}: {len(cells)} columns instead of {due}")
             cut = InputError(
                 f"{path}, line {line}: the file is cut off, the last line has {len(cells)} of {len(names)} columns; "
                 "get it whole"
             )
             continue
         if len(cells) > len(names):
-            return InputError(f"{path}, line {line}: {len(cells)} columns instead of {len(names)}")
+            return InputError(f"{path}, line {line}: {len(cells)} columns instead of {due}")
         for column in numbers:
             cell = cells[names.index(column)]
             try:
