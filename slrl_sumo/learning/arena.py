@@ -160,9 +160,9 @@ class Arena:
         touching = _touching(self.simulation.world)
         hit = np.zeros(n, np.bool_)
         hit[[self._row[user] for pair in touching - self._touching for user in pair if user in self._row]] = True
-        terms = self._terms(decision, hit, log_probability)
         learned = self.simulation.population.world
         lost = decision.lost | (decision.looped & self._was_off)
+        terms = self._terms(decision, hit, lost, log_probability)
         self._was_off = ~OWN_SURFACE[learned.type, decision.surface]
         terminated = hit | lost
         truncated = (self._steps >= self._limit) & ~terminated
@@ -185,7 +185,9 @@ class Arena:
             every = torch.log_softmax(self.bundle.prior.logits(*tensors(self.observation)), -1)
             return every.double().numpy()[np.arange(len(modes)), modes]
 
-    def _terms(self, decision: Decision, hit: NDArray[np.bool_], log_probability: Floats) -> dict[str, Floats]:
+    def _terms(
+        self, decision: Decision, hit: NDArray[np.bool_], lost: NDArray[np.bool_], log_probability: Floats
+    ) -> dict[str, Floats]:
         """All terms of the reward, (n,) each."""
         learned = self.simulation.population.world
         lane_heading, limit, on_lane = lanes_here(learned, self._points)
@@ -194,6 +196,7 @@ class Arena:
             "off_surface": rewards.off_surface(learned.type, decision.surface),
             "moving": rewards.moving(learned.speed),
             "contact": rewards.contact(hit),
+            "lost": rewards.lost(lost),
             "speed": rewards.speed_kept(learned.speed, np.minimum(self._desired[learned.type], limit)),
             "wrong_way": rewards.wrong_way(learned.heading, lane_heading, on_lane),
             "comfort": rewards.comfort(learned.speed, learned.acceleration, learned.yaw_rate),

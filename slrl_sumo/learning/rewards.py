@@ -37,8 +37,9 @@ class RewardWeights:
     close: float = 1.0
     off_surface: float = 1.0
     moving: float = 0.5
-    contact: float = 5.0
-    speed: float = 1.0
+    contact: float = 20.0
+    lost: float = 20.0
+    speed: float = 0.5
     wrong_way: float = 0.5
     comfort: float = 0.1
     realism: float = 0.05
@@ -71,6 +72,11 @@ def moving(speed: Floats) -> Floats:
 def contact(touching: NDArray[np.bool_]) -> Floats:
     """Minus 1 for who has come into contact with somebody, (n,)."""
     return -touching.astype(np.float64)
+
+
+def lost(gone: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who has left the ground and the scene, (n,): otherwise that would be a way out of trouble."""
+    return -gone.astype(np.float64)
 
 
 def speed_kept(speed: Floats, desired: Floats) -> Floats:

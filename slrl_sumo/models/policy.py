@@ -81,10 +81,10 @@ class Policy(nn.Module):
 def policy_logits(policy: Policy, prior: Prior, vector: Tensor, image: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
     """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
 
-    The prior is frozen; its log probabilities stop at -8, so that training can find modes that it has never seen.
+    The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
     """
     with torch.no_grad():
-        known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-8.0)
+        known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
     correction, value = policy(vector, image, kind)
     return torch.log_softmax(known + correction, -1), value
 

@@ -1,0 +1,129 @@
+"""The arena on a real SUMO: rewards, ends of episodes, new starts."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slrl_sumo.learning.arena import Arena, ArenaSettings, lanes_here, recorded_speed
+from slrl_sumo.learning.rewards import TERMS, RewardWeights, weighted
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.selector import PriorSelector
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.world.types import RoadUserType
+
+SETTINGS = ArenaSettings(agents=24, warm_up=8.0, episode_steps=12)
+
+
+@pytest.fixture(scope="module")
+def bundle() -> ModelBundle:
+    return load_bundle("intersection")
+
+
+@pytest.fixture
+def arena(bundle: ModelBundle) -> Iterator[Arena]:
+    with Arena(find_scenario("intersection"), bundle, SETTINGS, 3) as arena:
+        yield arena
+
+
+def test_traffic_is_there_from_the_start(arena: Arena) -> None:
+    assert arena.world.learned.sum() == 24
+    assert len(arena.world) > 24
+    assert arena.observation.image is not None
+    assert arena.observation.image.shape == (24, 20, 40, 3)
+
+
+def test_episodes_end_and_begin_anew(arena: Arena, bundle: ModelBundle) -> None:
+    selector = PriorSelector(bundle, 1)
+    age = np.zeros(24, int)
+    ended = 0
+    for _ in range(30):
+        before = arena.world
+        outcome = arena.step(selector.choose(arena.observation))
+        age += 1
+        np.testing.assert_array_equal(outcome.steps, age)
+        over = outcome.terminated | outcome.truncated
+        assert not (outcome.terminated & outcome.truncated).any()
+        np.testing.assert_array_equal(outcome.truncated, (age >= 12) & ~outcome.terminated)
+        if over.any():
+            assert outcome.final is not None
+            assert len(outcome.final) == over.sum()
+            # Whose episode begins stands elsewhere, under way and free of others.
+            now = arena.world
+            moved = np.hypot(now.x[:24] - before.x[:24], now.y[:24] - before.y[:24])
+            assert np.median(moved[over]) > 10.0
+            assert (now.speed[:24][over] > 0).all()
+            np.testing.assert_array_equal(outcome.final.type, now.type[:24][over])
+        else:
+            assert outcome.final is None
+        age[over] = 0
+        ended += over.sum()
+        np.testing.assert_allclose(outcome.reward, weighted(outcome.terms, SETTINGS.weights))
+        np.testing.assert_array_equal(outcome.terminated, (outcome.terms["contact"] + outcome.terms["lost"]) < 0)
+    assert ended >= 24
+
+
+def test_a_head_on_meeting_ends_in_contact_for_both(arena: Arena) -> None:
+    users = arena.simulation.population.world
+    a, b = np.flatnonzero(users.type == RoadUserType.CAR)[:2]
+    x, y, heading, speed = users.x.copy(), users.y.copy(), users.heading.copy(), users.speed.copy()
+    x[b], y[b] = x[a] + 8.0 * np.cos(heading[a]), y[a] + 8.0 * np.sin(heading[a])
+    heading[b] = heading[a] + np.pi
+    speed[[a, b]] = 8.0
+    placed = replace(users, x=x, y=y, heading=heading, speed=speed)
+    others = arena.world.take(np.arange(24, len(arena.world)))
+    arena.simulation.population.world = placed
+    arena.simulation.world = placed.join(others)
+    arena.observation = arena.simulation.observe(np.arange(24), with_image=True)
+    outcome = arena.step(np.zeros(24, np.int64))
+    assert outcome.terminated[[a, b]].all()
+    assert (outcome.terms["contact"][[a, b]] == -1).all()
+
+
+def test_realism_is_that_of_the_prior(arena: Arena) -> None:
+    arena.step(np.zeros(24, np.int64))
+    seen = arena.observation
+    best = PriorSelector(arena.bundle, 1, sample=False).choose(seen)
+    likely = arena.step(best).terms["realism"]
+    assert set(arena.step(best).terms) == set(TERMS)
+    worst = np.array([int(arena.bundle.mode_counts[kind].argmin()) for kind in seen.type])
+    assert likely.mean() > arena.step(worst).terms["realism"].mean() + 0.2
+
+
+def test_same_seed_same_episodes(bundle: ModelBundle) -> None:
+    def play(seed: int) -> list[np.ndarray]:
+        with Arena(find_scenario("shared-space"), bundle, SETTINGS, seed) as arena:
+            modes = np.random.default_rng(5).integers(0, 20, (20, 24))
+            return [arena.step(row).reward for row in modes]
+
+    first, again, other = play(7), play(7), play(8)
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_weights_and_desired_speed_are_settings(bundle: ModelBundle) -> None:
+    only_speed = RewardWeights(**dict.fromkeys(TERMS, 0.0) | {"speed": 2.0})
+    settings = replace(SETTINGS, weights=only_speed, desired_speed=(1e-6, 1e-6, 1e-6))
+    with Arena(find_scenario("intersection"), bundle, settings, 3) as arena:
+        outcome = arena.step(np.zeros(24, np.int64))
+    np.testing.assert_allclose(outcome.reward, 2.0 * outcome.terms["speed"])
+    assert (outcome.terms["speed"][outcome.speed > 0.2] == -1).all()
+
+
+def test_lanes_have_directions_for_vehicles_only(arena: Arena) -> None:
+    users = arena.simulation.population.world
+    heading, limit, on_lane = lanes_here(users, arena.simulation.points)
+    vehicles = users.type != RoadUserType.PEDESTRIAN
+    assert on_lane[vehicles].mean() > 0.9
+    assert not on_lane[~vehicles].any()
+    # At the start they go along their lane.
+    np.testing.assert_allclose(np.cos(heading - users.heading)[vehicles & on_lane], 1.0, atol=0.01)
+    np.testing.assert_allclose(limit[users.type == RoadUserType.CAR], 13.89)
+
+
+def test_recorded_speed_is_plausible_for_each_type(bundle: ModelBundle) -> None:
+    car, bicycle, pedestrian = recorded_speed(bundle)
+    assert 4.0 < car < 9.0
+    assert 3.0 < bicycle < 6.0
+    assert 1.0 < pedestrian < 1.5

@@ -1,0 +1,80 @@
+"""Each term of the reward, by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slrl_sumo.learning import rewards
+from slrl_sumo.learning.rewards import TERMS, RewardWeights, weighted
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.surfaces import Surface
+from slrl_sumo.world.types import RoadUserType
+
+CAR, BICYCLE, PEDESTRIAN = RoadUserType
+
+
+def _at(x: list[float]) -> WorldState:
+    n = len(x)
+    none = np.zeros(n)
+    return WorldState(
+        time=0.0,
+        ids=tuple(str(i) for i in range(n)),
+        type=np.full(n, PEDESTRIAN, np.int8),
+        x=np.array(x),
+        y=none,
+        heading=none,
+        speed=none,
+        acceleration=none,
+        yaw_rate=none,
+        length=np.full(n, 0.2),
+        width=np.full(n, 0.4),
+        learned=np.ones(n, np.bool_),
+    )
+
+
+def test_close_counts_everybody_within_a_metre_but_only_for_the_learned() -> None:
+    np.testing.assert_array_equal(rewards.close(_at([0.0, 0.9, 1.8, 5.0]), 3), [-1, -2, -1])
+    np.testing.assert_array_equal(rewards.close(_at([0.0, 1.0]), 1), [0])
+
+
+def test_cars_belong_on_roads_and_others_dislike_them_slightly() -> None:
+    kinds = np.repeat(np.array([CAR, BICYCLE, PEDESTRIAN], np.int8), len(Surface))
+    table = rewards.off_surface(kinds, np.tile(np.array(list(Surface), np.uint8), 3)).reshape(3, -1)
+    expected = {
+        Surface.NONE: (-1, -1, -1),
+        Surface.ROAD: (0, -0.1, -0.1),
+        Surface.SIDEWALK: (-1, 0, 0),
+        Surface.CROSSING: (0, 0, 0),
+        Surface.CYCLEWAY: (-1, 0, 0),
+    }
+    for surface, values in expected.items():
+        np.testing.assert_allclose(table[:, surface], values)
+
+
+def test_speed_terms() -> None:
+    speed = np.array([0.0, 0.5, 3.0, 6.0, 12.0, 30.0])
+    np.testing.assert_array_equal(rewards.moving(speed), [0, 0, 1, 1, 1, 1])
+    np.testing.assert_allclose(rewards.speed_kept(speed, np.full(6, 6.0)), [-1, -11 / 12, -0.5, 0, -1, -1])
+
+
+def test_against_the_lane_counts_only_on_a_lane_and_beyond_a_right_angle() -> None:
+    heading = np.array([np.pi, np.pi, 1.5, 1.7])
+    on_lane = np.array([True, False, True, True])
+    np.testing.assert_array_equal(rewards.wrong_way(heading, np.zeros(4), on_lane), [-1, 0, 0, -1])
+
+
+def test_comfort_feels_acceleration_along_and_across() -> None:
+    felt = rewards.comfort(np.array([5.0, 5.0, 5.0, 0.0]), np.array([0.0, -1.5, 0.0, 9.0]), np.array([0, 0, 0.3, 0]))
+    np.testing.assert_allclose(felt, [0, -0.25, -0.25, -1])
+
+
+def test_realism_is_the_log_probability_as_a_share_of_the_rarest() -> None:
+    np.testing.assert_allclose(rewards.realism(np.array([0.0, -2.0, -8.0, -30.0])), [0, -0.25, -1, -1])
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_every_term_counts_by_its_weight_and_zero_switches_it_off(name: str) -> None:
+    terms = {term: np.array([float(k), 1.0]) for k, term in enumerate(TERMS)}
+    off = replace(RewardWeights(**dict.fromkeys(TERMS, 0.0)), **{name: 3.0})
+    np.testing.assert_allclose(weighted(terms, off), [3.0 * TERMS.index(name), 3.0])
