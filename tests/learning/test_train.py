@@ -1,0 +1,117 @@
+"""A training as a whole: it resumes exactly, and wrong settings are said in one line."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning.arena import ArenaSettings
+from slrl_sumo.learning.ppo import PpoSettings
+from slrl_sumo.learning.train import TrainRequest, train
+from slrl_sumo.learning.train_settings import NetworkSettings, TrainSettings, read_settings
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.policy import PolicyConfig
+
+SETTINGS = TrainSettings(
+    ppo=PpoSettings(num_steps=4, num_minibatches=2, update_epochs=1),
+    arena=ArenaSettings(agents=8, warm_up=0.0, episode_steps=4),
+    policy=PolicyConfig(channels=(4, 4), hidden=16, head=8),
+    networks=NetworkSettings(count=2, reset_every=2),
+)
+
+
+class _StoppedError(Exception):
+    pass
+
+
+def _train(out: Path, *, resume: bool = False, stop_after: int | None = None) -> list[dict[str, float]]:
+    request = TrainRequest("shared-space", "intersection", out, steps=6 * 32, workers=1)
+    seen: list[dict[str, float]] = []
+
+    def report(done: int, total: int, figures: dict[str, float]) -> None:
+        assert total == 6 * 32
+        seen.append({"done": done, **figures})
+        if stop_after is not None and done == stop_after * 32:
+            raise _StoppedError
+
+    if stop_after is None:
+        train(request, SETTINGS, resume=resume, report=report)
+    else:
+        with pytest.raises(_StoppedError):
+            train(request, SETTINGS, resume=resume, report=report)
+    return seen
+
+
+def _comparable(rows: list[dict[str, float]]) -> list[Any]:
+    """Figures as text, so that NaN equals NaN, without those of the clock."""
+    return [{k: repr(v) for k, v in row.items() if not k.startswith("speed/") and k[-2:] != "_s"} for row in rows]
+
+
+def test_a_training_that_was_stopped_goes_on_exactly(tmp_path: Path) -> None:
+    whole = _train(tmp_path / "whole")
+    begun = _train(tmp_path / "parts", stop_after=4)  # the checkpoint is that of update 2: 3 and 4 are done again
+    rest = _train(tmp_path / "parts", resume=True)
+    assert rest[0]["done"] == 3 * 32
+    assert _comparable(begun[:2] + rest) == _comparable(whole)
+    same, other = (tmp_path / name / "selector.safetensors" for name in ("whole", "parts"))
+    assert same.read_bytes() == other.read_bytes()
+    logs = [(tmp_path / f"{name}-training" / "log.csv").read_text().splitlines() for name in ("whole", "parts")]
+    assert len(logs[0]) == len(logs[1]) == 1 + 6
+
+    bundle = load_bundle(tmp_path / "whole")
+    assert bundle.policy is not None
+    assert bundle.policy_training is not None
+    assert bundle.policy_training["steps"] == 6 * 32
+    assert "## Selector" in bundle.card
+    before = load_bundle("intersection")
+    assert before.policy is None or before.card.count("## Selector") == 1
+    assert bundle.card.startswith(before.card.split("\n## Selector")[0].rstrip("\n"))
+
+    request = TrainRequest("shared-space", "intersection", tmp_path / "whole", steps=6 * 32, workers=1)
+    nothing = lambda done, total, figures: None  # noqa: E731
+    with pytest.raises(InputError, match="holds a training already; go on with --resume"):
+        train(request, SETTINGS, resume=False, report=nothing)
+    with pytest.raises(InputError, match=r"begun with another seed \(1 then, 2 now\)"):
+        train(replace(request, seed=2), SETTINGS, resume=True, report=nothing)
+    with pytest.raises(InputError, match=r"begun with another settings.ppo.gamma"):
+        train(request, replace(SETTINGS, ppo=replace(SETTINGS.ppo, gamma=0.5)), resume=True, report=nothing)
+
+
+def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path) -> None:
+    assert read_settings(None) == TrainSettings()
+    file = tmp_path / "s.toml"
+    file.write_text(
+        "[ppo]\ngamma = 0.9\n[reward]\nclose = 2\n[arena]\nmix = [0.2, 0.3, 0.5]\n[policy]\nchannels = [4]\n"
+    )
+    settings = read_settings(file)
+    assert settings.ppo == replace(PpoSettings(), gamma=0.9)
+    assert settings.reward.close == 2.0
+    assert settings.arena.mix == (0.2, 0.3, 0.5)
+    assert settings.arena.staggered
+    assert settings.policy.channels == (4,)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[ppo]\nlearning_rte = 1e-3", "has no setting 'learning_rte'; did you mean 'learning_rate'?"),
+        ("[rewards]\nclose = 1", r"no section \[rewards\]; did you mean 'reward'?"),
+        ("gamma = 1", r"no section \[gamma\]"),
+        ("[arena]\nweights = 1", "has no setting 'weights'"),
+        ("[ppo]\ngamma = 'high'", r"\[ppo\] gamma is 'high': give a number"),
+        ("[ppo]\nnum_steps = 1.5", "give a whole number"),
+        ("[ppo]\nnorm_adv = 1", "give true or false"),
+        ("[arena]\nmix = [1.0]", "give a list of 3 numbers"),
+        ("[ppo]\ngamma = 1.5", "gamma is 1.5: give a number from 0 to 1"),
+        ("[ppo", "is no TOML"),
+    ],
+)
+def test_wrong_settings_are_said_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text(text)
+    with pytest.raises(InputError, match=message) as error:
+        read_settings(file)
+    assert len(str(error.value).splitlines()) == 1
+    assert str(file) in str(error.value)
