@@ -197,6 +197,7 @@ class Arena:
             "moving": rewards.moving(learned.speed),
             "contact": rewards.contact(hit),
             "lost": rewards.lost(lost),
+            "danger": rewards.danger(self.simulation.world, len(learned)),
             "speed": rewards.speed_kept(learned.speed, np.minimum(self._desired[learned.type], limit)),
             "wrong_way": rewards.wrong_way(learned.heading, lane_heading, on_lane),
             "comfort": rewards.comfort(learned.speed, learned.acceleration, learned.yaw_rate),

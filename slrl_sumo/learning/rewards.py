@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.world.contacts import close_pairs
-from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.geometry import Floats, boxes_overlap, to_ego, wrap_angle
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface
-from slrl_sumo.world.types import RoadUserType
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 CLOSE = 1.0
 """m between centres; the paper's r1."""
@@ -26,6 +26,10 @@ LIKED[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
 LIKED[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
 HARD_ACCELERATION = 3.0
 """m/s²; uncomfortable, along or across."""
+HORIZON = 2.4
+"""s that `danger` looks ahead: in it a car stops comfortably from 25 km/h."""
+REACH = 40.0
+"""m within which it looks."""
 RAREST = -8.0
 """Log probability at which a mode counts as never seen."""
 
@@ -39,6 +43,7 @@ class RewardWeights:
     moving: float = 0.5
     contact: float = 20.0
     lost: float = 20.0
+    danger: float = 1.0
     speed: float = 0.5
     wrong_way: float = 0.5
     comfort: float = 0.1
@@ -77,6 +82,43 @@ def contact(touching: NDArray[np.bool_]) -> Floats:
 def lost(gone: NDArray[np.bool_]) -> Floats:
     """Minus 1 for who has left the ground and the scene, (n,): otherwise that would be a way out of trouble."""
     return -gone.astype(np.float64)
+
+
+def danger(world: WorldState, n: int) -> Floats:
+    """From 0 down to -1 the sooner each of the first `n` road users of `world` would run into somebody, (n,).
+
+    Everybody is led on at present speed and yaw rate, in steps of 0.4 s up to HORIZON. Only what lies ahead counts: who
+    is run into from behind has nothing to mend.
+    """
+    result = np.zeros(n)
+    if len(world) < 2:
+        return result
+    centres = np.column_stack([world.x, world.y])
+    i, j = close_pairs(world, REACH).T
+    ego, other = np.concatenate([i, j]), np.concatenate([j, i])
+    dx, dy = (centres[other] - centres[ego]).T
+    ahead, _ = to_ego(dx, dy, world.heading[ego])
+    mine = (ego < n) & (ahead > 0.0) & (world.speed[ego] > SLOW)
+    ego, other = ego[mine], other[mine]
+    # Who cannot come near within the horizon need not be looked at box by box.
+    apart = np.hypot(*(centres[other] - centres[ego]).T)
+    room = 0.5 * (np.hypot(world.length, world.width)[ego] + np.hypot(world.length, world.width)[other])
+    near = apart - room < (world.speed[ego] + world.speed[other]) * HORIZON
+    ego, other = ego[near], other[near]
+    for ahead_s in np.arange(HORIZON, 0.0, -DECISION_INTERVAL):
+        boxes = _led_on(world, float(ahead_s))
+        hit = boxes_overlap(boxes[ego], boxes[other])
+        result[ego[hit]] = -(1.0 - (ahead_s - DECISION_INTERVAL) / HORIZON)
+    return result
+
+
+def _led_on(world: WorldState, seconds: float) -> Floats:
+    """Boxes (m, 5) after some seconds at constant speed and yaw rate."""
+    turn = world.yaw_rate * seconds
+    middle = world.heading + 0.5 * turn
+    x = world.x + world.speed * seconds * np.cos(middle)
+    y = world.y + world.speed * seconds * np.sin(middle)
+    return np.column_stack([x, y, world.heading + turn, world.length, world.width])
 
 
 def speed_kept(speed: Floats, desired: Floats) -> Floats:

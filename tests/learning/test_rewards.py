@@ -73,6 +73,34 @@ def test_realism_is_the_log_probability_as_a_share_of_the_rarest() -> None:
     np.testing.assert_allclose(rewards.realism(np.array([0.0, -2.0, -8.0, -30.0])), [0, -0.25, -1, -1])
 
 
+def _cars(x: list[float], speed: list[float], heading: list[float]) -> WorldState:
+    n = len(x)
+    return replace(
+        _at(x),
+        type=np.full(n, CAR, np.int8),
+        speed=np.array(speed),
+        heading=np.array(heading),
+        length=np.full(n, 5.0),
+        width=np.full(n, 1.8),
+    )
+
+
+def test_danger_grows_with_nearness_and_is_that_of_who_drives_into_others() -> None:
+    # Gaps of 3, 8 and 25 m to a standing car, at 10 m/s: touched after 0.3, 0.8 and 2.5 s.
+    for gap, expected in ((3.0, -1.0), (7.9, -5 / 6), (25.0, 0.0)):
+        world = _cars([0.0, 5.0 + gap], [10.0, 0.0], [0.0, 0.0])
+        np.testing.assert_allclose(rewards.danger(world, 2), [expected, 0.0])
+    # Who comes up from behind is the one to brake; who drives away or past is in no danger.
+    np.testing.assert_allclose(rewards.danger(_cars([0.0, 8.0], [10.0, 5.0], [0.0, 0.0]), 2)[1], 0.0)
+    assert rewards.danger(_cars([0.0, 8.0], [10.0, 5.0], [0.0, 0.0]), 2)[0] < 0.0
+    np.testing.assert_allclose(rewards.danger(_cars([0.0, 8.0], [5.0, 10.0], [0.0, 0.0]), 2), 0.0)
+    beside = replace(_cars([0.0, 8.0], [10.0, 0.0], [0.0, 0.0]), y=np.array([0.0, 3.0]))
+    np.testing.assert_allclose(rewards.danger(beside, 2), 0.0)
+    # Two that meet head-on are both in danger; only the first is asked for.
+    np.testing.assert_array_less(rewards.danger(_cars([0.0, 15.0], [5.0, 5.0], [0.0, np.pi]), 2), 0.0)
+    assert len(rewards.danger(_cars([0.0, 15.0], [5.0, 5.0], [0.0, np.pi]), 1)) == 1
+
+
 @pytest.mark.parametrize("name", TERMS)
 def test_every_term_counts_by_its_weight_and_zero_switches_it_off(name: str) -> None:
     terms = {term: np.array([float(k), 1.0]) for k, term in enumerate(TERMS)}
