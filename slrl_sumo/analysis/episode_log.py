@@ -45,7 +45,7 @@ class EpisodeLog:
             data = file.read_bytes() if file.exists() else b""
             whole = data[: data.rfind(b"\n") + 1]
             if whole:
-                self._read(whole.decode("utf-8"), header)
+                self._read(whole, header)
                 os.truncate(file, len(whole))
             else:
                 file.write_text(json.dumps(header) + "\n", encoding="utf-8")
@@ -62,9 +62,9 @@ class EpisodeLog:
         except OSError as error:
             raise InputError(f"{self.file}: cannot be written ({error.strerror}); make room and go on") from None
 
-    def _read(self, text: str, header: dict[str, Any]) -> None:
-        lines = text.splitlines()
+    def _read(self, data: bytes, header: dict[str, Any]) -> None:
         try:
+            lines = data.decode("utf-8").splitlines()
             found = json.loads(lines[0])
             other = [name for name in header if found.get(name) != header[name]]
             for line in lines[1:]:

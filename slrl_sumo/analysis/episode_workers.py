@@ -20,7 +20,7 @@ from slrl_sumo.analysis.outcomes import TypeOutcome
 from slrl_sumo.errors import InputError, SumoError
 
 ATTEMPTS = 3
-"""How often an episode is begun before it is left out."""
+"""How often an episode is begun whose process dies, before it is left out."""
 
 HOPELESS = 3
 """Episodes left out before the first success, after which the evaluation gives up."""
@@ -35,6 +35,10 @@ class Played:
     reason: str = ""
 
 
+class _Death(str):
+    """How the process of an episode died."""
+
+
 @dataclass(frozen=True)
 class _Worker:
     process: BaseProcess
@@ -47,9 +51,10 @@ class _Worker:
 def play_all(settings: EpisodeSettings, episodes: Sequence[Episode], workers: int) -> Generator[Played, None, None]:
     """Play `episodes` in so many processes and yield each when it is done, in any order.
 
-    An episode whose process dies, or in which SUMO gives up, is begun again in a fresh process, ATTEMPTS times in all.
-    Raises InputError where the input is wrong, SumoError where the first HOPELESS episodes all fail, RuntimeError
-    with the traceback of a bug. Closing the generator ends the processes, and so does the death of this one.
+    An episode whose process dies is begun again in a fresh process, ATTEMPTS times in all; one in which SUMO gives up
+    is not, because it would again. Raises InputError where the input is wrong, SumoError where the first HOPELESS
+    episodes all fail, RuntimeError with the traceback of a bug. Closing the generator ends the processes, and so does
+    the death of this one.
     """
     waiting = deque(episodes)
     failed = dict.fromkeys(episodes, 0)
@@ -66,10 +71,10 @@ def play_all(settings: EpisodeSettings, episodes: Sequence[Episode], workers: in
                 if isinstance(message, InputError | RuntimeError):
                     _dismiss(worker)
                     raise message
-                if isinstance(message, SumoError):
+                if isinstance(message, SumoError | _Death):
                     _dismiss(worker)
                     failed[worker.episode] += 1
-                    if failed[worker.episode] < ATTEMPTS:
+                    if isinstance(message, _Death) and failed[worker.episode] < ATTEMPTS:
                         waiting.append(worker.episode)
                         continue
                     left_out += 1
@@ -118,13 +123,13 @@ def _send(worker: _Worker) -> None:
         worker.pipe.send(worker.episode)
 
 
-def _receive(worker: _Worker) -> tuple[TypeOutcome, ...] | InputError | SumoError | RuntimeError:
+def _receive(worker: _Worker) -> tuple[TypeOutcome, ...] | InputError | SumoError | RuntimeError | _Death:
     try:
         message: tuple[TypeOutcome, ...] | InputError | SumoError | str = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join()
         code = worker.process.exitcode or 0
-        return SumoError(f"its process died ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})")
+        return _Death(f"its process died ({signal.Signals(-code).name if code < 0 else f'exit code {code}'})")
     return RuntimeError(f"an episode failed by a bug:\n{message}") if isinstance(message, str) else message
 
 

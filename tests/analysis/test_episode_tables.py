@@ -1,0 +1,83 @@
+"""The rows of an evaluation, by hand."""
+
+import pytest
+
+from slrl_sumo.analysis.episode_tables import COLUMNS, table_rows
+from slrl_sumo.analysis.episodes import Episode
+from slrl_sumo.analysis.outcomes import TypeOutcome
+from slrl_sumo.analysis.published import published_rows
+
+
+def outcome(survived: tuple[int, ...], speed: float, kind: str = "car", off_surface: int | None = 2) -> TypeOutcome:
+    """Road users that are there for 10 decisions, and stand in one of them."""
+    steps = 10 * len(survived)
+    return TypeOutcome(
+        type=kind,
+        present=(10,) * len(survived),
+        survived=survived,
+        speed_sum=speed * steps,
+        moving_speed_sum=speed * steps,
+        standing=len(survived),
+        collisions=1,
+        overlaps=3,
+        off_surface=off_surface,
+    )
+
+
+def test_figures_of_two_seeds_with_two_episodes() -> None:
+    played = {
+        Episode("prior", 2, 1, 0): (outcome((10, 5), 4.0),),
+        Episode("prior", 2, 1, 1): (outcome((10, 10), 6.0),),
+        Episode("prior", 2, 2, 0): (outcome((0, 5), 2.0),),
+        Episode("prior", 2, 2, 1): (outcome((10, 10), 8.0),),
+    }
+    (row,) = table_rows(played, 10)
+    assert tuple(row) == COLUMNS
+    assert (row["selector"], row["type"], row["agents"]) == ("prior", "car", 2)
+    assert (row["episodes"], row["seeds"], row["road_users"]) == (4, 2, 8)
+    assert row["success_rate"] == 5 / 8
+    assert row["survival_steps"] == pytest.approx(60 / 8)
+    assert row["mean_speed_mps"] == pytest.approx(5.0)
+    assert row["mean_speed_moving_mps"] == pytest.approx(5.0 / 0.9, abs=1e-6)
+    assert row["standing_share"] == pytest.approx(0.1)
+    assert row["collisions_per_1000_steps"] == pytest.approx(50.0)
+    assert row["overlaps_per_1000_steps"] == pytest.approx(150.0)
+    assert row["off_surface_share"] == pytest.approx(0.1)
+    # Episodes 1/2, 1, 0, 1; seeds 3/4, 1/2.
+    assert row["success_rate_std"] == pytest.approx((11 / 48) ** 0.5, abs=1e-6)
+    assert row["success_rate_seed_std"] == pytest.approx(0.125 * 2**0.5, abs=1e-6)
+    assert row["mean_speed_mps_std"] == pytest.approx((20 / 3) ** 0.5, abs=1e-6)
+    assert row["mean_speed_mps_seed_std"] == 0.0
+
+
+def test_types_that_nobody_had_are_left_out_and_not_counted_as_zero() -> None:
+    played = {
+        Episode("sumo", 0, 1, 0): (
+            outcome((10,), 4.0, off_surface=0),
+            outcome((10,), 1.0, "pedestrian", off_surface=None),
+        ),
+        Episode("sumo", 0, 1, 1): (outcome((10,), 4.0),),
+    }
+    car, pedestrian = table_rows(played, 10)
+    assert (car["episodes"], pedestrian["episodes"]) == (2, 2)
+    assert (pedestrian["survival_steps"], pedestrian["mean_speed_mps"]) == (10.0, 1.0)
+    assert pedestrian["mean_speed_mps_std"] is None
+    assert pedestrian["mean_speed_mps_seed_std"] is None
+    assert (car["off_surface_share"], pedestrian["off_surface_share"]) == (0.1, None)
+
+
+def test_a_road_user_that_always_stands_has_no_moving_speed() -> None:
+    still = TypeOutcome("car", (4,), (4,), 0.0, 0.0, 4, 0, 0, 0)
+    (row,) = table_rows({Episode("prior", 1, 1, 0): (still,)}, 4)
+    assert (row["mean_speed_mps"], row["mean_speed_moving_mps"], row["standing_share"]) == (0.0, None, 1.0)
+
+
+def test_published_rows_are_marked_and_their_speeds_given_in_both_units() -> None:
+    rows = {(row["table"], row["method"], row["type"]): row for row in published_rows()}
+    assert all(row["measured_elsewhere"] for row in rows.values())
+    ours = rows["Table 1", "SL+RL", "car"]
+    assert (ours["success_rate"], ours["survival_steps"]) == (0.43, 79)
+    assert (ours["mean_speed_printed_mps"], ours["mean_speed_if_per_step_mps"]) == (2.4, 6.0)
+    truth = rows["Table 2", "ground truth", "bicycle"]
+    assert (truth["mean_speed_printed_mps"], truth["mean_speed_if_per_step_mps"]) == (2.96, None)
+    assert rows["Table 2", "SL", "bicycle"]["success_rate"] is None
