@@ -16,7 +16,7 @@ from slrl_sumo.records.trajectories import Trajectories
 from slrl_sumo.world.types import TYPE_NAMES
 
 
-def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int, dpi: int = 100) -> None:
+def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> None:
     """Write modes-TYPE.png for each type of the recordings, and modes.csv, into `folder`, which is created.
 
     Clustered is what `fit` would learn from, without its mirrored windows.
@@ -34,7 +34,7 @@ def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int, dpi
                 modes[name] = assign(goal, centres)
                 counts = np.bincount(modes[name], minlength=MODES)
                 rows += [(name, TYPE_NAMES[t], mode, *centres[mode], counts[mode]) for mode in range(MODES)]
-            draw_modes(mine, modes, MODES).savefig(folder / f"modes-{TYPE_NAMES[t]}.png", dpi=dpi)
+            draw_modes(mine, modes, MODES).savefig(folder / f"modes-{TYPE_NAMES[t]}.png", dpi=72)
         with open(folder / "modes.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(("clustering", "type", "mode", "ahead_m", "left_m", "windows"))

@@ -15,7 +15,7 @@ from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 SELECTOR_COLOURS = {"constant-velocity": "#555555", "prior": "#0072B2", "oracle": "#009E73"}
 """Okabe and Ito's palette, which the colour-blind can tell apart."""
 
-PATHS = 1500
+PATHS = 1000
 """Trajectories in a picture of modes; more would only be ink."""
 
 
@@ -54,8 +54,11 @@ def draw_modes(windows: Windows, modes: dict[str, NDArray[np.int64]], count: int
     random = np.random.default_rng(seed)
     some = random.permutation(len(windows))[:PATHS]
     paths = np.concatenate([np.zeros((len(some), 1, 2)), windows.path[some]], axis=1)
-    figure = Figure(figsize=(6.4 * len(modes), 8.0), layout="constrained")
-    above, below = figure.subplots(2, len(modes), squeeze=False, height_ratios=(3, 1))
+    # One in a hundred may lie outside: a cyclist taken for a walker would squeeze everybody else into a corner.
+    low, high = np.percentile(paths.reshape(-1, 2), (0.5, 99.5), axis=0)
+    margin = 0.05 * (high - low).max() + 0.5
+    figure = Figure(figsize=(5.6 * len(modes), 5.6), layout="constrained")
+    above, below = figure.subplots(2, len(modes), squeeze=False, height_ratios=(2, 1))
     for axes, bars, (name, mode) in zip(above, below, modes.items(), strict=True):
         counts = np.bincount(mode, minlength=count)
         total = np.stack([np.bincount(mode, windows.destination[:, i], count) for i in (0, 1)], -1)
@@ -64,8 +67,9 @@ def draw_modes(windows: Windows, modes: dict[str, NDArray[np.int64]], count: int
         colours = np.asarray(colormaps["tab20"](np.arange(count) * 7 % 20))
         axes.add_collection(LineCollection(list(paths), colors=colours[mode[some]], linewidths=0.5, alpha=0.6))
         axes.scatter(*middle.T, c=colours, s=45, edgecolors="black", zorder=3)
-        axes.set_aspect("equal", adjustable="datalim")
-        axes.autoscale_view()
+        axes.set_aspect("equal")
+        axes.set_xlim(low[0] - margin, high[0] + margin)
+        axes.set_ylim(low[1] - margin, high[1] + margin)
         axes.set_title(f"{name}: {count} modes")
         axes.set_xlabel("ahead (m)")
         axes.set_ylabel("left (m)")

@@ -58,6 +58,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
         if few
         else ""
     )
+    every = "" if training["stride"] == 1 else f" (of one in {training['stride']} frames)"
     if training["tests"]:
         held_out = f"Measured on recordings that nothing was learned from: {', '.join(training['tests'])}."
     else:
@@ -76,7 +77,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             *recordings,
             "",
             *([training["notice"].strip(), ""] if training["notice"] else []),
-            f"One window per recorded moment (of every {training['stride']}th frame) with 0.8 s before, 4.8 s after.",
+            f"One window per recorded moment{every}, with 0.8 s before, 4.8 s after.",
             "",
             "| type | tracks | windows | of them held out | windows in the smallest mode |",
             "|---|---|---|---|---|",
@@ -94,6 +95,9 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "| of frequencies | accuracy | of the most frequent |",
             "|---|---|---|---|---|---|---|---|",
             *errors,
+            "",
+            "Errors over 6.4 s in closed loop, against constant velocity: `slrl-sumo evaluate FILE --bundle BUNDLE`; "
+            "those of the bundles that ship are in docs/prediction.md.",
             "",
             "## Limits",
             "",
