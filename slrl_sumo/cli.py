@@ -235,6 +235,10 @@ def train(
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
     device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
     threads: Annotated[int, typer.Option(help="Threads of the policy's update.")] = 1,
+    recording: Annotated[
+        list[Path] | None,
+        typer.Option(help="Trajectories to imitate first; default: SUMO's own traffic in the networks."),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
@@ -248,7 +252,7 @@ def train(
             raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
     if not 0 <= seed < 2**31:
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
-    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads)
+    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()))
     if not train_with_progress(request, read_settings(config), resume=resume):
         raise typer.Exit(130)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")

@@ -15,6 +15,9 @@ num_steps = 8
 update_epochs = 1
 [arena]
 agents = 12
+[imitation]
+epochs = 1
+seconds = 40
 [networks]
 count = 2
 reset_every = 2
@@ -26,7 +29,7 @@ def test_from_a_bundle_to_a_run_of_its_trained_selector(cli: Cli, tmp_path: Path
     words = ["train", "shared-space", "--bundle", "intersection", "--out", "mine", "--config", "small.toml"]
     done = cli(*words, "--steps", "600", "--workers", "2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "576/576 steps" in done.stderr
+    assert "training: 576/576" in done.stderr
     assert "mine: bundle with a trained selector" in done.stdout
     assert (tmp_path / "mine" / "selector.safetensors").is_file()
     assert list((tmp_path / "mine-training" / "tensorboard").glob("events*"))

@@ -13,20 +13,17 @@ LINE_EVERY = 20
 def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resume: bool) -> bool:
     """Train as `slrl_sumo.learning.train.train` does. Returns False where the user stopped it (Ctrl-C)."""
     console = Console(stderr=True)
-    columns = (TextColumn("training"), BarColumn(), TextColumn("{task.fields[figures]}"), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("training", total=None, figures="")
         updates = 0
 
-        def report(done: int, total: int, figures: Figures) -> None:
+        def report(stage: str, done: int, total: int, figures: Figures) -> None:
             nonlocal updates
-            text = (
-                f"{figures['speed/agent_steps_per_s']:.0f} steps/s  return {figures['episode/return']:.2f}  "
-                f"success {figures['episode/success']:.0%}"
-            )
-            bar.update(task, completed=done, total=total, figures=text)
+            text = _text(stage, figures)
+            bar.update(task, description=stage, completed=done, total=total, figures=text)
             if not console.is_terminal and (updates % LINE_EVERY == 0 or done == total):
-                console.print(f"{done}/{total} steps  {text}", soft_wrap=True, highlight=False)
+                console.print(f"{stage}: {done}/{total}  {text}", soft_wrap=True, highlight=False)
             updates += 1
 
         try:
@@ -35,3 +32,14 @@ def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resum
             console.print(f"stopped; go on from the last checkpoint in {request.folder} with --resume")
             return False
     return True
+
+
+def _text(stage: str, figures: Figures) -> str:
+    """The figures that matter to people who wait."""
+    if stage == "training":
+        rate, mean_return = figures["speed/agent_steps_per_s"], figures["episode/return"]
+        return f"{rate:.0f} steps/s  return {mean_return:.2f}  success {figures['episode/success']:.0%}"
+    if stage == "imitation":
+        right, by_prior = figures["imitation/accuracy"], figures["imitation/prior_accuracy"]
+        return f"{right:.0%} of modes right, {by_prior:.0%} by the prior"
+    return ""

@@ -41,6 +41,8 @@ class PpoSettings:
     ent_coef: float = 0.01
     vf_coef: float = 0.5
     max_grad_norm: float = 0.5
+    critic_first: int = 8
+    """Updates in which only the critic learns: one that knows nothing would spoil a policy that was taught before."""
 
 
 class Slots(Protocol):
@@ -106,11 +108,14 @@ class Agent:
         self.device = device
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
 
-    def logits_and_value(self, vector: Tensor, image: Tensor) -> tuple[Tensor, Tensor]:
-        """Log probabilities (n, modes) and values (n,) of observations on any device."""
+    def logits_and_value(self, vector: Tensor, image: Tensor, *, critic_only: bool = False) -> tuple[Tensor, Tensor]:
+        """Log probabilities (n, modes) and values (n,) of observations on any device.
+
+        With `critic_only` what actor and critic share is not changed by what follows from the values.
+        """
         vector, image = vector.to(self.device), image.to(self.device)
         kind = vector[:, CAR : CAR + 3].argmax(-1)
-        return policy_logits(self.policy, self.prior, vector, image, kind)
+        return policy_logits(self.policy, self.prior, vector, image, kind, critic_only=critic_only)
 
 
 def rollout(
@@ -155,7 +160,9 @@ def rollout(
     return batch, observation, infos
 
 
-def update(agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.Generator) -> dict[str, float]:
+def update(
+    agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.Generator, *, critic_only: bool = False
+) -> dict[str, float]:
     """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance."""
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
     names = ("vector", "image", "actions", "logprobs", "values")
@@ -169,7 +176,7 @@ def update(agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.G
         order = torch.randperm(size, generator=generator).to(agent.device)
         for start in range(0, size, minibatch):
             mb = order[start : start + minibatch]
-            logits, newvalue = agent.logits_and_value(flat["vector"][mb], flat["image"][mb])
+            logits, newvalue = agent.logits_and_value(flat["vector"][mb], flat["image"][mb], critic_only=critic_only)
             newlogprob = logits.gather(1, flat["actions"][mb][:, None])[:, 0]
             entropy = -(logits.exp() * logits).sum(-1).mean()
             logratio = newlogprob - flat["logprobs"][mb]
@@ -185,9 +192,11 @@ def update(agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.G
                 change = (newvalue - flat["values"][mb]).clamp(-settings.clip_coef, settings.clip_coef)
                 v_loss = torch.max(v_loss, (flat["values"][mb] + change - b_returns[mb]) ** 2)
             v_loss = 0.5 * v_loss.mean()
-            loss = pg_loss - settings.ent_coef * entropy + settings.vf_coef * v_loss
+            loss = settings.vf_coef * v_loss
+            if not critic_only:
+                loss = pg_loss - settings.ent_coef * entropy + loss
             agent.optimizer.zero_grad()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(agent.policy.parameters(), settings.max_grad_norm)
             agent.optimizer.step()
             with torch.no_grad():
@@ -239,6 +248,6 @@ def learn(
         started = time.perf_counter()
         batch, observation, infos = rollout(agent, env, observation, settings.num_steps, generator)
         rolled = time.perf_counter()
-        figures = update(agent, batch, settings, generator)
+        figures = update(agent, batch, settings, generator, critic_only=iteration < settings.critic_first)
         figures["rollout_s"], figures["update_s"] = rolled - started, time.perf_counter() - rolled
         after(iteration, batch, infos, figures)

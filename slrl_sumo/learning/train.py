@@ -21,7 +21,9 @@ import torch
 
 from netgen.errors import NetgenError
 from netgen.families import Family, generate
+from slrl_sumo.analysis.ground import everywhere_road
 from slrl_sumo.errors import InputError
+from slrl_sumo.learning.imitation import imitate, lessons, watch
 from slrl_sumo.learning.ppo import Agent, Batch, learn
 from slrl_sumo.learning.selector_card import with_selector
 from slrl_sumo.learning.train_log import EpisodeBook
@@ -29,9 +31,12 @@ from slrl_sumo.learning.train_settings import TrainSettings
 from slrl_sumo.learning.workers import ArenaSource, ArenaVectorEnv
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.policy import Policy
+from slrl_sumo.records.trajectories import load_trajectories
 from slrl_sumo.sumo.scenario import find_scenario
 
 Figures = dict[str, float]
+Report = Callable[[str, int, int, Figures], None]
+"""Told of what is going on, how much of it is done, how much there is in all, and its figures."""
 
 
 @dataclass(frozen=True)
@@ -51,18 +56,20 @@ class TrainRequest:
     """Of PyTorch in the update. More pay only where as many cores are idle: threads that wait for each other on busy
     cores made updates ten times slower."""
 
+    recordings: tuple[Path, ...] = ()
+    """Trajectories to imitate; without any, SUMO's own traffic in the scenarios is imitated."""
+
     @property
     def folder(self) -> Path:
         """Where checkpoints and logs lie."""
         return self.out.parent / f"{self.out.name}-training"
 
 
-def train(
-    request: TrainRequest, settings: TrainSettings, *, resume: bool, report: Callable[[int, int, Figures], None]
-) -> ModelBundle:
+def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, report: Report) -> ModelBundle:
     """Train, save the bundle with its new selector as `request.out` and return it.
 
-    `report` is told the agent-steps done, those to do, and the figures of every update (see EpisodeBook). With `resume`
+    The policy is taught by imitation first (slrl_sumo.learning.imitation), then by PPO. `report` hears of "watching"
+    and "imitation", then of "training": agent-steps, and the figures of every update (see EpisodeBook). With `resume`
     the training goes on at its last checkpoint, exactly as without the break; otherwise the folder must not hold one.
     Raises InputError, SumoError (a worker that dies again and again).
     """
@@ -80,7 +87,11 @@ def train(
         policy = Policy(replace(settings.policy, modes=bundle.config.modes))
     agent = Agent(policy, bundle.prior, settings.ppo, device)
     done = 0
-    if state is not None:
+    if state is None:
+        figures = _taught(policy, bundle, request, scenarios, settings, report)
+        _write_json(folder / "imitation.json", figures)
+        _save_checkpoint(folder, agent, 0)
+    else:
         done = int(state["iteration"])
         agent.policy.load_state_dict(state["policy"])
         agent.optimizer.load_state_dict(state["optimizer"])
@@ -100,7 +111,7 @@ def train(
         clock = now
         figures = book.figures(batch, infos) | {f"loss/{name}": value for name, value in losses.items()} | speed
         log.add(iteration, figures)
-        report((iteration + 1) * rollout_size, total * rollout_size, figures)
+        report("training", (iteration + 1) * rollout_size, total * rollout_size, figures)
         if (iteration + 1) % reset_every == 0 or iteration + 1 == total:
             _save_checkpoint(folder, agent, iteration + 1)
 
@@ -118,7 +129,8 @@ def train(
     finally:
         env.close()
         log.close()
-    trained = with_selector(bundle, agent.policy.cpu(), record, log.rows)
+    taught = json.loads((folder / "imitation.json").read_text(encoding="utf-8"))
+    trained = with_selector(bundle, agent.policy.cpu(), record | {"imitation": taught}, log.rows)
     trained = replace(trained, name=request.out.name)
     trained.save(request.out)
     return trained
@@ -126,7 +138,11 @@ def train(
 
 def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
     """What decides the result, as JSON-ready values."""
-    asked = {k: str(v) for k, v in asdict(request).items() if k in ("scenarios", "bundle")}
+    asked = {
+        "scenarios": request.scenarios,
+        "bundle": request.bundle,
+        "recordings": [str(p) for p in request.recordings],
+    }
     numbers = {"steps": request.steps, "workers": request.workers, "seed": request.seed}
     return json.loads(json.dumps({**asked, **numbers, "settings": asdict(settings)}))  # type: ignore[no-any-return]
 
@@ -143,7 +159,7 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
             raise InputError(f"{folder}: was begun with another {odd}; resume with the same settings")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        asked.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        _write_json(asked, record)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); give another --out") from None
     if not checkpoint.exists():
@@ -183,6 +199,43 @@ def _scenarios(text: str, settings: TrainSettings, folder: Path) -> tuple[str, .
                     raise InputError(str(error)) from None
             found.append(str(place))
     return tuple(found)
+
+
+def _taught(
+    policy: Policy,
+    bundle: ModelBundle,
+    request: TrainRequest,
+    scenarios: tuple[str, ...],
+    settings: TrainSettings,
+    report: Report,
+) -> Figures:
+    """Teach `policy` by imitation; returns the closing figures."""
+    plan = settings.imitation
+    last: Figures = {}
+    if not plan.epochs:
+        return last
+    parts = []
+    sources: tuple[Path | str, ...] = request.recordings or scenarios
+    for number, source in enumerate(sources):
+        report("watching", number, len(sources), last)
+        if isinstance(source, Path):
+            recording = load_trajectories(source)
+            ground = everywhere_road(recording)
+        else:
+            # Seeds of SUMO, like those of the networks, that no evaluation uses.
+            recording, ground = watch(find_scenario(source), plan.seconds, settings.networks.first_seed + number)
+        parts.append(lessons(recording, ground, bundle, plan.stride))
+
+    def after(share: float, figures: Figures) -> None:
+        last.update(figures)
+        report("imitation", round(share * plan.epochs), plan.epochs, figures)
+
+    imitate(policy, bundle, parts, plan, request.seed, after)
+    return last
+
+
+def _write_json(file: Path, values: Any) -> None:
+    file.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
 
 
 def _device(name: str) -> torch.device:

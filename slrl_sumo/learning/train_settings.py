@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.arena import ArenaSettings
+from slrl_sumo.learning.imitation import ImitationSettings
 from slrl_sumo.learning.ppo import PpoSettings
 from slrl_sumo.learning.rewards import RewardWeights
 from slrl_sumo.models.policy import PolicyConfig
@@ -36,6 +37,7 @@ class TrainSettings:
     arena: ArenaSettings = field(default_factory=lambda: ArenaSettings(staggered=True))
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     networks: NetworkSettings = field(default_factory=NetworkSettings)
+    imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
 NOT_FOR_USERS = {"arena": {"weights"}, "policy": {"preset", "modes"}}
@@ -45,8 +47,8 @@ NOT_FOR_USERS = {"arena": {"weights"}, "policy": {"preset", "modes"}}
 def read_settings(file: Path | None) -> TrainSettings:
     """The settings of a TOML file, defaults where it is silent; None is all defaults.
 
-    Sections: [ppo], [reward], [arena], [policy], [networks], with the fields of the classes here as keys. Raises
-    InputError for an unknown section or key, naming the nearest right one, and for values of a wrong kind.
+    Sections: [ppo], [reward], [arena], [policy], [networks], [imitation], with the fields of the classes here as
+    keys. Raises InputError for an unknown section or key, naming the nearest right one, and for values of a wrong kind.
     """
     settings = TrainSettings()
     if file is None:
@@ -116,6 +118,10 @@ def _check(settings: TrainSettings, file: Path) -> None:
         ("[arena] agents", arena.agents, 1, 10_000),
         ("[arena] episode_steps", arena.episode_steps, 1, 1_000_000),
         ("[arena] warm_up", arena.warm_up, 0.0, 86_400.0),
+        ("[imitation] epochs", settings.imitation.epochs, 0, 10_000),
+        ("[imitation] stride", settings.imitation.stride, 1, 10_000),
+        ("[imitation] batch", settings.imitation.batch, 1, 1_000_000),
+        ("[imitation] seconds", settings.imitation.seconds, 1.0, 1e6),
         ("[networks] count", networks.count, 1, 10_000),
         ("[networks] first_seed", networks.first_seed, 0, 2**31 - 20_000),
         ("[networks] reset_every", networks.reset_every, 1, 1_000_000),

@@ -46,6 +46,8 @@ class Windows:
     """Index of the track in its recording, (N,)."""
     recording: NDArray[np.int64]
     """Index of the recording, (N,)."""
+    frame: NDArray[np.int64]
+    """Frame of the moment in its recording, (N,)."""
 
     def __len__(self) -> int:
         return len(self.type)
@@ -133,6 +135,7 @@ def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
         path=np.stack(to_ego(dx, dy, heading), -1),
         track=recording.track[row].astype(np.int64),
         recording=np.full(len(row), index, np.int64),
+        frame=recording.frame[row].astype(np.int64),
     )
 
 

@@ -65,27 +65,32 @@ class Policy(nn.Module):
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
 
-    def forward(self, vector: Tensor, image: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, vector: Tensor, image: Tensor, kind: Tensor, critic_only: bool = False) -> tuple[Tensor, Tensor]:
         """What is added to the prior's logits, (n, modes), and the value, (n,).
+
+        With `critic_only` gradients reach the critics alone, not the trunk that they share with the actors.
 
         `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types.
         """
         pixels = image.permute(0, 3, 1, 2).float().div_(255.0)
-        seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
+        with torch.set_grad_enabled(torch.is_grad_enabled() and not critic_only):
+            seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
         rows = torch.arange(len(kind), device=kind.device)
         correction = torch.stack([actor(seen) for actor in self.actors], 1)[rows, kind]
         value = torch.stack([critic(seen) for critic in self.critics], 1)[rows, kind, 0]
         return correction, value
 
 
-def policy_logits(policy: Policy, prior: Prior, vector: Tensor, image: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
+def policy_logits(
+    policy: Policy, prior: Prior, vector: Tensor, image: Tensor, kind: Tensor, *, critic_only: bool = False
+) -> tuple[Tensor, Tensor]:
     """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
 
     The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
     """
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
-    correction, value = policy(vector, image, kind)
+    correction, value = policy(vector, image, kind, critic_only)
     return torch.log_softmax(known + correction, -1), value
 
 

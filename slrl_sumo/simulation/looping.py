@@ -18,6 +18,9 @@ CANDIDATES = (24, 384)
 ROOM = np.array([4.7, 2.3, 1.0])
 """m between the circles round two boxes that a returning road user of each type needs, to be able to stop."""
 
+BRAKING = 2.0
+"""m/s² with which who starts anew must be able to stop before the nearest road user."""
+
 
 def left_scene(world: WorldState, roadmap: RoadMap) -> NDArray[np.bool_]:
     """Who has left the scene, (n,): outside the network's bounding box, or about 10 m away from every surface."""
@@ -95,11 +98,14 @@ def start_anew(
         crowd_x, crowd_y = np.concatenate([x, others.x]), np.concatenate([y, others.y])
         apart = np.hypot(source.x[drawn, None] - crowd_x, source.y[drawn, None] - crowd_y) - radii
         apart[:, row] = np.inf
-        gap = np.minimum(apart.min(axis=1) - radii[row], ROOM[kind])
-        best = int(drawn[gap.argmax()])
+        gap = apart.min(axis=1) - radii[row]
+        best = int(np.minimum(gap, ROOM[kind]).argmax())
+        stopping = np.sqrt(2.0 * BRAKING * max(float(gap[best]), 0.0))
+        best = int(drawn[best])
         x[row], y[row] = source.x[best], source.y[best]
         about = np.pi * int(rng.integers(0, 2)) if kind == RoadUserType.PEDESTRIAN else 0.0
         heading[row] = wrap_angle(source.heading[best] + about)
-        speed[row] = starting_speed(max_speed[kind], source.lanes[source.lane[best]].max_speed, rng.uniform())
+        usual = starting_speed(max_speed[kind], source.lanes[source.lane[best]].max_speed, rng.uniform())
+        speed[row] = min(usual, stopping)
         acceleration[row] = yaw_rate[row] = 0.0
     return replace(world, x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, yaw_rate=yaw_rate)

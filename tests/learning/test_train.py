@@ -8,6 +8,7 @@ import pytest
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.arena import ArenaSettings
+from slrl_sumo.learning.imitation import ImitationSettings
 from slrl_sumo.learning.ppo import PpoSettings
 from slrl_sumo.learning.train import TrainRequest, train
 from slrl_sumo.learning.train_settings import NetworkSettings, TrainSettings, read_settings
@@ -19,6 +20,7 @@ SETTINGS = TrainSettings(
     arena=ArenaSettings(agents=8, warm_up=0.0, episode_steps=4),
     policy=PolicyConfig(channels=(4, 4), hidden=16, head=8),
     networks=NetworkSettings(count=2, reset_every=2),
+    imitation=ImitationSettings(epochs=1, seconds=30.0),
 )
 
 
@@ -29,8 +31,12 @@ class _StoppedError(Exception):
 def _train(out: Path, *, resume: bool = False, stop_after: int | None = None) -> list[dict[str, float]]:
     request = TrainRequest("shared-space", "intersection", out, steps=6 * 32, workers=1)
     seen: list[dict[str, float]] = []
+    stages: list[str] = []
 
-    def report(done: int, total: int, figures: dict[str, float]) -> None:
+    def report(stage: str, done: int, total: int, figures: dict[str, float]) -> None:
+        stages.append(stage)
+        if stage != "training":
+            return
         assert total == 6 * 32
         seen.append({"done": done, **figures})
         if stop_after is not None and done == stop_after * 32:
@@ -41,6 +47,8 @@ def _train(out: Path, *, resume: bool = False, stop_after: int | None = None) ->
     else:
         with pytest.raises(_StoppedError):
             train(request, SETTINGS, resume=resume, report=report)
+    # Who resumes has been taught already.
+    assert stages[0] == ("training" if resume else "watching")
     return seen
 
 
@@ -70,7 +78,7 @@ def test_a_training_that_was_stopped_goes_on_exactly(tmp_path: Path) -> None:
     assert bundle.card.startswith(before.card.split("\n## Selector")[0].rstrip("\n"))
 
     request = TrainRequest("shared-space", "intersection", tmp_path / "whole", steps=6 * 32, workers=1)
-    nothing = lambda done, total, figures: None  # noqa: E731
+    nothing = lambda *_: None  # noqa: E731
     with pytest.raises(InputError, match="holds a training already; go on with --resume"):
         train(request, SETTINGS, resume=False, report=nothing)
     with pytest.raises(InputError, match=r"begun with another seed \(1 then, 2 now\)"):
