@@ -73,6 +73,9 @@ def test_readme_scripts_run(script: str, tmp_path: Path) -> None:
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
+    if "gymnasium" in script:
+        assert re.match(r"a bicycle at \d+\.\d m/s earned -?\d+\.\d\d: \{'close': ", done.stdout)
+        return
     learned, everybody = re.findall(r"^(\d+) of (\d+) road users are learned$", done.stdout, re.MULTILINE)[0]
     assert 5 < int(learned) < int(everybody)
 
