@@ -89,7 +89,9 @@ def imitate(
     seed: int,
     report: Callable[[float, dict[str, float]], None],
 ) -> None:
-    """Fit `policy` (in place) to the modes that were chosen; `report` is told the share done and the figures.
+    """Fit `policy` (in place) to the modes that were chosen, and empty `parts`.
+
+    `report` is told the share done and the figures.
 
     Figures, after each epoch, on a tenth of each part that is left out of learning: cross-entropy (nats) and
     accuracy of the policy, `imitation/cross_entropy`, `imitation/accuracy`, and those of the prior.
@@ -99,8 +101,9 @@ def imitate(
         torch.from_numpy(np.concatenate([getattr(part, name) for part in parts]))
         for name in ("vector", "image", "type", "mode")
     )
-    # The last tenth of each part: windows of the same road users are near each other in time.
+    # The last tenth of each part: windows of one road user follow each other, so these are of others.
     tested = torch.cat([torch.arange(len(part)) >= 0.9 * len(part) for part in parts])
+    parts.clear()  # images are large; these are not needed twice
     train, test = (~tested).nonzero()[:, 0], tested.nonzero()[:, 0]
     optimizer = torch.optim.Adam(policy.parameters(), lr=settings.learning_rate)
     batches = -(-len(train) // settings.batch)

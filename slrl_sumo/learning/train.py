@@ -141,7 +141,7 @@ def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
     asked = {
         "scenarios": request.scenarios,
         "bundle": request.bundle,
-        "recordings": [str(p) for p in request.recordings],
+        "recordings": [path.name for path in request.recordings],
     }
     numbers = {"steps": request.steps, "workers": request.workers, "seed": request.seed}
     return json.loads(json.dumps({**asked, **numbers, "settings": asdict(settings)}))  # type: ignore[no-any-return]

@@ -1,0 +1,57 @@
+"""The recipe of the shipped selectors: the policy of a bundle, trained by imitation and PPO.
+
+    python tools/make_selector.py intersection --out slrl_sumo/bundles/intersection
+    python tools/make_selector.py shared-space --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space
+
+The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/NAME.toml. Checkpoints and logs
+lie in OUT-training; --resume goes on from there. Takes about an hour for each on two cores.
+"""
+
+import argparse
+import shutil
+import tempfile
+from pathlib import Path
+
+from slrl_sumo.analysis.training import train_with_progress
+from slrl_sumo.learning.train import TrainRequest
+from slrl_sumo.learning.train_settings import read_settings
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.records.importers.hc import read_hc
+
+FAMILIES = {"intersection": "intersection,random", "shared-space": "shared-space"}
+STEPS = {"intersection": 8_000_000, "shared-space": 6_000_000}
+
+
+def main() -> None:
+    """Train, then put the selector into the bundle's folder."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("name", choices=FAMILIES)
+    parser.add_argument("--out", type=Path, required=True, help="bundle folder to write")
+    parser.add_argument("--work", type=Path, help="where checkpoints and logs go; default: beside OUT")
+    parser.add_argument("--hc", type=Path, help="folder with D1.csv, for shared-space")
+    parser.add_argument("--steps", type=int)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--resume", action="store_true")
+    arguments = parser.parse_args()
+    name = arguments.name
+    out = (arguments.work or arguments.out.parent) / name
+    settings = read_settings(Path(__file__).parent / "selectors" / f"{name}.toml")
+    recordings: tuple[Path, ...] = ()
+    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
+        if name == "shared-space":
+            if arguments.hc is None:
+                parser.error("shared-space imitates HC D1: give --hc PATH/TO/hc")
+            recordings = (Path(folder) / "D1.npz",)
+            read_hc(arguments.hc / "D1.csv").save(recordings[0])
+        request = TrainRequest(
+            FAMILIES[name], name, out, arguments.steps or STEPS[name], seed=arguments.seed, recordings=recordings
+        )
+        if not train_with_progress(request, settings, resume=arguments.resume):
+            raise SystemExit(130)
+    if out.resolve() != arguments.out.resolve():
+        load_bundle(out).save(arguments.out)
+        shutil.rmtree(out)
+
+
+if __name__ == "__main__":
+    main()
