@@ -47,7 +47,7 @@ class ArenaSettings:
     desired_speed: tuple[float, float, float] | None = None
     """m/s per type; None is the mean of what the bundle's recordings show of road users in motion."""
     episode_steps: int = EPISODE_STEPS
-    warm_up: float = 40.0
+    warm_up: float = 60.0
     """s of plain SUMO before anybody learned is there, so that there is traffic."""
     staggered: bool = False
     """Whether first episodes are cut short at random, so that not all slots end theirs at the same step."""

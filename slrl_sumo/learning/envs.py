@@ -47,8 +47,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     """One learned road user, the ego, among other learned ones and SUMO's traffic.
 
     - Action: the mode, 0 to 19, of the next decision (0.4 s).
-    - Observation: `vector` (12,) float32 and `image` (20, 40, 3) uint8 as in perception.Observation, the image
-      `enlarge` times as large (the CNN of Stable-Baselines3 takes none below 36 px: `enlarge=2`).
+    - Observation: `vector` (12,) float32 and `image` (40, 80, 3) uint8 as in perception.Observation, the image
+      `enlarge` times as large: 2, because the CNN of Stable-Baselines3 takes none below 36 px; 1 is what selectors see.
     - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type` and `id`, after reset also `scenario`.
     - Terminated: in contact with somebody, or lost. Truncated: after `episode_steps` decisions.
@@ -81,7 +81,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         agents: int = 16,
         weights: RewardWeights | None = None,
         episode_steps: int = EPISODE_STEPS,
-        enlarge: int = 1,
+        enlarge: int = 2,
         render_mode: str | None = None,
     ) -> None:
         _known("ego", ego, (None, *get_args(Ego)))

@@ -77,7 +77,7 @@ def test_importing_the_package_is_cheap_and_the_module_in_the_name_registers() -
 def test_stable_baselines_trains() -> None:
     from stable_baselines3 import PPO
 
-    env = gymnasium.make(IDS[0], enlarge=2, episode_steps=32)
+    env = gymnasium.make(IDS[0], episode_steps=32)
     with torch.random.fork_rng():
         model = PPO("MultiInputPolicy", env, n_steps=128, batch_size=64, n_epochs=1, seed=1, device="cpu")
         before = {name: values.clone() for name, values in model.policy.state_dict().items()}
@@ -107,7 +107,7 @@ def test_an_episode_that_goes_on_in_the_same_traffic_begins_elsewhere() -> None:
             break
     time = env._arena.world.time  # type: ignore[union-attr]
     begin, _ = env.reset()
-    assert env._arena.world.time == time > 40.0  # type: ignore[union-attr]
+    assert env._arena.world.time == time > 60.0  # type: ignore[union-attr]
     assert np.hypot(*(position(env) - here)) > 10.0
     assert not np.array_equal(begin["image"], observation["image"])
     # An episode that was broken off is not taken up again: SUMO begins anew.
@@ -117,7 +117,7 @@ def test_an_episode_that_goes_on_in_the_same_traffic_begins_elsewhere() -> None:
 
 
 def test_sumo_begins_anew_before_the_traffic_runs_out(copy_scenario: Any) -> None:
-    short = copy_scenario("intersection", (".sumocfg", '<end value="600"/>', '<end value="46"/>'))
+    short = copy_scenario("intersection", (".sumocfg", '<end value="600"/>', '<end value="66"/>'))
     env = make(scenario=str(short), episode_steps=4, others="sumo")
     env.reset(seed=1)
     times = []
@@ -126,7 +126,7 @@ def test_sumo_begins_anew_before_the_traffic_runs_out(copy_scenario: Any) -> Non
         times.append(env._arena.world.time)  # type: ignore[union-attr]
         if terminated or truncated:
             env.reset()
-    assert max(times) <= 46.5
+    assert max(times) <= 66.5
     assert (np.diff(times) < 0).any()
 
 
