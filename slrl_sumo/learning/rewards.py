@@ -28,6 +28,8 @@ HARD_ACCELERATION = 3.0
 """m/s²; uncomfortable, along or across."""
 HORIZON = 2.4
 """s that `danger` looks ahead: in it a car stops comfortably from 25 km/h."""
+MARGIN = 0.5
+"""m between boxes that it counts as too near: centres of pedestrians collide before their small boxes do."""
 REACH = 40.0
 """m within which it looks."""
 RAREST = -8.0
@@ -40,11 +42,11 @@ class RewardWeights:
 
     close: float = 1.0
     off_surface: float = 1.0
-    moving: float = 0.5
-    contact: float = 20.0
-    lost: float = 20.0
-    danger: float = 1.0
-    speed: float = 0.5
+    moving: float = 0.25
+    contact: float = 15.0
+    lost: float = 15.0
+    danger: float = 1.5
+    speed: float = 0.75
     wrong_way: float = 0.5
     comfort: float = 0.1
     realism: float = 0.05
@@ -85,10 +87,10 @@ def lost(gone: NDArray[np.bool_]) -> Floats:
 
 
 def danger(world: WorldState, n: int) -> Floats:
-    """From 0 down to -1 the sooner each of the first `n` road users of `world` would run into somebody, (n,).
+    """From 0 down to -1 the sooner each of the first `n` road users of `world` would come too near to somebody, (n,).
 
-    Everybody is led on at present speed and yaw rate, in steps of 0.4 s up to HORIZON. Only what lies ahead counts: who
-    is run into from behind has nothing to mend.
+    Too near: MARGIN from box to box. Everybody is led on at present speed and yaw rate, in steps of 0.4 s up to
+    HORIZON. Only what lies ahead counts: who is run into from behind has nothing to mend.
     """
     result = np.zeros(n)
     if len(world) < 2:
@@ -103,7 +105,7 @@ def danger(world: WorldState, n: int) -> Floats:
     # Who cannot come near within the horizon need not be looked at box by box.
     apart = np.hypot(*(centres[other] - centres[ego]).T)
     room = 0.5 * (np.hypot(world.length, world.width)[ego] + np.hypot(world.length, world.width)[other])
-    near = apart - room < (world.speed[ego] + world.speed[other]) * HORIZON
+    near = apart - room - 2 * MARGIN < (world.speed[ego] + world.speed[other]) * HORIZON
     ego, other = ego[near], other[near]
     for ahead_s in np.arange(HORIZON, 0.0, -DECISION_INTERVAL):
         boxes = _led_on(world, float(ahead_s))
@@ -113,12 +115,12 @@ def danger(world: WorldState, n: int) -> Floats:
 
 
 def _led_on(world: WorldState, seconds: float) -> Floats:
-    """Boxes (m, 5) after some seconds at constant speed and yaw rate."""
+    """Boxes (m, 5), half of MARGIN larger on all sides, after some seconds at constant speed and yaw rate."""
     turn = world.yaw_rate * seconds
     middle = world.heading + 0.5 * turn
     x = world.x + world.speed * seconds * np.cos(middle)
     y = world.y + world.speed * seconds * np.sin(middle)
-    return np.column_stack([x, y, world.heading + turn, world.length, world.width])
+    return np.column_stack([x, y, world.heading + turn, world.length + MARGIN, world.width + MARGIN])
 
 
 def speed_kept(speed: Floats, desired: Floats) -> Floats:

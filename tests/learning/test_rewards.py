@@ -86,8 +86,8 @@ def _cars(x: list[float], speed: list[float], heading: list[float]) -> WorldStat
 
 
 def test_danger_grows_with_nearness_and_is_that_of_who_drives_into_others() -> None:
-    # Gaps of 3, 8 and 25 m to a standing car, at 10 m/s: touched after 0.3, 0.8 and 2.5 s.
-    for gap, expected in ((3.0, -1.0), (7.9, -5 / 6), (25.0, 0.0)):
+    # Gaps of 3, 8 and 25 m to a standing car, at 10 m/s: within 0.5 m of it after 0.25, 0.75 and 2.45 s.
+    for gap, expected in ((3.0, -1.0), (8.0, -5 / 6), (25.0, 0.0)):
         world = _cars([0.0, 5.0 + gap], [10.0, 0.0], [0.0, 0.0])
         np.testing.assert_allclose(rewards.danger(world, 2), [expected, 0.0])
     # Who comes up from behind is the one to brake; who drives away or past is in no danger.
