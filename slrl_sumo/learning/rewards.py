@@ -45,7 +45,7 @@ class RewardWeights:
     moving: float = 0.25
     contact: float = 15.0
     lost: float = 15.0
-    danger: float = 1.5
+    danger: float = 2.0
     speed: float = 0.75
     wrong_way: float = 0.5
     comfort: float = 0.1

@@ -161,7 +161,7 @@ class CoSimulation:
     def _decide(self) -> _Interval:
         learned = self.population.world
         following, modes = self._driver.drive(self.world, learned, self.roadmap) if len(learned) else (learned, None)
-        looped = left_scene(following, self.roadmap) & ~self.population.lent
+        looped = left_scene(following, self.roadmap, self._simulation.network.exits) & ~self.population.lent
         if looped.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
             following = bring_back(following, looped, background, self.points, self.roadmap)

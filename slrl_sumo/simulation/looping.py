@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.simulation.spawn import starting_speed
 from slrl_sumo.sumo.lanepoints import LanePoints
-from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.geometry import Floats, to_ego, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import RoadUserType
 
 CANDIDATES = (24, 384)
@@ -18,15 +19,27 @@ CANDIDATES = (24, 384)
 ROOM = np.array([4.7, 2.3, 1.0])
 """m between the circles round two boxes that a returning road user of each type needs, to be able to stop."""
 
+NO_EXITS = np.zeros((0, 4))
+
+BEYOND, ASIDE = 12.0, 1.5
+"""m behind a lane's end, and beside it, within which who is off every surface has driven off that end."""
+
 BRAKING = 2.0
 """m/s² with which who starts anew must be able to stop before the nearest road user."""
 
 
-def left_scene(world: WorldState, roadmap: RoadMap) -> NDArray[np.bool_]:
-    """Who has left the scene, (n,): outside the network's bounding box, or about 10 m away from every surface."""
+def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS) -> NDArray[np.bool_]:
+    """Who has left the scene, (n,): outside the network's bounding box, about 10 m away from every surface, or off the
+    end of a lane at one of the `exits` (see Network.exits)."""
     x0, y0, x1, y1 = roadmap.bounds
     inside = (world.x >= x0) & (world.x <= x1) & (world.y >= y0) & (world.y <= y1)
-    return ~(inside & roadmap.near_surface(world.x, world.y))
+    gone = ~(inside & roadmap.near_surface(world.x, world.y))
+    if len(exits):
+        off = np.flatnonzero(roadmap.surface_at(world.x, world.y) == Surface.NONE)
+        x, y, heading, half = exits.T
+        ahead, aside = to_ego(world.x[off, None] - x, world.y[off, None] - y, heading)
+        gone[off] |= ((ahead >= 0.0) & (ahead <= BEYOND) & (np.abs(aside) <= half + ASIDE)).any(axis=1)
+    return gone
 
 
 def bring_back(

@@ -1,7 +1,7 @@
 """The road network as SUMO has loaded it: lanes, who may use them, and the surfaces that they make."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,8 @@ class Network:
 
     lanes: tuple[Lane, ...]
     junctions: tuple[Area, ...]
+    exits: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
+    """Lane ends where the network ends: x, y (m), heading outwards (rad), half the lane's width (m), (e, 4)."""
 
     def surfaces(self) -> SurfaceShapes:
         """The surfaces in paint order: junctions, walking areas, sidewalks, cycle lanes, carriageway, crossings.
@@ -91,7 +93,29 @@ def read_network(api: Any) -> Network:
         else lane
         for lane in lanes
     ]
-    return Network(tuple(lanes), tuple(junctions))
+    return Network(tuple(lanes), tuple(junctions), _exits(api, lanes))
+
+
+def _exits(api: Any, lanes: list[Lane]) -> NDArray[np.float64]:
+    """Ends of lanes at junctions from which streets lead to one neighbour only: see Network.exits."""
+    neighbours: dict[str, set[str]] = {}
+    between = {edge: (api.edge.getFromJunction(edge), api.edge.getToJunction(edge)) for edge in _edges(lanes)}
+    for start, end in between.values():
+        neighbours.setdefault(start, set()).add(end)
+        neighbours.setdefault(end, set()).add(start)
+    ends = []
+    for lane in lanes:
+        if lane.internal or len(lane.shape) < 2:
+            continue
+        for junction, line in zip(between[lane.edge], (lane.shape[::-1], lane.shape), strict=True):
+            if len(neighbours[junction]) == 1:
+                out = line[-1] - line[-2]
+                ends.append((*line[-1], np.arctan2(out[1], out[0]), 0.5 * lane.width))
+    return np.array(ends, np.float64).reshape(-1, 4)
+
+
+def _edges(lanes: list[Lane]) -> set[str]:
+    return {lane.edge for lane in lanes if not lane.internal}
 
 
 def _lane_surface(lane_id: str, classes: frozenset[str]) -> Surface:

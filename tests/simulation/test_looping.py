@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from slrl_sumo.simulation.looping import bring_back, left_scene
+from slrl_sumo.simulation.looping import bring_back, left_scene, start_anew
 from slrl_sumo.simulation.spawn import starting_points
 from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.contacts import overlapping_pairs
-from slrl_sumo.world.geometry import wrap_angle
+from slrl_sumo.world.geometry import from_ego, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState, empty_world
+from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 Row = tuple[int, float, float, float, float]
@@ -182,3 +183,54 @@ def test_nobody_lands_on_a_long_bus() -> None:
     bus = world([(0, points[0].x[row], points[0].y[row], 0.0, 0.0)], length=24.0)
     before = world([(0, roadmap.bounds[2] + 1, 98.4, 0.0, 3.0)])
     check_apart(bring_back(before, np.ones(1, np.bool_), bus, points, roadmap), bus)
+
+
+def test_who_drives_off_the_end_of_a_street_has_left_and_who_leaves_it_sideways_has_not() -> None:
+    with SumoSession(find_scenario("district")) as session:
+        network = session.network
+        roadmap = RoadMap(network.surfaces())
+    exits = network.exits
+    # Streets end at the rim only, with lanes in and out.
+    assert len(exits) >= 8
+    x, y, heading, half = exits.T
+
+    def at(ahead: float, aside: NDArray[np.float64]) -> WorldState:
+        ex, ey = from_ego(np.full(len(x), ahead), aside, heading)
+        return world([(0, a, b, h, 5.0) for a, b, h in zip(x + ex, y + ey, heading, strict=True)])
+
+    none = np.zeros(len(x))
+    assert left_scene(at(4.0, none), roadmap, exits).all()
+    before = at(-4.0, none)
+    assert (roadmap.surface_at(before.x, before.y) != Surface.NONE).all()
+    assert not left_scene(before, roadmap, exits).any()
+    beside = at(-4.0, half + 9.0)
+    off = roadmap.surface_at(beside.x, beside.y) == Surface.NONE
+    assert off.any()
+    assert (left_scene(beside, roadmap, exits) == left_scene(beside, roadmap)).all()
+
+
+@pytest.mark.parametrize("name", ["intersection", "shared-space"])
+def test_who_starts_anew_stands_free_on_a_lane_and_can_stop(name: str) -> None:
+    _, points = scene(name)
+    random = np.random.default_rng(2)
+    rows: list[Row] = []
+    for kind, source in enumerate(points):
+        rows += [(kind, source.x[i], source.y[i], source.heading[i], 1.0) for i in random.integers(0, len(source), 12)]
+    before = world(rows)
+    chosen = np.arange(0, len(before), 2)
+    max_speed = np.array([14.0, 7.0, 1.8])
+    after = start_anew(before, chosen, empty_world(), points, max_speed, np.random.default_rng(3))
+    stayed = np.setdiff1d(np.arange(len(before)), chosen)
+    np.testing.assert_array_equal(after.x[stayed], before.x[stayed])
+    assert (after.speed[chosen] > 0).all()
+    assert (after.speed[chosen] <= 0.5 * max_speed[after.type[chosen]]).all()
+    touching = {tuple(pair) for pair in overlapping_pairs(after).tolist()}
+    assert touching <= {tuple(pair) for pair in overlapping_pairs(before).tolist()}
+    radius = 0.5 * np.hypot(after.length, after.width)
+    for row in chosen:
+        assert np.hypot(points[after.type[row]].x - after.x[row], points[after.type[row]].y - after.y[row]).min() < 1e-9
+        gap = np.hypot(after.x - after.x[row], after.y - after.y[row]) - radius - radius[row]
+        # Others that were put down later took account of this one, so the gap at the end is the gap that counted.
+        assert after.speed[row] ** 2 / (2 * 2.0) <= max(np.delete(gap, row).min(), 0.0) + 6.0
+    again = start_anew(before, chosen, empty_world(), points, max_speed, np.random.default_rng(3))
+    np.testing.assert_array_equal(again.x, after.x)
