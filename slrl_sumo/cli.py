@@ -237,7 +237,7 @@ def train(
     threads: Annotated[int, typer.Option(help="Threads of the policy's update.")] = 1,
     recording: Annotated[
         list[Path] | None,
-        typer.Option(help="Trajectories to imitate first; default: SUMO's own traffic in the networks."),
+        typer.Option(help="Trajectories to imitate first, besides SUMO's own traffic in the networks."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
 ) -> None:

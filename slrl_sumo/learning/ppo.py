@@ -4,6 +4,7 @@ Schulman et al. 2017, https://arxiv.org/abs/1707.06347. T steps are rolled out i
 it is updated on them for some epochs of minibatches, and so on.
 """
 
+import copy
 import math
 import time
 from collections.abc import Callable
@@ -41,6 +42,11 @@ class PpoSettings:
     ent_coef: float = 0.01
     vf_coef: float = 0.5
     max_grad_norm: float = 0.5
+    explore: float = 0.03
+    """Share of choices drawn from all modes alike: a mode that is never tried is never learned, and braking is one."""
+    kl_coef: float = 0.1
+    """Weight of the divergence from the policy that training began with, KL(begin || policy): what it was taught by
+    recordings fades only where the reward says so (as in human-regularised PPO, arXiv 2403.19648)."""
     critic_first: int = 8
     """Updates in which only the critic learns: one that knows nothing would spoil a policy that was taught before."""
 
@@ -105,7 +111,8 @@ class Agent:
 
     def __init__(self, policy: Policy, prior: Prior, settings: PpoSettings, device: torch.device) -> None:
         self.policy, self.prior = policy.to(device), prior.to(device)
-        self.device = device
+        self.begin = copy.deepcopy(policy).requires_grad_(False)
+        self.device, self.explore = device, settings.explore
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
 
     def logits_and_value(self, vector: Tensor, image: Tensor, *, critic_only: bool = False) -> tuple[Tensor, Tensor]:
@@ -115,7 +122,15 @@ class Agent:
         """
         vector, image = vector.to(self.device), image.to(self.device)
         kind = vector[:, CAR : CAR + 3].argmax(-1)
-        return policy_logits(self.policy, self.prior, vector, image, kind, critic_only=critic_only)
+        return policy_logits(
+            self.policy, self.prior, vector, image, kind, critic_only=critic_only, explore=self.explore
+        )
+
+    def begin_logits(self, vector: Tensor, image: Tensor) -> Tensor:
+        """Log probabilities (n, modes) under the policy that training began with."""
+        vector, image = vector.to(self.device), image.to(self.device)
+        kind = vector[:, CAR : CAR + 3].argmax(-1)
+        return policy_logits(self.begin, self.prior, vector, image, kind, explore=self.explore)[0]
 
 
 def rollout(
@@ -163,10 +178,16 @@ def rollout(
 def update(
     agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.Generator, *, critic_only: bool = False
 ) -> dict[str, float]:
-    """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance."""
+    """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance;
+    and kl_begin (see PpoSettings.kl_coef)."""
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
     names = ("vector", "image", "actions", "logprobs", "values")
     flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
+    begin = None
+    if settings.kl_coef and not critic_only:
+        with torch.no_grad():
+            pairs = zip(torch.split(flat["vector"], 2048), torch.split(flat["image"], 2048), strict=True)
+            begin = torch.cat([agent.begin_logits(v, i) for v, i in pairs])
     b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
     size = len(b_returns)
     minibatch = math.ceil(size / settings.num_minibatches)
@@ -193,8 +214,12 @@ def update(
                 v_loss = torch.max(v_loss, (flat["values"][mb] + change - b_returns[mb]) ** 2)
             v_loss = 0.5 * v_loss.mean()
             loss = settings.vf_coef * v_loss
+            kl_begin = torch.zeros(())
             if not critic_only:
                 loss = pg_loss - settings.ent_coef * entropy + loss
+            if begin is not None:
+                kl_begin = (begin[mb].exp() * (begin[mb] - logits)).sum(-1).mean()
+                loss = loss + settings.kl_coef * kl_begin
             agent.optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(agent.policy.parameters(), settings.max_grad_norm)
@@ -204,6 +229,7 @@ def update(
                     "policy_loss": pg_loss,
                     "value_loss": v_loss,
                     "entropy": entropy,
+                    "kl_begin": kl_begin,
                     "approx_kl": ((ratio - 1) - logratio).mean(),
                     "clipfrac": ((ratio - 1).abs() > settings.clip_coef).float().mean(),
                 }

@@ -46,7 +46,7 @@ class RewardWeights:
     contact: float = 15.0
     lost: float = 15.0
     danger: float = 2.0
-    speed: float = 0.75
+    speed: float = 0.5
     wrong_way: float = 0.5
     comfort: float = 0.1
     realism: float = 0.05

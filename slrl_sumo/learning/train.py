@@ -57,7 +57,7 @@ class TrainRequest:
     cores made updates ten times slower."""
 
     recordings: tuple[Path, ...] = ()
-    """Trajectories to imitate; without any, SUMO's own traffic in the scenarios is imitated."""
+    """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
 
     @property
     def folder(self) -> Path:
@@ -90,10 +90,12 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     if state is None:
         figures = _taught(policy, bundle, request, scenarios, settings, report)
         _write_json(folder / "imitation.json", figures)
+        agent.begin.load_state_dict(policy.state_dict())
         _save_checkpoint(folder, agent, 0)
     else:
         done = int(state["iteration"])
         agent.policy.load_state_dict(state["policy"])
+        agent.begin.load_state_dict(state["begin"])
         agent.optimizer.load_state_dict(state["optimizer"])
     source = ArenaSource(scenarios, request.bundle, replace(settings.arena, weights=settings.reward))
     env = ArenaVectorEnv(source, request.workers)
@@ -215,7 +217,7 @@ def _taught(
     if not plan.epochs:
         return last
     parts = []
-    sources: tuple[Path | str, ...] = request.recordings or scenarios
+    sources: tuple[Path | str, ...] = (*request.recordings, *scenarios)
     for number, source in enumerate(sources):
         report("watching", number, len(sources), last)
         if isinstance(source, Path):
@@ -253,6 +255,7 @@ def _save_checkpoint(folder: Path, agent: Agent, iteration: int) -> None:
     state = {
         "iteration": iteration,
         "policy": agent.policy.state_dict(),
+        "begin": agent.begin.state_dict(),
         "optimizer": agent.optimizer.state_dict(),
     }
     torch.save(state, folder / "checkpoint.new")

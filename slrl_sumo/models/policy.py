@@ -5,6 +5,7 @@ selector.safetensors   its weights
 """
 
 import json
+import math
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -83,16 +84,29 @@ class Policy(nn.Module):
 
 
 def policy_logits(
-    policy: Policy, prior: Prior, vector: Tensor, image: Tensor, kind: Tensor, *, critic_only: bool = False
+    policy: Policy,
+    prior: Prior,
+    vector: Tensor,
+    image: Tensor,
+    kind: Tensor,
+    *,
+    critic_only: bool = False,
+    explore: float = 0.0,
 ) -> tuple[Tensor, Tensor]:
     """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
+
+    With `explore` that share of choices is drawn from all modes alike.
 
     The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
     """
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
     correction, value = policy(vector, image, kind, critic_only)
-    return torch.log_softmax(known + correction, -1), value
+    logits = torch.log_softmax(known + correction, -1)
+    if explore:
+        alike = math.log(explore / logits.shape[-1])
+        logits = torch.logaddexp(logits + math.log1p(-explore), torch.full_like(logits, alike))
+    return logits, value
 
 
 def _normalised(vector: Tensor) -> Tensor:
