@@ -195,6 +195,7 @@ class Arena:
             "close": rewards.close(self.simulation.world, len(learned)),
             "off_surface": rewards.off_surface(learned.type, decision.surface),
             "moving": rewards.moving(learned.speed),
+            "alive": rewards.alive(len(learned)),
             "contact": rewards.contact(hit),
             "lost": rewards.lost(lost),
             "danger": rewards.danger(self.simulation.world, len(learned)),
