@@ -16,6 +16,7 @@ from slrl_sumo.perception.raster import ego_picture
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import Modes
 from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.lookahead import look_ahead
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.sumo.lanepoints import LanePoints
@@ -37,6 +38,19 @@ MOVING_DISTANCE = rewards.SLOW * HORIZON
 
 
 @dataclass(frozen=True)
+class GuidanceWeights:
+    """What speaks against a mode, for a teacher who looks ahead and knows speeds and lanes; 0 switches a part off."""
+
+    meeting: float = 50.0
+    """Meeting somebody, the more the sooner."""
+    off_surface: float = 10.0
+    speed: float = 8.0
+    """Relative to the desired speed."""
+    lane: float = 2.0
+    """Turning away from the lane's direction, for who is on one."""
+
+
+@dataclass(frozen=True)
 class ArenaSettings:
     """What happens in the arena, besides the scenario and the models."""
 
@@ -49,6 +63,8 @@ class ArenaSettings:
     episode_steps: int = EPISODE_STEPS
     warm_up: float = 60.0
     """s of plain SUMO before anybody learned is there, so that there is traffic."""
+    guidance: GuidanceWeights | None = None
+    """Whether every mode is judged by looking ahead, and how; for training only."""
     staggered: bool = False
     """Whether first episodes are cut short at random, so that not all slots end theirs at the same step."""
 
@@ -144,6 +160,21 @@ class Arena:
         self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
         self._was_off = np.zeros(n, np.bool_)
         self.observation = self.simulation.observe(np.arange(n), with_image=True)
+
+    def guidance(self) -> NDArray[np.float32]:
+        """What speaks against each mode of everybody now, (n, modes), 0 or more; zeros without guidance."""
+        weights = self.settings.guidance
+        learned = self.simulation.population.world
+        if weights is None:
+            return np.zeros((len(learned), self.bundle.config.modes), np.float32)
+        ahead = look_ahead(self.bundle, self.observation, self.simulation.world, self.simulation.roadmap)
+        lane_heading, limit, on_lane = lanes_here(learned, self._points)
+        desired = np.minimum(self._desired[learned.type], limit)[:, None]
+        aside = 1.0 - np.cos(learned.heading[:, None] + ahead.turn - lane_heading[:, None])
+        against = weights.meeting * ahead.meeting + weights.off_surface * ahead.off_surface
+        against += weights.speed * np.abs(ahead.speed - desired) / desired
+        against += weights.lane * np.where(on_lane[:, None], aside, 0.0)
+        return against.astype(np.float32)
 
     @property
     def world(self) -> WorldState:

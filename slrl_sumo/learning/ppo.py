@@ -44,8 +44,10 @@ class PpoSettings:
     max_grad_norm: float = 0.5
     explore: float = 0.03
     """Share of choices drawn from all modes alike: a mode that is never tried is never learned, and braking is one."""
-    kl_coef: float = 0.1
-    """Weight of the divergence from the policy that training began with, KL(begin || policy): what it was taught by
+    kl_coef: float = 1.0
+    kl_coef_last: float = 0.1
+    """First and last weight of the divergence KL(teacher || policy), changing linearly. The teacher is the policy that
+    training began with, less what speaks against each mode for who looks ahead (Arena.guidance). So what was taught by
     recordings fades only where the reward says so (as in human-regularised PPO, arXiv 2403.19648)."""
     critic_first: int = 8
     """Updates in which only the critic learns: one that knows nothing would spoil a policy that was taught before."""
@@ -85,6 +87,8 @@ class Batch:
     """(T, N); 0 where nothing was truncated."""
     next_value: Tensor
     """(N,): value of what is seen after the last step."""
+    guidance: Tensor
+    """(T, N, modes): what speaks against each mode."""
 
 
 def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
@@ -126,20 +130,33 @@ class Agent:
             self.policy, self.prior, vector, image, kind, critic_only=critic_only, explore=self.explore
         )
 
-    def begin_logits(self, vector: Tensor, image: Tensor) -> Tensor:
-        """Log probabilities (n, modes) under the policy that training began with."""
-        vector, image = vector.to(self.device), image.to(self.device)
-        kind = vector[:, CAR : CAR + 3].argmax(-1)
-        return policy_logits(self.begin, self.prior, vector, image, kind, explore=self.explore)[0]
+    def teacher_logits(self, vector: Tensor, image: Tensor, guidance: Tensor) -> Tensor:
+        """Log probabilities (n, modes) of the teacher: see PpoSettings.kl_coef."""
+        parts = []
+        with torch.no_grad():
+            for v, i, against in zip(*(torch.split(x, 2048) for x in (vector, image, guidance)), strict=True):
+                kind = v[:, CAR : CAR + 3].argmax(-1)
+                taught, _ = policy_logits(self.begin, self.prior, v, i, kind, explore=self.explore)
+                parts.append(torch.log_softmax(taught - against, -1))
+        return torch.cat(parts)
 
 
 def rollout(
-    agent: Agent, env: Slots, observation: dict[str, NDArray[Any]], num_steps: int, generator: torch.Generator
-) -> tuple[Batch, dict[str, NDArray[Any]], list[dict[str, Any]]]:
-    """T steps of all slots from `observation` on. Returns them, what is seen then, and the infos of every step."""
+    agent: Agent,
+    env: Slots,
+    observation: dict[str, NDArray[Any]],
+    guidance: NDArray[np.float32],
+    num_steps: int,
+    generator: torch.Generator,
+) -> tuple[Batch, dict[str, NDArray[Any]], list[dict[str, Any]], NDArray[np.float32]]:
+    """T steps of all slots from `observation` on, about which `guidance` (N, modes) is known.
+
+    Returns them, what is seen then, the infos of every step, and the guidance for what is seen then.
+    """
     shape = (num_steps, env.num_envs)
     vector = torch.empty(*shape, *observation["vector"].shape[1:])
     image = torch.empty(*shape, *observation["image"].shape[1:], dtype=torch.uint8)
+    guided = torch.empty(*shape, guidance.shape[1])
     actions = torch.empty(shape, dtype=torch.int64)
     logprobs, values, rewards, final_values = (torch.zeros(shape) for _ in range(4))
     terminated, truncated = (torch.empty(shape, dtype=torch.bool) for _ in range(2))
@@ -148,17 +165,18 @@ def rollout(
     with torch.no_grad():
         for t in range(num_steps):
             vector[t], image[t] = torch.from_numpy(observation["vector"]), torch.from_numpy(observation["image"])
+            guided[t] = torch.from_numpy(guidance)
             logits, value = agent.logits_and_value(vector[t], image[t])
             logits, values[t] = logits.cpu(), value.cpu()
             actions[t] = torch.multinomial(logits.exp(), 1, generator=generator)[:, 0]
             logprobs[t] = logits.gather(1, actions[t][:, None])[:, 0]
             observation, reward, over, cut, info = env.step(actions[t].numpy())
-            rewards[t] = torch.from_numpy(reward)
+            rewards[t], guidance = torch.from_numpy(reward), info["guidance"]
             terminated[t], truncated[t] = torch.from_numpy(over), torch.from_numpy(cut)
             if cut.any():
                 rows, last = np.flatnonzero(cut), info["final_obs"]
                 final.append((t, rows, last["vector"][rows], last["image"][rows]))
-            infos.append({name: values for name, values in info.items() if "final" not in name})
+            infos.append({name: values for name, values in info.items() if "final" not in name and name != "guidance"})
         if final:
             _, value = agent.logits_and_value(
                 torch.from_numpy(np.concatenate([v for _, _, v, _ in final])),
@@ -170,24 +188,28 @@ def rollout(
             torch.from_numpy(observation["vector"]), torch.from_numpy(observation["image"])
         )
     batch = Batch(
-        vector, image, actions, logprobs, values, rewards, terminated, truncated, final_values, next_value.cpu()
+        vector, image, actions, logprobs, values, rewards, terminated, truncated, final_values, next_value.cpu(), guided
     )
-    return batch, observation, infos
+    return batch, observation, infos, guidance
 
 
 def update(
-    agent: Agent, batch: Batch, settings: PpoSettings, generator: torch.Generator, *, critic_only: bool = False
+    agent: Agent,
+    batch: Batch,
+    settings: PpoSettings,
+    generator: torch.Generator,
+    *,
+    kl_coef: float = 0.0,
+    critic_only: bool = False,
 ) -> dict[str, float]:
     """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance;
-    and kl_begin (see PpoSettings.kl_coef)."""
+    and kl_teacher (see PpoSettings.kl_coef)."""
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
     names = ("vector", "image", "actions", "logprobs", "values")
     flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
-    begin = None
-    if settings.kl_coef and not critic_only:
-        with torch.no_grad():
-            pairs = zip(torch.split(flat["vector"], 2048), torch.split(flat["image"], 2048), strict=True)
-            begin = torch.cat([agent.begin_logits(v, i) for v, i in pairs])
+    teacher = None
+    if kl_coef and not critic_only:
+        teacher = agent.teacher_logits(flat["vector"], flat["image"], batch.guidance.flatten(0, 1).to(agent.device))
     b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
     size = len(b_returns)
     minibatch = math.ceil(size / settings.num_minibatches)
@@ -214,12 +236,12 @@ def update(
                 v_loss = torch.max(v_loss, (flat["values"][mb] + change - b_returns[mb]) ** 2)
             v_loss = 0.5 * v_loss.mean()
             loss = settings.vf_coef * v_loss
-            kl_begin = torch.zeros(())
+            kl_teacher = torch.zeros(())
             if not critic_only:
                 loss = pg_loss - settings.ent_coef * entropy + loss
-            if begin is not None:
-                kl_begin = (begin[mb].exp() * (begin[mb] - logits)).sum(-1).mean()
-                loss = loss + settings.kl_coef * kl_begin
+            if teacher is not None:
+                kl_teacher = (teacher[mb].exp() * (teacher[mb] - logits)).sum(-1).mean()
+                loss = loss + kl_coef * kl_teacher
             agent.optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(agent.policy.parameters(), settings.max_grad_norm)
@@ -229,7 +251,7 @@ def update(
                     "policy_loss": pg_loss,
                     "value_loss": v_loss,
                     "entropy": entropy,
-                    "kl_begin": kl_begin,
+                    "kl_teacher": kl_teacher,
                     "approx_kl": ((ratio - 1) - logratio).mean(),
                     "clipfrac": ((ratio - 1).abs() > settings.clip_coef).float().mean(),
                 }
@@ -262,18 +284,22 @@ def learn(
     if iterations.start % reset_every:
         raise ValueError("training can be taken up only where simulations begin anew")
     observation: dict[str, NDArray[Any]] = {}
+    guidance = np.zeros((0, 0), np.float32)
     generator = torch.Generator()
     for iteration in iterations:
         if iteration % reset_every == 0:
             number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)
-            observation, _ = env.reset(seed=number)
+            observation, info = env.reset(seed=number)
+            guidance = info["guidance"]
             generator.manual_seed(number)
+        frac = 1.0 - iteration / total
         if settings.anneal_lr:
-            frac = 1.0 - iteration / total
             agent.optimizer.param_groups[0]["lr"] = frac * settings.learning_rate
         started = time.perf_counter()
-        batch, observation, infos = rollout(agent, env, observation, settings.num_steps, generator)
+        batch, observation, infos, guidance = rollout(agent, env, observation, guidance, settings.num_steps, generator)
         rolled = time.perf_counter()
-        figures = update(agent, batch, settings, generator, critic_only=iteration < settings.critic_first)
+        kl_coef = settings.kl_coef_last + frac * (settings.kl_coef - settings.kl_coef_last)
+        critic_only = iteration < settings.critic_first
+        figures = update(agent, batch, settings, generator, kl_coef=kl_coef, critic_only=critic_only)
         figures["rollout_s"], figures["update_s"] = rolled - started, time.perf_counter() - rolled
         after(iteration, batch, infos, figures)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.arena import ArenaSettings
+from slrl_sumo.learning.arena import ArenaSettings, GuidanceWeights
 from slrl_sumo.learning.imitation import ImitationSettings
 from slrl_sumo.learning.ppo import PpoSettings
 from slrl_sumo.learning.rewards import RewardWeights
@@ -34,21 +34,23 @@ class TrainSettings:
 
     ppo: PpoSettings = field(default_factory=PpoSettings)
     reward: RewardWeights = field(default_factory=RewardWeights)
+    guidance: GuidanceWeights = field(default_factory=GuidanceWeights)
     arena: ArenaSettings = field(default_factory=lambda: ArenaSettings(staggered=True))
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     networks: NetworkSettings = field(default_factory=NetworkSettings)
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
-NOT_FOR_USERS = {"arena": {"weights"}, "policy": {"preset", "modes"}}
-"""Fields that are set elsewhere: the weights by [reward], the others by the bundle."""
+NOT_FOR_USERS = {"arena": {"weights", "guidance"}, "policy": {"preset", "modes"}}
+"""Fields that are set elsewhere: the weights by [reward] and [guidance], the others by the bundle."""
 
 
 def read_settings(file: Path | None) -> TrainSettings:
     """The settings of a TOML file, defaults where it is silent; None is all defaults.
 
-    Sections: [ppo], [reward], [arena], [policy], [networks], [imitation], with the fields of the classes here as
-    keys. Raises InputError for an unknown section or key, naming the nearest right one, and for values of a wrong kind.
+    Sections: [ppo], [reward], [guidance], [arena], [policy], [networks], [imitation], with the fields of the classes
+    here as keys. Raises InputError for an unknown section or key, naming the nearest right one, and for values of a wrong
+    kind.
     """
     settings = TrainSettings()
     if file is None:
@@ -66,7 +68,7 @@ def read_settings(file: Path | None) -> TrainSettings:
         section = _changed(getattr(settings, name), given, NOT_FOR_USERS.get(name, set()), f"{file}: [{name}]")
         settings = replace(settings, **{name: section})
     _check(settings, file)
-    return replace(settings, arena=replace(settings.arena, weights=settings.reward))
+    return settings
 
 
 def _changed(section: Section, given: dict[str, Any], closed: set[str], where: str) -> Section:

@@ -67,7 +67,7 @@ class ArenaVectorEnv(VectorEnv):
     Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
     where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
     `type`, `steps` (decisions of the episode so far) and `replaced` (rows whose worker died in this step: their
-    episodes are truncated, with reward 0), all (n,).
+    episodes are truncated, with reward 0), all (n,), and `guidance` (n, modes) (see Arena.guidance).
 
     `reset(seed=...)` opens a scenario in every worker, drawn by the seed: same seed, same episodes. Raises InputError
     where a worker cannot load what it is to play, SumoError where one dies ATTEMPTS times in a row.
@@ -101,7 +101,7 @@ class ArenaVectorEnv(VectorEnv):
             worker.send(("reset", self._reset_seed(number)))
         replies = [self._reply(number) for number in range(len(self._workers))]
         self._seen = [reply or self._revive(number) for number, reply in enumerate(replies)]
-        return _joined(self._seen, ("vector", "image")), {"type": _joined(self._seen, ("type",))["type"]}
+        return _joined(self._seen, ("vector", "image")), _joined(self._seen, ("type", "guidance"))
 
     def step(
         self, actions: NDArray[np.int64]
@@ -120,7 +120,9 @@ class ArenaVectorEnv(VectorEnv):
             replies.append(reply)
         self._seen = replies
         every = _joined(replies, tuple(replies[0]))
-        infos: dict[str, Any] = {name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced")}
+        infos: dict[str, Any] = {
+            name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced", "guidance")
+        }
         observation = {name: every[name] for name in ("vector", "image")}
         ended = infos["_final_obs"] = every["terminated"] | every["truncated"]
         infos["final_obs"] = {name: np.zeros_like(values) for name, values in observation.items()}
@@ -247,10 +249,10 @@ def _serve(pipe: Connection, source: ArenaSource, folder: str) -> None:
                     arena = open_arena.enter_context(
                         Arena(scenario, bundle, source.settings, int(drawn.integers(2**31)))
                     )
-                    reply: Any = _seen(arena.observation)
+                    reply: Any = _seen(arena.observation) | {"guidance": arena.guidance()}
                 else:
                     assert arena is not None
-                    reply = _flat(arena.step(value))
+                    reply = _flat(arena.step(value)) | {"guidance": arena.guidance()}
             except SlrlError as error:
                 reply = error
             except Exception:

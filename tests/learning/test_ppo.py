@@ -29,6 +29,7 @@ def _batch(rewards: list[float], values: list[float], **changes: Any) -> Batch:
         "truncated": torch.zeros(steps, 1, dtype=torch.bool),
         "final_values": none,
         "next_value": torch.tensor([4.0]),
+        "guidance": torch.zeros(steps, 1, MODES),
     }
     return Batch(**(fields | changes))
 
@@ -65,7 +66,7 @@ class _Lights:
     def reset(self, *, seed: int) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         self._random = np.random.default_rng(seed)
         self._age = np.zeros(self.num_envs, np.int64)
-        return self._look(), {}
+        return self._look(), {"guidance": np.zeros((self.num_envs, MODES), np.float32)}
 
     def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
         right = actions == np.where(self._left, 3, 7)
@@ -73,7 +74,8 @@ class _Lights:
         cut = self._age >= 8
         self._age[cut] = 0
         seen = self._look()
-        info = {"final_obs": seen, "_final_obs": cut, "right": right}
+        guidance = np.zeros((self.num_envs, MODES), np.float32)
+        info = {"final_obs": seen, "_final_obs": cut, "right": right, "guidance": guidance}
         return seen, right.astype(np.float64), np.zeros(self.num_envs, np.bool_), cut, info
 
     def _look(self) -> dict[str, NDArray[Any]]:
@@ -88,7 +90,7 @@ class _Lights:
 
 def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch.Tensor]]:
     """The share of right answers in each iteration, and the weights in the end."""
-    settings = PpoSettings(num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0)
+    settings = PpoSettings(num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0, kl_coef=0.0, kl_coef_last=0.0)
     torch.manual_seed(seed)
     agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
     shares: list[float] = []
