@@ -4,7 +4,7 @@
     python tools/make_selector.py shared-space --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space
 
 The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/NAME.toml. Checkpoints and logs
-lie in OUT-training; --resume goes on from there. Takes about an hour for each on two cores.
+lie in OUT-training; --resume goes on from there. Takes about half an hour for each on two cores.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.records.importers.hc import read_hc
 
 FAMILIES = {"intersection": "intersection,random", "shared-space": "shared-space"}
-STEPS = {"intersection": 8_000_000, "shared-space": 6_000_000}
+STEPS = {"intersection": 2_400_000, "shared-space": 2_000_000}
 
 
 def main() -> None:

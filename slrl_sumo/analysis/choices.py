@@ -11,7 +11,9 @@ from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import policy_logits
 from slrl_sumo.models.selector import HOLD, Modes, central, drawn
 from slrl_sumo.perception.features import features
+from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS, ego_images
+from slrl_sumo.simulation.lookahead import with_ahead
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.types import DECISION_INTERVAL
@@ -90,7 +92,8 @@ def policy_chosen(bundle: ModelBundle, roadmap: RoadMap, draws: Floats | None) -
         vector, kind = _seen(moment)
         images = torch.from_numpy(_images(moment, roadmap))
         with torch.inference_mode():
-            logits = policy_logits(policy, bundle.prior, vector, images, kind)[0].double().numpy()
+            ahead = torch.from_numpy(_ahead(moment, roadmap, bundle)) if policy.config.lookahead else None
+            logits = policy_logits(policy, bundle.prior, vector, images, kind, ahead)[0].double().numpy()
             modes = logits.argmax(-1) if draws is None else drawn(np.exp(logits), draws[moment.users, moment.step])
             return _motion(bundle, vector, kind, modes)
 
@@ -106,6 +109,19 @@ def _images(moment: Moment, roadmap: RoadMap) -> NDArray[np.uint8]:
         rows = np.searchsorted(members, moment.rows[mine])
         images[mine] = ego_images(moment.world.take(members), rows, roadmap)
     return images
+
+
+def _ahead(moment: Moment, roadmap: RoadMap, bundle: ModelBundle) -> NDArray[np.float32]:
+    """What each mode would lead to, for those to be moved, among those of their own scene."""
+    ahead = np.zeros((len(moment.rows), bundle.config.modes, 4), np.float32)
+    scene = moment.scene[moment.rows]
+    vector = features(moment.world, moment.rows, moment.scene)
+    for one in np.unique(scene).tolist():
+        members, mine = np.flatnonzero(moment.scene == one), np.flatnonzero(scene == one)
+        rows = np.searchsorted(members, moment.rows[mine])
+        seen = Observation(vector[mine], None, moment.world.type[moment.rows[mine]])
+        ahead[mine] = with_ahead(bundle, seen, moment.world.take(members), rows, roadmap).ahead
+    return ahead
 
 
 def _seen(moment: Moment) -> tuple[Tensor, Tensor]:

@@ -16,7 +16,7 @@ from slrl_sumo.perception.raster import ego_picture
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import Modes
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.lookahead import look_ahead
+from slrl_sumo.simulation.lookahead import with_ahead
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.sumo.lanepoints import LanePoints
@@ -159,7 +159,12 @@ class Arena:
         self._touching = _touching(self.simulation.world)
         self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
         self._was_off = np.zeros(n, np.bool_)
-        self.observation = self.simulation.observe(np.arange(n), with_image=True)
+        self.observation = self._see(np.arange(n))
+
+    def _see(self, rows: NDArray[np.intp]) -> Observation:
+        """What the road users of the slots `rows` see now, and what each mode would lead to."""
+        seen = self.simulation.observe(rows, with_image=True)
+        return with_ahead(self.bundle, seen, self.simulation.world, rows, self.simulation.roadmap)
 
     def guidance(self) -> NDArray[np.float32]:
         """What speaks against each mode of everybody now, (n, modes), 0 or more; zeros without guidance."""
@@ -167,14 +172,15 @@ class Arena:
         learned = self.simulation.population.world
         if weights is None:
             return np.zeros((len(learned), self.bundle.config.modes), np.float32)
-        ahead = look_ahead(self.bundle, self.observation, self.simulation.world, self.simulation.roadmap)
+        assert self.observation.ahead is not None
+        meeting, off_surface, speed, turn = np.moveaxis(self.observation.ahead.astype(np.float64), -1, 0)
         lane_heading, limit, on_lane = lanes_here(learned, self._points)
         desired = np.minimum(self._desired[learned.type], limit)[:, None]
-        aside = 1.0 - np.cos(learned.heading[:, None] + ahead.turn - lane_heading[:, None])
-        against = weights.meeting * ahead.meeting + weights.off_surface * ahead.off_surface
-        against += weights.speed * np.abs(ahead.speed - desired) / desired
+        aside = 1.0 - np.cos(learned.heading[:, None] + turn - lane_heading[:, None])
+        against = weights.meeting * meeting + weights.off_surface * off_surface
+        against += weights.speed * np.abs(speed - desired) / desired
         against += weights.lane * np.where(on_lane[:, None], aside, 0.0)
-        return against.astype(np.float32)
+        return np.asarray(against, np.float32)
 
     @property
     def world(self) -> WorldState:
@@ -200,13 +206,13 @@ class Arena:
         ended = np.flatnonzero(terminated | truncated)
         steps, speed, final = self._steps.copy(), learned.speed, None
         if len(ended):
-            final = self.simulation.observe(ended, with_image=True)
+            final = self._see(ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)
         self._touching = touching
-        self.observation = self.simulation.observe(np.arange(n), with_image=True)
+        self.observation = self._see(np.arange(n))
         reward = rewards.weighted(terms, self.settings.weights)
         return Outcome(self.observation, reward, terms, terminated, truncated, final, steps, speed)
 

@@ -113,13 +113,19 @@ def imitate(
     for epoch in range(settings.epochs):
         order = train[torch.randperm(len(train), generator=generator)]
         for rows in torch.split(order, settings.batch):
-            logits, _ = policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows])
+            ahead = _nothing(bundle, len(rows))
+            logits, _ = policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows], ahead)
             loss = cross_entropy(logits, mode[rows])
             optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             optimizer.step()
             schedule.step()
         report((epoch + 1) / settings.epochs, _measured(policy, bundle, vector, image, kind, mode, test))
+
+
+def _nothing(bundle: ModelBundle, rows: int) -> torch.Tensor:
+    """Nobody is met and nothing left: what modes lead to is judged by PPO's teacher, not by imitation."""
+    return torch.zeros(rows, bundle.config.modes, 4)
 
 
 def _measured(
@@ -133,7 +139,7 @@ def _measured(
 ) -> dict[str, float]:
     with torch.no_grad():
         parts = [
-            policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows])[0]
+            policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows], _nothing(bundle, len(rows)))[0]
             for rows in torch.split(test, 4096)
         ]
         logits = torch.cat(parts)

@@ -69,10 +69,8 @@ class Slots(Protocol):
 class Batch:
     """One rollout: T steps of N slots."""
 
-    vector: Tensor
-    """(T, N, 12) float32."""
-    image: Tensor
-    """(T, N, rows, cols, 3) uint8."""
+    seen: dict[str, Tensor]
+    """(T, N, ...): `vector`, `image` and `ahead` as the environment gives them."""
     actions: Tensor
     """(T, N) int64."""
     logprobs: Tensor
@@ -119,25 +117,27 @@ class Agent:
         self.device, self.explore = device, settings.explore
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
 
-    def logits_and_value(self, vector: Tensor, image: Tensor, *, critic_only: bool = False) -> tuple[Tensor, Tensor]:
+    def logits_and_value(self, seen: dict[str, Tensor], *, critic_only: bool = False) -> tuple[Tensor, Tensor]:
         """Log probabilities (n, modes) and values (n,) of observations on any device.
 
         With `critic_only` what actor and critic share is not changed by what follows from the values.
         """
-        vector, image = vector.to(self.device), image.to(self.device)
-        kind = vector[:, CAR : CAR + 3].argmax(-1)
         return policy_logits(
-            self.policy, self.prior, vector, image, kind, critic_only=critic_only, explore=self.explore
+            self.policy, self.prior, *self._arguments(seen), critic_only=critic_only, explore=self.explore
         )
 
-    def teacher_logits(self, vector: Tensor, image: Tensor, guidance: Tensor) -> Tensor:
+    def _arguments(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        vector, image, ahead = (seen[name].to(self.device) for name in ("vector", "image", "ahead"))
+        return vector, image, vector[:, CAR : CAR + 3].argmax(-1), ahead
+
+    def teacher_logits(self, seen: dict[str, Tensor], guidance: Tensor) -> Tensor:
         """Log probabilities (n, modes) of the teacher: see PpoSettings.kl_coef."""
         parts = []
         with torch.no_grad():
-            for v, i, against in zip(*(torch.split(x, 2048) for x in (vector, image, guidance)), strict=True):
-                kind = v[:, CAR : CAR + 3].argmax(-1)
-                taught, _ = policy_logits(self.begin, self.prior, v, i, kind, explore=self.explore)
-                parts.append(torch.log_softmax(taught - against, -1))
+            for rows in torch.split(torch.arange(len(guidance)), 2048):
+                arguments = self._arguments({name: value[rows] for name, value in seen.items()})
+                taught, _ = policy_logits(self.begin, self.prior, *arguments, explore=self.explore)
+                parts.append(torch.log_softmax(taught - guidance[rows], -1))
         return torch.cat(parts)
 
 
@@ -154,41 +154,41 @@ def rollout(
     Returns them, what is seen then, the infos of every step, and the guidance for what is seen then.
     """
     shape = (num_steps, env.num_envs)
-    vector = torch.empty(*shape, *observation["vector"].shape[1:])
-    image = torch.empty(*shape, *observation["image"].shape[1:], dtype=torch.uint8)
+    seen = {
+        name: torch.empty(*shape, *value.shape[1:], dtype=torch.from_numpy(value).dtype)
+        for name, value in observation.items()
+    }
     guided = torch.empty(*shape, guidance.shape[1])
     actions = torch.empty(shape, dtype=torch.int64)
     logprobs, values, rewards, final_values = (torch.zeros(shape) for _ in range(4))
     terminated, truncated = (torch.empty(shape, dtype=torch.bool) for _ in range(2))
-    final: list[tuple[int, NDArray[np.intp], NDArray[Any], NDArray[Any]]] = []
+    final: list[tuple[int, NDArray[np.intp], dict[str, NDArray[Any]]]] = []
     infos: list[dict[str, Any]] = []
     with torch.no_grad():
         for t in range(num_steps):
-            vector[t], image[t] = torch.from_numpy(observation["vector"]), torch.from_numpy(observation["image"])
+            for name, value in observation.items():
+                seen[name][t] = torch.from_numpy(value)
             guided[t] = torch.from_numpy(guidance)
-            logits, value = agent.logits_and_value(vector[t], image[t])
-            logits, values[t] = logits.cpu(), value.cpu()
+            logits, worth = agent.logits_and_value({name: value[t] for name, value in seen.items()})
+            logits, values[t] = logits.cpu(), worth.cpu()
             actions[t] = torch.multinomial(logits.exp(), 1, generator=generator)[:, 0]
             logprobs[t] = logits.gather(1, actions[t][:, None])[:, 0]
             observation, reward, over, cut, info = env.step(actions[t].numpy())
             rewards[t], guidance = torch.from_numpy(reward), info["guidance"]
             terminated[t], truncated[t] = torch.from_numpy(over), torch.from_numpy(cut)
             if cut.any():
-                rows, last = np.flatnonzero(cut), info["final_obs"]
-                final.append((t, rows, last["vector"][rows], last["image"][rows]))
+                rows = np.flatnonzero(cut)
+                final.append((t, rows, {name: value[rows] for name, value in info["final_obs"].items()}))
             infos.append({name: values for name, values in info.items() if "final" not in name and name != "guidance"})
         if final:
-            _, value = agent.logits_and_value(
-                torch.from_numpy(np.concatenate([v for _, _, v, _ in final])),
-                torch.from_numpy(np.concatenate([i for *_, i in final])),
+            _, worth = agent.logits_and_value(
+                {name: torch.from_numpy(np.concatenate([last[name] for *_, last in final])) for name in observation}
             )
-            times = np.concatenate([np.full(len(rows), t) for t, rows, _, _ in final])
-            final_values[times, np.concatenate([rows for _, rows, _, _ in final])] = value.cpu()
-        _, next_value = agent.logits_and_value(
-            torch.from_numpy(observation["vector"]), torch.from_numpy(observation["image"])
-        )
+            times = np.concatenate([np.full(len(rows), t) for t, rows, _ in final])
+            final_values[times, np.concatenate([rows for _, rows, _ in final])] = worth.cpu()
+        _, next_value = agent.logits_and_value({n: torch.from_numpy(value) for n, value in observation.items()})
     batch = Batch(
-        vector, image, actions, logprobs, values, rewards, terminated, truncated, final_values, next_value.cpu(), guided
+        seen, actions, logprobs, values, rewards, terminated, truncated, final_values, next_value.cpu(), guided
     )
     return batch, observation, infos, guidance
 
@@ -205,11 +205,12 @@ def update(
     """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance;
     and kl_teacher (see PpoSettings.kl_coef)."""
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
-    names = ("vector", "image", "actions", "logprobs", "values")
+    names = ("actions", "logprobs", "values")
     flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
+    seen = {name: value.flatten(0, 1).to(agent.device) for name, value in batch.seen.items()}
     teacher = None
     if kl_coef and not critic_only:
-        teacher = agent.teacher_logits(flat["vector"], flat["image"], batch.guidance.flatten(0, 1).to(agent.device))
+        teacher = agent.teacher_logits(seen, batch.guidance.flatten(0, 1).to(agent.device))
     b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
     size = len(b_returns)
     minibatch = math.ceil(size / settings.num_minibatches)
@@ -219,7 +220,9 @@ def update(
         order = torch.randperm(size, generator=generator).to(agent.device)
         for start in range(0, size, minibatch):
             mb = order[start : start + minibatch]
-            logits, newvalue = agent.logits_and_value(flat["vector"][mb], flat["image"][mb], critic_only=critic_only)
+            logits, newvalue = agent.logits_and_value(
+                {name: value[mb] for name, value in seen.items()}, critic_only=critic_only
+            )
             newlogprob = logits.gather(1, flat["actions"][mb][:, None])[:, 0]
             entropy = -(logits.exp() * logits).sum(-1).mean()
             logratio = newlogprob - flat["logprobs"][mb]

@@ -48,9 +48,8 @@ NOT_FOR_USERS = {"arena": {"weights", "guidance"}, "policy": {"preset", "modes"}
 def read_settings(file: Path | None) -> TrainSettings:
     """The settings of a TOML file, defaults where it is silent; None is all defaults.
 
-    Sections: [ppo], [reward], [guidance], [arena], [policy], [networks], [imitation], with the fields of the classes
-    here as keys. Raises InputError for an unknown section or key, naming the nearest right one, and for values of a wrong
-    kind.
+    Sections are the fields of TrainSettings, keys those of their classes. Raises InputError for an unknown section or
+    key, naming the nearest right one, and for values of a wrong kind.
     """
     settings = TrainSettings()
     if file is None:

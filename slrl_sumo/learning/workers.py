@@ -43,9 +43,11 @@ OBSERVATION_SPACE = spaces.Dict(
     {
         "vector": spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32),
         "image": spaces.Box(0, 255, (EGO_ROWS, EGO_COLS, 3), np.uint8),
+        "ahead": spaces.Box(-np.inf, np.inf, (MODES, 4), np.float32),
     }
 )
-"""What one road user sees: `Observation.vector` and `Observation.image`."""
+"""What one road user sees: the fields of `Observation` of these names."""
+SEEN = tuple(OBSERVATION_SPACE)
 ACTION_SPACE: spaces.Discrete = spaces.Discrete(MODES)
 
 Arrays = dict[str, NDArray[Any]]
@@ -63,7 +65,8 @@ class ArenaSource:
 class ArenaVectorEnv(VectorEnv):
     """`workers` simulations with `source.settings.agents` slots each: every slot is one road user.
 
-    Observations are dicts of arrays `vector` (n, 12) float32 and `image` (n, 20, 40, 3) uint8, n = workers x agents.
+    Observations are dicts of arrays `vector` (n, 12) float32, `image` (n, 20, 40, 3) uint8 and `ahead` (n, 20, 4)
+    float32, what each mode would lead to (simulation.lookahead), n = workers x agents.
     Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
     where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
     `type`, `steps` (decisions of the episode so far) and `replaced` (rows whose worker died in this step: their
@@ -101,7 +104,7 @@ class ArenaVectorEnv(VectorEnv):
             worker.send(("reset", self._reset_seed(number)))
         replies = [self._reply(number) for number in range(len(self._workers))]
         self._seen = [reply or self._revive(number) for number, reply in enumerate(replies)]
-        return _joined(self._seen, ("vector", "image")), _joined(self._seen, ("type", "guidance"))
+        return _joined(self._seen, SEEN), _joined(self._seen, ("type", "guidance"))
 
     def step(
         self, actions: NDArray[np.int64]
@@ -123,7 +126,7 @@ class ArenaVectorEnv(VectorEnv):
         infos: dict[str, Any] = {
             name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced", "guidance")
         }
-        observation = {name: every[name] for name in ("vector", "image")}
+        observation = {name: every[name] for name in SEEN}
         ended = infos["_final_obs"] = every["terminated"] | every["truncated"]
         infos["final_obs"] = {name: np.zeros_like(values) for name, values in observation.items()}
         for name, values in infos["final_obs"].items():
@@ -281,7 +284,9 @@ def _memory() -> float:
 
 def _seen(observation: Observation) -> Arrays:
     assert observation.image is not None
-    return {"vector": observation.vector, "image": observation.image, "type": observation.type}
+    assert observation.ahead is not None
+    seen: Arrays = {"vector": observation.vector, "image": observation.image, "ahead": observation.ahead}
+    return seen | {"type": observation.type}
 
 
 def _flat(outcome: Outcome) -> Arrays:
@@ -291,7 +296,7 @@ def _flat(outcome: Outcome) -> Arrays:
     reply |= {"reward": outcome.reward, "terminated": outcome.terminated, "truncated": outcome.truncated}
     reply |= {"speed_mps": outcome.speed, "steps": outcome.steps, **outcome.terms}
     reply |= {"replaced": np.zeros(len(ended), np.bool_)}
-    for name in ("vector", "image"):
+    for name in SEEN:
         reply[f"final_{name}"] = reply[name][:0] if outcome.final is None else getattr(outcome.final, name)
     return reply
 
@@ -308,8 +313,7 @@ def _cut_off(revived: Arrays, last: Arrays) -> Arrays:
         "steps": np.zeros(n, np.int64),
         **dict.fromkeys(TERMS, none),
         "replaced": np.ones(n, np.bool_),
-        "final_vector": last["vector"],
-        "final_image": last["image"],
+        **{f"final_{name}": last[name] for name in SEEN},
     }
 
 

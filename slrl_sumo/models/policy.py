@@ -28,6 +28,8 @@ POLICY_FILES = ("selector.json", "selector.safetensors")
 
 HEADING = FEATURES.index("heading")
 COUNTS = FEATURES.index("vru_5")
+SCALES = (2.0, 1.0, 0.2, 1.0, 1.0, 0.2)
+"""What meeting, steps off the surface, speed, turn, its absolute value and the present speed are multiplied by."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,8 @@ class PolicyConfig:
     """Of the convolutions, each with stride 2: a quarter of the pixels remains after each."""
     hidden: int = 128
     head: int = 64
+    lookahead: bool = True
+    """Whether it also reads what each mode would lead to (Observation.ahead)."""
 
 
 class Policy(nn.Module):
@@ -63,15 +67,19 @@ class Policy(nn.Module):
             *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), nn.ReLU()
         )
         self.trunk = nn.Sequential(_scaled(nn.Linear(config.hidden + len(FEATURES) - 1, config.hidden)), nn.ReLU())
+        self.scorers = nn.ModuleList(_scorer() for _ in range(types if config.lookahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
 
-    def forward(self, vector: Tensor, image: Tensor, kind: Tensor, critic_only: bool = False) -> tuple[Tensor, Tensor]:
+    def forward(
+        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None, critic_only: bool = False
+    ) -> tuple[Tensor, Tensor]:
         """What is added to the prior's logits, (n, modes), and the value, (n,).
 
         With `critic_only` gradients reach the critics alone, not the trunk that they share with the actors.
 
-        `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types.
+        `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
+        `ahead`: (n, modes, 4) (see Observation), for policies that look ahead.
         """
         # From -1 to 1: with colours from 0 to 1 the same lessons took four times as long.
         pixels = image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0)
@@ -79,6 +87,12 @@ class Policy(nn.Module):
             seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
         rows = torch.arange(len(kind), device=kind.device)
         correction = torch.stack([actor(seen) for actor in self.actors], 1)[rows, kind]
+        if self.config.lookahead:
+            assert ahead is not None
+            speed = vector[:, None, :1].expand(*ahead.shape[:2], 1)
+            known = torch.cat([ahead, ahead[..., 3:].abs(), speed], -1) * ahead.new_tensor(SCALES)
+            scores = torch.stack([scorer(known)[..., 0] for scorer in self.scorers], 1)[rows, kind]
+            correction = correction + scores
         value = torch.stack([critic(seen) for critic in self.critics], 1)[rows, kind, 0]
         return correction, value
 
@@ -89,6 +103,7 @@ def policy_logits(
     vector: Tensor,
     image: Tensor,
     kind: Tensor,
+    ahead: Tensor | None = None,
     *,
     critic_only: bool = False,
     explore: float = 0.0,
@@ -101,7 +116,7 @@ def policy_logits(
     """
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
-    correction, value = policy(vector, image, kind, critic_only)
+    correction, value = policy(vector, image, kind, ahead, critic_only)
     logits = torch.log_softmax(known + correction, -1)
     if explore:
         alike = math.log(explore / logits.shape[-1])
@@ -113,6 +128,11 @@ def _normalised(vector: Tensor) -> Tensor:
     """The vector (n, 12) without the heading, each column of order 1: (n, 11)."""
     motion = vector[:, :HEADING] * vector.new_tensor([0.1, 0.3, 1.0, 1.0, 1.0])
     return torch.cat([motion, 0.5 * torch.log1p(vector[:, COUNTS:])], -1)
+
+
+def _scorer() -> nn.Sequential:
+    """From what a mode leads to, to what speaks for it; nothing does to begin with."""
+    return nn.Sequential(_scaled(nn.Linear(len(SCALES), 32)), nn.ReLU(), _scaled(nn.Linear(32, 1), 0.0))
 
 
 def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:

@@ -26,6 +26,8 @@ class Selector(Protocol):
 
     needs_image: bool
     """Whether `choose` reads `Observation.image`; where it does not, no image needs to be drawn."""
+    looks_ahead: bool
+    """Whether it reads `Observation.ahead`."""
 
     def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
         """The mode of each observed road user, (n,) in 0..modes-1; `ids` (n,) say who it is that observes."""
@@ -41,6 +43,7 @@ class PriorSelector:
     """
 
     needs_image = False
+    looks_ahead = False
 
     def __init__(self, bundle: ModelBundle, seed: int, *, sample: bool = True) -> None:
         self._bundle = bundle
@@ -82,6 +85,7 @@ class PolicySelector:
                 "`slrl-sumo train`"
             )
         self._policy, self._prior = bundle.policy, bundle.prior
+        self.looks_ahead = bundle.policy.config.lookahead
         self._sample = sample
         self._random = np.random.default_rng(seed)
 
@@ -89,9 +93,13 @@ class PolicySelector:
         """See Selector."""
         if observation.image is None:
             raise ValueError("this selector needs observations with images")
+        if observation.ahead is None and self.looks_ahead:
+            raise ValueError("this selector needs observations that look ahead")
         with torch.inference_mode():
             vector, kind = tensors(observation)
-            logits, _ = policy_logits(self._policy, self._prior, vector, torch.from_numpy(observation.image), kind)
+            ahead = None if observation.ahead is None else torch.from_numpy(observation.ahead)
+            image = torch.from_numpy(observation.image)
+            logits, _ = policy_logits(self._policy, self._prior, vector, image, kind, ahead)
         if not self._sample:
             return np.asarray(logits.argmax(-1).numpy(), np.int64)
         return drawn(logits.double().exp().numpy(), self._random.random(len(observation)))

@@ -21,6 +21,8 @@ class Observation:
     """(n, EGO_ROWS, EGO_COLS, 3) RGB as in `raster.ego_images`; None where nobody looks."""
     type: NDArray[np.int8]
     """RoadUserType of each, (n,)."""
+    ahead: NDArray[np.float32] | None = None
+    """What each mode would lead to, (n, modes, 4), as simulation.lookahead has it; None where nobody looks ahead."""
 
     def __len__(self) -> int:
         return len(self.type)

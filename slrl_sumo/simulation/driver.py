@@ -9,6 +9,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.selector import PolicySelector, PriorSelector, Selector
 from slrl_sumo.perception.observation import observe
+from slrl_sumo.simulation.lookahead import with_ahead
 from slrl_sumo.sumo.lanedriver import LaneDriver
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.world.advance import advance
@@ -49,6 +50,8 @@ class ModelDriver:
         """See Driver."""
         rows = np.arange(len(learned))
         observation = observe(world, rows, roadmap, with_image=self._selector.needs_image)
+        if self._selector.looks_ahead:
+            observation = with_ahead(self._bundle, observation, world, rows, roadmap)
         modes = self._selector.choose(observation, learned.ids)
         acceleration, yaw_rate = self._bundle.motion(observation, modes)
         max_speed = self._bundle.max_speed[learned.type]

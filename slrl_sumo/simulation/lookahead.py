@@ -1,9 +1,10 @@
 """What each mode of a road user would lead to in the next seconds, if all others went on as they are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
@@ -38,28 +39,26 @@ class Lookahead:
     """rad turned after HELD intervals."""
 
 
-def look_ahead(bundle: ModelBundle, observation: Observation, world: WorldState, roadmap: RoadMap) -> Lookahead:
-    """What every mode leads to, for the first n road users of `world`, which made `observation`.
+def look_ahead(
+    bundle: ModelBundle, observation: Observation, world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap
+) -> Lookahead:
+    """What every mode leads to, for the n road users `rows` of `world`, which made `observation`.
 
     Each of them alone follows a mode as `advance` would move it; the others keep speed and yaw rate.
     """
-    n = len(observation)
+    n, me = len(observation), world.take(rows)
     with torch.inference_mode():
         motions = bundle.displacement.motion_all(*tensors(observation))
         acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
     modes = acceleration.shape[1]
-    top = bundle.max_speed[world.type[:n], None]
-    x, y, heading, speed = (
-        np.repeat(column[:n, None], modes, axis=1) for column in (world.x, world.y, world.heading, world.speed)
-    )
-    length, width = (np.repeat(column[:n, None] + MARGIN, modes, axis=1) for column in (world.length, world.width))
-    own = OWN_SURFACE[world.type[:n]]
+    top = bundle.max_speed[me.type, None]
+    x, y, heading, speed = (np.repeat(column[:, None], modes, axis=1) for column in (me.x, me.y, me.heading, me.speed))
+    length, width = (np.repeat(column[:, None] + MARGIN, modes, axis=1) for column in (me.length, me.width))
+    own = OWN_SURFACE[me.type]
     everyone = cKDTree(np.column_stack([world.x, world.y]))
-    pairs = cKDTree(np.column_stack([world.x[:n], world.y[:n]])).sparse_distance_matrix(
-        everyone, REACH, output_type="ndarray"
-    )
+    pairs = cKDTree(np.column_stack([me.x, me.y])).sparse_distance_matrix(everyone, REACH, output_type="ndarray")
     ego, other = pairs["i"], pairs["j"]
-    ego, other = ego[ego != other], other[ego != other]
+    ego, other = ego[rows[ego] != other], other[rows[ego] != other]
     reach = np.hypot(world.length, world.width)
     meeting, off = np.zeros((n, modes)), np.zeros((n, modes))
     final_speed, turned = speed, np.zeros((n, modes))
@@ -78,13 +77,22 @@ def look_ahead(bundle: ModelBundle, observation: Observation, world: WorldState,
         them = _led_on(world, step * DECISION_INTERVAL)
         # Whose circles do not meet under any mode need not be compared box by box.
         spread = np.hypot(x[ego] - them[other, None, 0], y[ego] - them[other, None, 1]).min(axis=1)
-        close = spread < 0.5 * (reach[ego] + reach[other]) + 2 * MARGIN
+        close = spread < 0.5 * (reach[rows[ego]] + reach[other]) + 2 * MARGIN
         e, o = ego[close], other[close]
         boxes = np.stack([x[e], y[e], heading[e], length[e], width[e]], axis=-1).reshape(-1, 5)
         hit = boxes_overlap(boxes, np.repeat(them[o], modes, axis=0)).reshape(-1, modes)
         weight = 1.0 - (step - 1) / STEPS
         np.maximum.at(meeting, e, hit * weight)
     return Lookahead(meeting, off / STEPS, final_speed, turned)
+
+
+def with_ahead(
+    bundle: ModelBundle, observation: Observation, world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap
+) -> Observation:
+    """`observation` with what every mode leads to: its `ahead` has the fields of Lookahead, in m/s and rad."""
+    ahead = look_ahead(bundle, observation, world, rows, roadmap)
+    columns = (ahead.meeting, ahead.off_surface, ahead.speed, ahead.turn)
+    return replace(observation, ahead=np.stack(columns, axis=-1).astype(np.float32))
 
 
 def _led_on(world: WorldState, seconds: float) -> Floats:

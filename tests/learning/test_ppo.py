@@ -19,8 +19,7 @@ def _batch(rewards: list[float], values: list[float], **changes: Any) -> Batch:
     steps = len(rewards)
     none = torch.zeros(steps, 1)
     fields: dict[str, Any] = {
-        "vector": none,
-        "image": none,
+        "seen": {},
         "actions": none,
         "logprobs": none,
         "values": torch.tensor(values)[:, None],
@@ -85,7 +84,8 @@ class _Lights:
         image[~self._left, :, 20:] = 255
         vector = np.zeros((self.num_envs, 12), np.float32)
         vector[np.arange(self.num_envs), 2 + np.arange(self.num_envs) % 3] = 1.0
-        return {"vector": vector, "image": image}
+        ahead = np.zeros((self.num_envs, MODES, 4), np.float32)
+        return {"vector": vector, "image": image, "ahead": ahead}
 
 
 def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch.Tensor]]:

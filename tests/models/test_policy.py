@@ -17,7 +17,7 @@ from slrl_sumo.perception.observation import Observation
 @pytest.fixture
 def policy(bundle: ModelBundle) -> Policy:
     torch.manual_seed(5)
-    return Policy(PolicyConfig(modes=bundle.config.modes, hidden=32, head=16))
+    return Policy(PolicyConfig(modes=bundle.config.modes, hidden=32, head=16, lookahead=False))
 
 
 def _with_images(seen: Observation) -> Observation:
