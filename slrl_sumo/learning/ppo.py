@@ -40,7 +40,8 @@ class PpoSettings:
     clip_coef: float = 0.2
     clip_vloss: bool = False
     ent_coef: float = 0.01
-    vf_coef: float = 0.5
+    vf_coef: float = 0.05
+    """A tenth of CleanRL's: returns are of order 10, and what actor and critic share must not be the critic's alone."""
     max_grad_norm: float = 0.5
     explore: float = 0.03
     """Share of choices drawn from all modes alike: a mode that is never tried is never learned, and braking is one."""
@@ -49,8 +50,9 @@ class PpoSettings:
     """First and last weight of the divergence KL(teacher || policy), changing linearly. The teacher is the policy that
     training began with, less what speaks against each mode for who looks ahead (Arena.guidance). So what was taught by
     recordings fades only where the reward says so (as in human-regularised PPO, arXiv 2403.19648)."""
-    critic_first: int = 8
-    """Updates in which only the critic learns: one that knows nothing would spoil a policy that was taught before."""
+    teacher_first: int = 40
+    """Updates in which the policy learns from the teacher alone, while the critic learns what that is worth: a critic
+    that knows nothing would spoil what was taught before."""
 
 
 class Slots(Protocol):
@@ -117,14 +119,9 @@ class Agent:
         self.device, self.explore = device, settings.explore
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
 
-    def logits_and_value(self, seen: dict[str, Tensor], *, critic_only: bool = False) -> tuple[Tensor, Tensor]:
-        """Log probabilities (n, modes) and values (n,) of observations on any device.
-
-        With `critic_only` what actor and critic share is not changed by what follows from the values.
-        """
-        return policy_logits(
-            self.policy, self.prior, *self._arguments(seen), critic_only=critic_only, explore=self.explore
-        )
+    def logits_and_value(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """Log probabilities (n, modes) and values (n,) of observations on any device."""
+        return policy_logits(self.policy, self.prior, *self._arguments(seen), explore=self.explore)
 
     def _arguments(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         vector, image, ahead = (seen[name].to(self.device) for name in ("vector", "image", "ahead"))
@@ -200,7 +197,7 @@ def update(
     generator: torch.Generator,
     *,
     kl_coef: float = 0.0,
-    critic_only: bool = False,
+    teacher_only: bool = False,
 ) -> dict[str, float]:
     """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance;
     and kl_teacher (see PpoSettings.kl_coef)."""
@@ -209,7 +206,7 @@ def update(
     flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
     seen = {name: value.flatten(0, 1).to(agent.device) for name, value in batch.seen.items()}
     teacher = None
-    if kl_coef and not critic_only:
+    if kl_coef:
         teacher = agent.teacher_logits(seen, batch.guidance.flatten(0, 1).to(agent.device))
     b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
     size = len(b_returns)
@@ -220,9 +217,7 @@ def update(
         order = torch.randperm(size, generator=generator).to(agent.device)
         for start in range(0, size, minibatch):
             mb = order[start : start + minibatch]
-            logits, newvalue = agent.logits_and_value(
-                {name: value[mb] for name, value in seen.items()}, critic_only=critic_only
-            )
+            logits, newvalue = agent.logits_and_value({name: value[mb] for name, value in seen.items()})
             newlogprob = logits.gather(1, flat["actions"][mb][:, None])[:, 0]
             entropy = -(logits.exp() * logits).sum(-1).mean()
             logratio = newlogprob - flat["logprobs"][mb]
@@ -240,7 +235,7 @@ def update(
             v_loss = 0.5 * v_loss.mean()
             loss = settings.vf_coef * v_loss
             kl_teacher = torch.zeros(())
-            if not critic_only:
+            if not teacher_only:
                 loss = pg_loss - settings.ent_coef * entropy + loss
             if teacher is not None:
                 kl_teacher = (teacher[mb].exp() * (teacher[mb] - logits)).sum(-1).mean()
@@ -302,7 +297,7 @@ def learn(
         batch, observation, infos, guidance = rollout(agent, env, observation, guidance, settings.num_steps, generator)
         rolled = time.perf_counter()
         kl_coef = settings.kl_coef_last + frac * (settings.kl_coef - settings.kl_coef_last)
-        critic_only = iteration < settings.critic_first
-        figures = update(agent, batch, settings, generator, kl_coef=kl_coef, critic_only=critic_only)
+        teacher_only = iteration < settings.teacher_first
+        figures = update(agent, batch, settings, generator, kl_coef=kl_coef, teacher_only=teacher_only)
         figures["rollout_s"], figures["update_s"] = rolled - started, time.perf_counter() - rolled
         after(iteration, batch, infos, figures)

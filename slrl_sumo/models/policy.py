@@ -72,19 +72,17 @@ class Policy(nn.Module):
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
 
     def forward(
-        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None, critic_only: bool = False
+        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """What is added to the prior's logits, (n, modes), and the value, (n,).
 
-        With `critic_only` gradients reach the critics alone, not the trunk that they share with the actors.
 
         `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
         `ahead`: (n, modes, 4) (see Observation), for policies that look ahead.
         """
         # From -1 to 1: with colours from 0 to 1 the same lessons took four times as long.
         pixels = image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0)
-        with torch.set_grad_enabled(torch.is_grad_enabled() and not critic_only):
-            seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
+        seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
         rows = torch.arange(len(kind), device=kind.device)
         correction = torch.stack([actor(seen) for actor in self.actors], 1)[rows, kind]
         if self.config.lookahead:
@@ -105,7 +103,6 @@ def policy_logits(
     kind: Tensor,
     ahead: Tensor | None = None,
     *,
-    critic_only: bool = False,
     explore: float = 0.0,
 ) -> tuple[Tensor, Tensor]:
     """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
@@ -116,7 +113,7 @@ def policy_logits(
     """
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
-    correction, value = policy(vector, image, kind, ahead, critic_only)
+    correction, value = policy(vector, image, kind, ahead)
     logits = torch.log_softmax(known + correction, -1)
     if explore:
         alike = math.log(explore / logits.shape[-1])

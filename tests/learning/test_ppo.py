@@ -90,7 +90,9 @@ class _Lights:
 
 def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch.Tensor]]:
     """The share of right answers in each iteration, and the weights in the end."""
-    settings = PpoSettings(num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0, kl_coef=0.0, kl_coef_last=0.0)
+    settings = PpoSettings(
+        num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0, kl_coef=0.0, kl_coef_last=0.0, teacher_first=0
+    )
     torch.manual_seed(seed)
     agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
     shares: list[float] = []
