@@ -50,8 +50,12 @@ def run(
     ] = None,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
     selector: Annotated[
-        str, typer.Option(help="Who picks the modes: prior, greedy or sampled; or lane: no models.")
-    ] = "prior",
+        str | None,
+        typer.Option(
+            help="Who picks the modes: prior, greedy or sampled; or lane: no models. "
+            "Default: greedy where the bundle has a trained selector, else prior."
+        ),
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,

@@ -19,7 +19,7 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.records.importers.hc import read_hc
 
 FAMILIES = {"intersection": "intersection,random", "shared-space": "shared-space"}
-STEPS = {"intersection": 2_000_000, "shared-space": 2_000_000}
+STEPS = {"intersection": 1_500_000, "shared-space": 1_500_000}
 
 
 def main() -> None:

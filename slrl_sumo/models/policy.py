@@ -76,7 +76,6 @@ class Policy(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """What is added to the prior's logits, (n, modes), and the value, (n,).
 
-
         `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
         `ahead`: (n, modes, 4) (see Observation), for policies that look ahead.
         """

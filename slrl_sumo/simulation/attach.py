@@ -9,7 +9,7 @@ import torch
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.driver import SELECTORS, make_driver
+from slrl_sumo.simulation.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.simulation.events import DEFAULT_BUNDLE
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
@@ -116,7 +116,7 @@ def attach(
     takeover: str | None = None,
     region: str | None = None,
     bundle: str = DEFAULT_BUNDLE,
-    selector: str = "prior",
+    selector: str | None = None,
     seed: int = 1,
     yielding: bool = True,
 ) -> Attached:
@@ -138,7 +138,7 @@ def attach(
     """
     if agents is None and takeover is None:
         raise InputError("nobody to learn: give agents=N, or takeover='car=0.3'")
-    if selector not in SELECTORS:
+    if selector is not None and selector not in SELECTORS:
         raise InputError(f"selector={selector!r}: there is none of that name; use {' or '.join(SELECTORS)}")
     mixed = None if mix is None else parse_mix(mix)
     shares = None if takeover is None else parse_shares(takeover)
@@ -147,7 +147,7 @@ def attach(
     torch.set_num_threads(1)
     simulation = AttachedSimulation(api)
     rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network, api), seed)
-    driver = make_driver(selector, models, api, simulation.network, seed)
+    driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed)
     loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
     if agents is not None:
         counts, _ = type_counts(agents, mixed, starting_points(simulation.network), "attach")

@@ -85,6 +85,11 @@ class RouteDriver:
         self._lanes.forget(ids)
 
 
+def usual_selector(bundle: ModelBundle) -> str:
+    """The selector where none is named: the trained one, by its most probable modes, else the prior."""
+    return "prior" if bundle.policy is None else "greedy"
+
+
 def make_driver(selector: str, bundle: ModelBundle, api: Any, network: Network, seed: int) -> Driver:
     """The driver of one of SELECTORS, in a simulation seen through `api`. Raises InputError for any other name."""
     if selector == "lane":

@@ -25,7 +25,8 @@ class RunSettings:
     region: str | None = None
     """Where they are learned; None is everywhere."""
     bundle: str = DEFAULT_BUNDLE
-    selector: str = "prior"
+    selector: str | None = None
+    """None is the bundle's usual one: greedy where it has a trained selector, else prior."""
     steps: int | None = None
     """Decisions; None runs until `until`, else until the scenario's own end."""
     until: float | None = None

@@ -10,7 +10,7 @@ import torch
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.driver import SELECTORS, make_driver
+from slrl_sumo.simulation.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
@@ -44,7 +44,8 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         takeover = None
         if shares is not None:
             takeover = Takeover(shares, parse_region(settings.region, session.network, session.api), settings.seed)
-        driver = make_driver(settings.selector, bundle, session.api, session.network, settings.seed)
+        selector = settings.selector or usual_selector(bundle)
+        driver = make_driver(selector, bundle, session.api, session.network, settings.seed)
         simulation = CoSimulation(session, driver, takeover=takeover, yielding=settings.yielding)
         if settings.agents is not None:
             where = str(scenario.config)
@@ -54,7 +55,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         yield Started(
             scenario=scenario.name,
             bundle=bundle.name,
-            selector=settings.selector,
+            selector=selector,
             begin=begin,
             step_length=session.step_length,
             decisions=decisions,
@@ -78,7 +79,7 @@ def _views(simulation: CoSimulation) -> Views:
 
 
 def _check(settings: RunSettings) -> None:
-    if settings.selector not in SELECTORS:
+    if settings.selector is not None and settings.selector not in SELECTORS:
         raise InputError(f"--selector {settings.selector}: there is none of that name; use {' or '.join(SELECTORS)}")
     if settings.agents is None and settings.takeover is None:
         raise InputError("nobody to learn: give --agents N, or --takeover car=0.3 to take over the scenario's own")
