@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slrl_sumo.learning.arena import Arena, ArenaSettings, lanes_here, recorded_speed
+from slrl_sumo.learning.arena import Arena, ArenaSettings, GuidanceWeights, lanes_here, recorded_speed
 from slrl_sumo.learning.rewards import TERMS, RewardWeights, weighted
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.selector import PriorSelector
@@ -127,3 +127,23 @@ def test_recorded_speed_is_plausible_for_each_type(bundle: ModelBundle) -> None:
     assert 4.0 < car < 9.0
     assert 3.0 < bicycle < 6.0
     assert 1.0 < pedestrian < 1.5
+
+
+def test_guidance_speaks_against_meeting_somebody(bundle: ModelBundle) -> None:
+    with Arena(find_scenario("intersection"), bundle, SETTINGS, 3) as arena:
+        assert not arena.guidance().any()
+    weights = GuidanceWeights(meeting=7.0, off_surface=0.0, speed=0.0, lane=0.0)
+    with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, guidance=weights), 3) as arena:
+        for _ in range(5):
+            arena.step(np.zeros(24, np.int64))
+        assert arena.observation.ahead is not None
+        np.testing.assert_allclose(arena.guidance(), 7.0 * arena.observation.ahead[..., 0], atol=1e-5)
+        assert arena.guidance().max() > 0
+    wanted = replace(weights, meeting=0.0, speed=1.0)
+    with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, guidance=wanted), 3) as arena:
+        against, ahead = arena.guidance(), arena.observation.ahead
+        assert ahead is not None
+        cars = np.flatnonzero(arena.world.type[:24] == RoadUserType.CAR)
+        desired = min(recorded_speed(bundle)[0], 13.89)
+        expected = np.abs(ahead[cars, :, 2] - desired) / desired
+        np.testing.assert_allclose(against[cars], expected, atol=1e-5)

@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.learning.ppo import Agent, Batch, PpoSettings, gae, learn
+from slrl_sumo.learning.ppo import Agent, Batch, PpoSettings, gae, learn, update
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.models.prior import Prior
@@ -142,3 +142,56 @@ def test_training_can_only_be_taken_up_where_simulations_begin_anew() -> None:
             seed=1,
             after=lambda *_: None,
         )
+
+
+def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
+    # Looking ahead, one mode of each road user meets nobody: the teacher knows, and the scorer can read it.
+    random = np.random.default_rng(3)
+    settings = PpoSettings(num_minibatches=1, update_epochs=40, learning_rate=5e-3, explore=0.0)
+    torch.manual_seed(2)
+    agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+    steps, slots = 4, 16
+    free = random.integers(0, MODES, (steps, slots))
+    ahead = np.zeros((steps, slots, MODES, 4), np.float32)
+    ahead[..., 0] = 1.0
+    np.put_along_axis(ahead[..., 0], free[..., None], 0.0, axis=-1)
+    vector = np.zeros((steps, slots, 12), np.float32)
+    vector[..., 2] = 1.0
+    seen = {"vector": vector, "image": np.zeros((steps, slots, 20, 40, 3), np.uint8), "ahead": ahead}
+    tensors = {name: torch.from_numpy(value) for name, value in seen.items()}
+    none = torch.zeros(steps, slots)
+    batch = Batch(
+        seen=tensors,
+        actions=torch.zeros(steps, slots, dtype=torch.int64),
+        logprobs=none,
+        values=none,
+        rewards=none,
+        terminated=none.bool(),
+        truncated=none.bool(),
+        final_values=none,
+        next_value=none[0],
+        guidance=torch.from_numpy(10.0 * ahead[..., 0]),
+    )
+    flat = {name: value.flatten(0, 1) for name, value in tensors.items()}
+    teacher = agent.teacher_logits(flat, batch.guidance.flatten(0, 1))
+    assert (teacher.argmax(-1).numpy() == free.ravel()).all()
+    before = agent.logits_and_value(flat)[0]
+    assert (before.argmax(-1).numpy() == free.ravel()).mean() < 0.3
+    figures = update(agent, batch, settings, torch.Generator(), kl_coef=1.0, teacher_only=True)
+    assert figures["kl_teacher"] > 0
+    after = agent.logits_and_value(flat)[0]
+    assert (after.argmax(-1).numpy() == free.ravel()).mean() > 0.95
+    # The teacher itself stays what it was.
+    torch.testing.assert_close(agent.teacher_logits(flat, batch.guidance.flatten(0, 1)), teacher)
+
+
+def test_exploring_gives_every_mode_a_chance() -> None:
+    agent = Agent(Policy(SMALL), Prior(MODES), PpoSettings(explore=0.2), torch.device("cpu"))
+    for parameter in agent.policy.actors.parameters():
+        parameter.data += 3.0
+    agent.policy.actors[0][-1].bias.data[5] += 50.0
+    seen = {name: torch.from_numpy(value) for name, value in _Lights(3).reset(seed=1)[0].items()}
+    probability = agent.logits_and_value(seen)[0].exp()
+    torch.testing.assert_close(probability.sum(-1), torch.ones(3))
+    assert (probability >= 0.2 / MODES - 1e-6).all()
+    assert probability[0, 5] > 0.8
