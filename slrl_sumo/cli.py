@@ -243,6 +243,7 @@ def train(
         list[Path] | None,
         typer.Option(help="Trajectories to imitate first, besides SUMO's own traffic in the networks."),
     ] = None,
+    episodes: Annotated[int, typer.Option(help="Of the closing evaluation, per selector; 0: none.")] = 8,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
@@ -256,10 +257,21 @@ def train(
             raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
     if not 0 <= seed < 2**31:
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
+    if episodes < 0:
+        raise InputError(f"--episodes {episodes}: give a whole number from 0")
     request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()))
     if not train_with_progress(request, read_settings(config), resume=resume):
         raise typer.Exit(130)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
+    if episodes:
+        from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
+        from slrl_sumo.analysis.training import closing_scenario
+
+        where = closing_scenario(scenario)
+        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, workers=workers)
+        interrupted_by = write_evaluation(closing, request.folder / "evaluation")
+        if interrupted_by:
+            raise typer.Exit(128 + interrupted_by)
 
 
 @app.command()

@@ -27,13 +27,15 @@ reset_every = 2
 def test_from_a_bundle_to_a_run_of_its_trained_selector(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(SMALL)
     words = ["train", "shared-space", "--bundle", "intersection", "--out", "mine", "--config", "small.toml"]
-    done = cli(*words, "--steps", "600", "--workers", "2", cwd=tmp_path)
+    done = cli(*words, "--steps", "600", "--workers", "2", "--episodes", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "training: 576/576" in done.stderr
     assert "mine: bundle with a trained selector" in done.stdout
     assert (tmp_path / "mine" / "selector.safetensors").is_file()
     assert list((tmp_path / "mine-training" / "tensorboard").glob("events*"))
     assert len(list((tmp_path / "mine-training" / "networks").iterdir())) == 2
+    closing = json.loads((tmp_path / "mine-training" / "evaluation" / "results.json").read_text())
+    assert {row["selector"] for row in closing["rows"]} == {"prior", "greedy", "sampled", "sumo"}
     assert json.loads((tmp_path / "mine" / "selector.json").read_text())["training"]["scenarios"] == "shared-space"
 
     summaries = []

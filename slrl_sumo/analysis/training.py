@@ -34,6 +34,16 @@ def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resum
     return True
 
 
+def closing_scenario(trained_in: str) -> str:
+    """Where a selector is evaluated after it was trained in `trained_in`.
+
+    The first scenario named there, or for a family of generated networks the shipped scenario that is like them and was
+    not among them.
+    """
+    first = trained_in.split(",")[0].strip()
+    return {"random": "district"}.get(first, first)
+
+
 def _text(stage: str, figures: Figures) -> str:
     """The figures that matter to people who wait."""
     if stage == "training":
