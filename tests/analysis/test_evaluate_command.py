@@ -46,7 +46,13 @@ def test_ground_from_a_mask_or_road_everywhere(cli: Cli, file: Path, tmp_path: P
     shares = {(row["selector"], row["type"]): row["share"] for row in result["off_surface"]}
     assert shares["recorded", "pedestrian"] == 0.0
     assert shares["recorded", "bicycle"] == pytest.approx(18 / 30)  # beyond 20 m from the 13th position on
-    assert {row["selector"] for row in result["rows"]} == {"constant-velocity", "prior", "oracle"}
+    assert {row["selector"] for row in result["rows"]} == {
+        "constant-velocity",
+        "prior",
+        "oracle",
+        "greedy",
+        "sampled",
+    }
 
     first = (tmp_path / "out" / "results.csv").read_bytes()
     plain = cli(*command)
@@ -61,7 +67,7 @@ def test_wrong_input_gets_one_line(cli: Cli, file: Path, tmp_path: Path) -> None
     for words, message in (
         ((tmp_path / "none.npz", *given), "cannot read"),
         ((tmp_path / "broken.npz", *given), "is not a trajectories file or is damaged"),
-        ((file, *given, "--selectors", "greedy"), "bundle shared-space has no trained selector"),
+        ((file, *given, "--bundle", "campus", "--selectors", "greedy"), "bundle campus has no trained selector"),
         ((file, *given, "--mask", tmp_path / "m.png"), "--mask and --metres-per-pixel belong together"),
         ((file, *given, "--episodes", 3), "--episodes 3: belongs to a scenario"),
     ):

@@ -118,7 +118,7 @@ def test_mean_survival_does_not_punish_those_who_leave() -> None:
 
 def test_a_run_is_counted_as_its_summary_counts_it() -> None:
     tally = outcomes = None
-    for event in run(RunSettings("intersection", agents=40, steps=60, seed=3)):
+    for event in run(RunSettings("intersection", agents=40, steps=60, seed=3, selector="prior")):
         if isinstance(event, Started):
             tally, outcomes = Tally(event.step.world), Outcomes(event.step.world)
         assert tally is not None
