@@ -6,9 +6,18 @@ from typing import Literal, get_args
 
 from netgen.errors import NetgenError
 from netgen.scenario import write_scenario
-from netgen.specs import Control, DemandSpec, IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
+from netgen.specs import (
+    Control,
+    DemandSpec,
+    IntersectionSpec,
+    NetSpec,
+    RandomSpec,
+    RoundaboutSpec,
+    SharedSpaceSpec,
+    most_spread,
+)
 
-Family = Literal["intersection", "shared-space", "random"]
+Family = Literal["intersection", "roundabout", "shared-space", "random"]
 
 
 def generate(family: str, seed: int, folder: Path, size: int | None = None) -> Path:
@@ -35,6 +44,8 @@ def draw_spec(family: str, seed: int, size: int | None = None) -> tuple[NetSpec,
     random = Random(f"{family}-{seed}")
     if family == "intersection":
         return _draw_intersection(random, seed)
+    if family == "roundabout":
+        return _draw_roundabout(random, seed)
     if family == "shared-space":
         return _draw_shared_space(random, seed)
     return _draw_random(random, seed, size)
@@ -58,6 +69,24 @@ def _draw_intersection(random: Random, seed: int) -> tuple[IntersectionSpec, Dem
         seed=seed,
     )
     return spec, _draw_demand(random, seed, cars=(250, 650) if spec.lanes == 1 else (400, 900))
+
+
+def _draw_roundabout(random: Random, seed: int) -> tuple[RoundaboutSpec, DemandSpec]:
+    arms = random.choice((3, 4, 4, 5))
+    radius = float(random.randint(14, 24))
+    sidewalks = random.random() < 0.85
+    spec = RoundaboutSpec(
+        arms=arms,
+        radius=radius,
+        sidewalks=sidewalks,
+        crossings=sidewalks and random.random() < 0.85,
+        cycle_lanes=random.random() < 0.6,
+        arm_length=float(random.randint(85, 115)),
+        angle_spread=round(random.uniform(0.0, min(20.0, most_spread(arms, radius))), 1),
+        speed_limit=random.choice((8.33, 13.89)),
+        seed=seed,
+    )
+    return spec, _draw_demand(random, seed, cars=(250, 650))
 
 
 def _draw_shared_space(random: Random, seed: int) -> tuple[SharedSpaceSpec, DemandSpec]:

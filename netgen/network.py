@@ -1,13 +1,13 @@
 """Road networks: netgenerate draws the streets, netconvert builds them with sidewalks, crossings and signals.
 
 netgenerate's own net has straight arms and one kind of street. So its plain XML (nodes and edges) is taken, streets are
-turned, dropped and dressed there, and netconvert makes the net. See https://sumo.dlr.de/docs/netgenerate.html and
+turned, dropped and dressed there, and netconvert makes the net. Roundabouts, which netgenerate does not know, come from
+netgen.roundabout. See https://sumo.dlr.de/docs/netgenerate.html and
 https://sumo.dlr.de/docs/Networks/PlainXML.html.
 """
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import atan2, cos, hypot, radians, sin
 from pathlib import Path
 from random import Random
@@ -17,37 +17,11 @@ from lxml import etree
 
 from netgen.binaries import run_program
 from netgen.errors import NetgenError
-from netgen.specs import IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
+from netgen.plan import Edge, Node, Plan, lanes_of, write_plan
+from netgen.roundabout import place_ring
+from netgen.specs import IntersectionSpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
-SIDEWALK_WIDTH = "2.00"
-CYCLE_LANE_WIDTH = "1.50"
-SHARED_PATH_WIDTH = "2.50"
-"""m, as SUMO writes them."""
 _HEADER = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
-
-
-@dataclass(frozen=True)
-class _Node:
-    x: float
-    y: float
-    type: str
-
-
-@dataclass(frozen=True)
-class _Edge:
-    start: str
-    end: str
-    speed: float
-    lanes: tuple[Mapping[str, str], ...]
-    """Attributes of each lane, from the right-hand side."""
-
-
-@dataclass(frozen=True)
-class _Plan:
-    """Nodes and directed edges by id, before netconvert."""
-
-    nodes: Mapping[str, _Node]
-    edges: Mapping[str, _Edge]
 
 
 def build_net(spec: NetSpec) -> bytes:
@@ -60,25 +34,25 @@ def build_net(spec: NetSpec) -> bytes:
         if isinstance(spec, RandomSpec):
             plan = _dress_streets(_draw_streets(spec, folder), spec)
             options += ["--crossings.guess"] if spec.crossings else []
+        elif isinstance(spec, RoundaboutSpec):
+            plan = place_ring(spec)
         else:
             plan = _place_arms(_draw_cross(spec.arm_length, folder), spec)
             if isinstance(spec, SharedSpaceSpec):
                 options += ["--default.junctions.radius", f"{spec.corner_radius:g}"]
             elif spec.crossings:
                 options += ["--crossings.guess"]
-        (folder / "plan.nod.xml").write_bytes(_nodes_xml(plan))
-        (folder / "plan.edg.xml").write_bytes(_edges_xml(plan))
-        files = ["--node-files", "plan.nod.xml", "--edge-files", "plan.edg.xml", "--output-file", "made.net.xml"]
-        run_program("netconvert", files + options, folder)
+        options += ["--output-file", "made.net.xml"]
+        run_program("netconvert", write_plan(plan, folder) + options, folder)
         return _HEADER.sub(b"", (folder / "made.net.xml").read_bytes(), count=1)
 
 
-def _draw_cross(arm_length: float, folder: Path) -> _Plan:
+def _draw_cross(arm_length: float, folder: Path) -> Plan:
     one = ["--grid", "--grid.x-number", "1", "--grid.y-number", "1", "--grid.attach-length", f"{arm_length:g}"]
     return _netgenerate(one, folder)
 
 
-def _draw_streets(spec: RandomSpec, folder: Path) -> _Plan:
+def _draw_streets(spec: RandomSpec, folder: Path) -> Plan:
     options = ["--rand", "--rand.iterations", str(spec.iterations), "--seed", str(spec.seed)]
     options += ["--rand.min-distance", f"{0.8 * spec.street_length:g}"]
     options += ["--rand.max-distance", f"{1.3 * spec.street_length:g}"]
@@ -86,28 +60,28 @@ def _draw_streets(spec: RandomSpec, folder: Path) -> _Plan:
     return _netgenerate([*options, "--rand.min-angle", "60"], folder)
 
 
-def _netgenerate(options: list[str], folder: Path) -> _Plan:
+def _netgenerate(options: list[str], folder: Path) -> Plan:
     outputs = ["--plain-output-prefix", "drawn", "--output-file", "drawn.net.xml"]
     run_program("netgenerate", [*options, *outputs], folder)
     nodes = {
-        str(n.attrib["id"]): _Node(float(n.attrib["x"]), float(n.attrib["y"]), str(n.attrib.get("type", "priority")))
+        str(n.attrib["id"]): Node(float(n.attrib["x"]), float(n.attrib["y"]), str(n.attrib.get("type", "priority")))
         for n in etree.parse(folder / "drawn.nod.xml").getroot().iter("node")
     }
     edges = {
-        str(e.attrib["id"]): _Edge(str(e.attrib["from"]), str(e.attrib["to"]), float(e.attrib["speed"]), ())
+        str(e.attrib["id"]): Edge(str(e.attrib["from"]), str(e.attrib["to"]), float(e.attrib["speed"]), ())
         for e in etree.parse(folder / "drawn.edg.xml").getroot().iter("edge")
     }
     if not edges:
         raise NetgenError("netgenerate drew no street: give another seed or more iterations")
-    return _Plan(nodes, edges)
+    return Plan(nodes, edges)
 
 
-def _place_arms(cross: _Plan, spec: IntersectionSpec | SharedSpaceSpec) -> _Plan:
+def _place_arms(cross: Plan, spec: IntersectionSpec | SharedSpaceSpec) -> Plan:
     """The arms counted counter-clockwise from the east, surplus ones dropped, each turned; edges in0, out0, in1, ..."""
     middle_id = next(i for i in cross.nodes if sum(e.end == i for e in cross.edges.values()) > 1)
     middle = cross.nodes[middle_id]
 
-    def bearing(node: _Node) -> float:
+    def bearing(node: Node) -> float:
         return atan2(node.y - middle.y, node.x - middle.x) % radians(360)
 
     order = sorted((n for i, n in cross.nodes.items() if i != middle_id), key=bearing)
@@ -116,63 +90,28 @@ def _place_arms(cross: _Plan, spec: IntersectionSpec | SharedSpaceSpec) -> _Plan
     nodes = {"centre": replace(middle, type=control)}
     edges = {}
     random = Random(f"arms-{spec.seed}")
-    lanes = _lanes(spec, spec.lanes if isinstance(spec, IntersectionSpec) else 1)
+    lanes = lanes_of(spec, spec.lanes if isinstance(spec, IntersectionSpec) else 1)
     for k, old in enumerate(kept):
         turned = bearing(order[old]) + radians(random.uniform(-spec.angle_spread, spec.angle_spread))
         reach = hypot(order[old].x - middle.x, order[old].y - middle.y)
-        nodes[f"arm{k}"] = _Node(middle.x + reach * cos(turned), middle.y + reach * sin(turned), "dead_end")
-        edges[f"in{k}"] = _Edge(f"arm{k}", "centre", spec.speed_limit, lanes)
-        edges[f"out{k}"] = _Edge("centre", f"arm{k}", spec.speed_limit, lanes)
-    return _Plan(nodes, edges)
+        nodes[f"arm{k}"] = Node(middle.x + reach * cos(turned), middle.y + reach * sin(turned), "dead_end")
+        edges[f"in{k}"] = Edge(f"arm{k}", "centre", spec.speed_limit, lanes)
+        edges[f"out{k}"] = Edge("centre", f"arm{k}", spec.speed_limit, lanes)
+    return Plan(nodes, edges)
 
 
-def _lanes(spec: NetSpec, car_lanes: int) -> tuple[Mapping[str, str], ...]:
-    """One direction's lanes, from the right: sidewalk, cycle lane, car lanes; or one lane for all on a shared space."""
-    if isinstance(spec, SharedSpaceSpec):
-        return ({"allow": "passenger bicycle pedestrian", "width": f"{spec.width / 2:g}"},)
-    made: list[Mapping[str, str]] = []
-    barred = []
-    if spec.sidewalks:
-        made.append({"allow": "pedestrian", "width": SIDEWALK_WIDTH})
-        barred.append("pedestrian")
-    if spec.cycle_lanes:
-        # Without a sidewalk people walk at the edge of the street, and that is the cycle lane.
-        path = {"allow": "bicycle pedestrian", "width": SHARED_PATH_WIDTH}
-        made.append({"allow": "bicycle", "width": CYCLE_LANE_WIDTH} if spec.sidewalks else path)
-        barred = ["pedestrian", "bicycle"]
-    car_lane = {"disallow": " ".join(barred)} if barred else {}
-    return (*made, *[car_lane] * car_lanes)
-
-
-def _dress_streets(plan: _Plan, spec: RandomSpec) -> _Plan:
+def _dress_streets(plan: Plan, spec: RandomSpec) -> Plan:
     """Lane numbers by street (both directions alike) and signals by junction, drawn from the spec's seed."""
     random = Random(f"streets-{spec.seed}")
     streets = sorted({_street(e) for e in plan.edges.values()})
-    lanes = {street: _lanes(spec, 2 if random.random() < spec.two_lane_share else 1) for street in streets}
+    lanes = {street: lanes_of(spec, 2 if random.random() < spec.two_lane_share else 1) for street in streets}
     edges = {i: replace(e, speed=spec.speed_limit, lanes=lanes[_street(e)]) for i, e in plan.edges.items()}
     meeting = [i for i in sorted(plan.nodes) if sum(i in street for street in streets) >= 3]
     signals = set(random.sample(meeting, round(spec.signal_share * len(meeting))))
     nodes = {i: replace(n, type="traffic_light") if i in signals else n for i, n in plan.nodes.items()}
-    return _Plan(nodes, edges)
+    return Plan(nodes, edges)
 
 
-def _street(edge: _Edge) -> tuple[str, str]:
+def _street(edge: Edge) -> tuple[str, str]:
     """The same for both directions."""
     return min(edge.start, edge.end), max(edge.start, edge.end)
-
-
-def _nodes_xml(plan: _Plan) -> bytes:
-    root = etree.Element("nodes")
-    for i, n in plan.nodes.items():
-        etree.SubElement(root, "node", {"id": i, "x": f"{n.x:.2f}", "y": f"{n.y:.2f}", "type": n.type})
-    return etree.tostring(root, pretty_print=True)
-
-
-def _edges_xml(plan: _Plan) -> bytes:
-    root = etree.Element("edges")
-    for i, e in plan.edges.items():
-        street = {"id": i, "from": e.start, "to": e.end, "numLanes": str(len(e.lanes)), "speed": f"{e.speed:g}"}
-        edge = etree.SubElement(root, "edge", street)
-        for k, lane in enumerate(e.lanes):
-            etree.SubElement(edge, "lane", {"index": str(k), **lane})
-    return etree.tostring(root, pretty_print=True)

@@ -1,13 +1,15 @@
 """What a made scenario is to look like: small frozen specs, checked when they are built."""
 
 from dataclasses import dataclass
-from math import isfinite
+from math import degrees, floor, isfinite
 from typing import Literal, get_args
 
 from netgen.errors import NetgenError
 
 Control = Literal["priority", "right_before_left", "traffic_light"]
 """Who goes first at the junction: SUMO's node types of the same names."""
+_LEAST_GAP = 17.0
+"""m of the island's edge from the middle of one arm to that of the next."""
 
 
 def _within(spec: object, name: str, low: float, high: float) -> None:
@@ -24,7 +26,7 @@ def _whole(spec: object, name: str, low: int, high: int) -> None:
         raise NetgenError(f"{kind}.{name} is {value!r}: give a whole number from {low} to {high}")
 
 
-def _crossings_have_sidewalks(spec: "IntersectionSpec | RandomSpec") -> None:
+def _crossings_have_sidewalks(spec: "IntersectionSpec | RoundaboutSpec | RandomSpec") -> None:
     if spec.crossings and not spec.sidewalks:
         raise NetgenError(
             f"{type(spec).__name__} has crossings but no sidewalks: set sidewalks=True, or crossings=False as well"
@@ -66,6 +68,55 @@ class IntersectionSpec:
                 f"IntersectionSpec.control is {self.control!r}: give one of {', '.join(get_args(Control))}"
             )
         _crossings_have_sidewalks(self)
+
+
+@dataclass(frozen=True)
+class RoundaboutSpec:
+    """One roundabout with one car lane: who enters gives way to those on the ring, on foot one crosses the arms.
+
+    Without sidewalks, people walk at the edge of the street; without crossings, they only get round the corners.
+    """
+
+    arms: int = 4
+    """3 to 5 streets that meet."""
+    radius: float = 18.0
+    """Of the island in the middle, in m: the ring lies round it, car lane first."""
+    sidewalks: bool = True
+    crossings: bool = True
+    """Over every arm, a car's length before the ring; those who walk go first."""
+    cycle_lanes: bool = True
+    arm_length: float = 100.0
+    """From the middle of the island to the end of an arm, in m."""
+    angle_spread: float = 0.0
+    """Each arm is turned by up to so many degrees, drawn from `seed`."""
+    speed_limit: float = 13.89
+    """m/s, on the arms; slower on the ring, which is tight."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _whole(self, "arms", 3, 5)
+        _within(self, "radius", 12.0, 40.0)
+        _within(self, "arm_length", 80.0, 500.0)
+        _within(self, "angle_spread", 0.0, 25.0)
+        _within(self, "speed_limit", 2.0, 20.0)
+        _whole(self, "seed", 0, 2**31 - 1)
+        _crossings_have_sidewalks(self)
+        widest = most_spread(self.arms, self.radius)
+        if self.angle_spread > widest:
+            mend = f"make it at most {widest:.1f}" if widest >= 0 else "give it fewer arms"
+            raise NetgenError(
+                f"RoundaboutSpec.angle_spread is {self.angle_spread:g}, but {self.arms} arms round a radius of "
+                f"{self.radius:g} m must not come closer: {mend}, or the radius larger"
+            )
+
+
+def most_spread(arms: int, radius: float) -> float:
+    """Degrees by which each arm of a roundabout may be turned so that a piece of ring is left between any two.
+
+    Measured along the island's edge: an arm with sidewalks and cycle lanes takes 15 m of it. To a tenth of
+    a degree; negative: no room at all.
+    """
+    return min(25.0, floor(5.0 * (360.0 / arms - degrees(_LEAST_GAP / radius))) / 10.0)
 
 
 @dataclass(frozen=True)
@@ -125,7 +176,7 @@ class RandomSpec:
         _crossings_have_sidewalks(self)
 
 
-NetSpec = IntersectionSpec | SharedSpaceSpec | RandomSpec
+NetSpec = IntersectionSpec | RoundaboutSpec | SharedSpaceSpec | RandomSpec
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,7 @@ def run(
 
 @app.command()
 def generate(
-    family: Annotated[str, typer.Argument(help="intersection, shared-space or random.")],
+    family: Annotated[str, typer.Argument(help="intersection, roundabout, shared-space or random.")],
     out: Annotated[Path, typer.Option(help="Folder to write.")],
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 1,
     size: Annotated[int | None, typer.Option(help="Streets of a random network.")] = None,
@@ -228,7 +228,7 @@ def train(
         str,
         typer.Argument(
             metavar="SCENARIO|FAMILY",
-            help="intersection, shared-space or random: networks drawn anew; or a scenario; several with commas.",
+            help="intersection, roundabout, shared-space or random, drawn anew; or a scenario; several with commas.",
         ),
     ],
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one: its models stay as they are.")],

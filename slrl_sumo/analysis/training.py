@@ -41,7 +41,7 @@ def closing_scenario(trained_in: str) -> str:
     not among them.
     """
     first = trained_in.split(",")[0].strip()
-    return {"random": "district"}.get(first, first)
+    return {"random": "district", "roundabout": "intersection"}.get(first, first)
 
 
 def _text(stage: str, figures: Figures) -> str:

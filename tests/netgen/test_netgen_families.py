@@ -7,7 +7,7 @@ import pytest
 
 from netgen.errors import NetgenError
 from netgen.families import Family, draw_spec, generate
-from netgen.specs import IntersectionSpec, RandomSpec
+from netgen.specs import IntersectionSpec, RandomSpec, RoundaboutSpec
 
 FAMILIES = get_args(Family)
 
@@ -25,6 +25,17 @@ def test_intersections_vary_in_arms_lanes_control_and_surfaces() -> None:
     assert all(isinstance(spec, IntersectionSpec) for spec in specs)
     for name, values in (("arms", 2), ("lanes", 2), ("control", 3), ("sidewalks", 2), ("crossings", 2)):
         assert len({getattr(spec, name) for spec in specs}) == values
+
+
+def test_every_seed_draws_a_roundabout_that_can_be_built() -> None:
+    # The arms' turns must leave room on the ring, which hangs on the other numbers drawn: a spec refuses too much.
+    specs = [spec for spec, _ in (draw_spec("roundabout", seed) for seed in range(400))]
+    assert all(isinstance(spec, RoundaboutSpec) for spec in specs)
+    assert {spec.arms for spec in specs} == {3, 4, 5}
+    assert {spec.radius for spec in specs} == {float(r) for r in range(14, 25)}
+    assert max(spec.angle_spread for spec in specs if spec.arms == 3) > 15.0
+    for name in ("sidewalks", "crossings", "cycle_lanes"):
+        assert {getattr(spec, name) for spec in specs} == {True, False}
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -47,7 +58,9 @@ def test_size_sets_the_iterations_of_random_nets_only(tmp_path: Path) -> None:
 
 
 def test_wrong_families_and_seeds_are_named(tmp_path: Path) -> None:
-    with pytest.raises(NetgenError, match="no family 'town': give one of intersection, shared-space, random"):
+    with pytest.raises(
+        NetgenError, match="no family 'town': give one of intersection, roundabout, shared-space, random"
+    ):
         generate("town", 1, tmp_path / "made")
     with pytest.raises(NetgenError, match="seed is -1"):
         generate("random", -1, tmp_path / "made")

@@ -15,7 +15,7 @@ from lxml import etree
 from netgen import binaries
 from netgen.errors import NetgenError
 from netgen.scenario import write_scenario
-from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
+from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
 BUSY = DemandSpec(cars_per_hour=900.0, bicycles_per_hour=700.0, pedestrians_per_hour=700.0, duration=60.0, seed=1)
 
@@ -27,6 +27,10 @@ VARIATIONS: list[NetSpec] = [
     *[
         IntersectionSpec(sidewalks=sidewalks, crossings=crossings, cycle_lanes=cycle_lanes, arm_length=60.0)
         for (sidewalks, crossings), cycle_lanes in product(((True, True), (True, False), (False, False)), (True, False))
+    ],
+    *[
+        RoundaboutSpec(arms=arms, radius=16.0, cycle_lanes=cycle_lanes, sidewalks=walks, crossings=walks, seed=2)
+        for arms, (cycle_lanes, walks) in product((3, 5), ((True, True), (False, True), (True, False), (False, False)))
     ],
     *[SharedSpaceSpec(arms=arms, angle_spread=15.0, seed=3) for arms in (2, 3, 4)],
     RandomSpec(iterations=8, seed=1),
