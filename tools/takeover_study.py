@@ -14,7 +14,8 @@ How things are counted:
 - Left on their own route: arrived at the own destination, or, with a region, given back outside of it with the route or
   destination that they came with, before --seconds. The share is of those that have left by then, whatever way, and
   those that were taken at least 120 s before --seconds. Who strayed (SUMO had to put it back onto its route) has not
-  left on its own route, nor has who was still learned at --seconds: `unfinished`, of whom `home later` arrived in the
+  left on its own route, even if it went off the network at its own destination (counted apart, within 30 m of it); nor
+  has who was still learned at --seconds: `unfinished`, of whom `home later` arrived in the
   tail, driven by SUMO. Give the run more than a trip's time.
 - Time in the region: of those that left on their own route, from takeover to leaving or arriving; the ratio to `sumo`
   is over those that left in both runs.

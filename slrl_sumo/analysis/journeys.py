@@ -13,6 +13,8 @@ from slrl_sumo.world.types import RoadUserType
 
 REACH_VEHICLE, REACH_PERSON = 15.0, 8.0
 """m from the end of the route's last edge, or of the walk, within which who arrives is at its own destination."""
+REACH_STRAYED = 30.0
+"""m from there within which somebody has strayed off the network at its own destination: it is 10 to 20 m outside."""
 
 Fate = Literal["inside", "finishing", "left", "home", "elsewhere", "strayed", "off_route", "lost"]
 """`inside`: learned now; `finishing`: given back within the region, about to arrive; `left`: given back outside of the
@@ -36,6 +38,8 @@ class Journey:
     """Where its route or walk may end, (k, 2), m."""
     edges: tuple[str, ...]
     """Of its route, or the last one of its walk."""
+    strayed_at_end: bool = False
+    """Strayed, but at its own destination."""
 
 
 class Journeys:
@@ -72,6 +76,7 @@ class Journeys:
         if journey.fate != "inside" or self._closed is not None:
             return
         if strayed:
+            journey.strayed_at_end = self._apart(road_user) < REACH_STRAYED
             self._end(journey, "strayed", now)
         elif not self._on_route(road_user, journey):
             self._end(journey, "off_route", now)
@@ -96,10 +101,9 @@ class Journeys:
             journey = self.all[road_user]
             fate: Fate = "lost"
             if road_user in arrived:
-                x, y, speed = self._last.get(road_user, (1e9, 1e9, 0.0))
                 reach = REACH_PERSON if journey.type == RoadUserType.PEDESTRIAN else REACH_VEHICLE
-                apart = float(np.hypot(*(journey.ends - (x, y)).T).min(initial=np.inf))
-                fate = "home" if apart < reach + speed * self._step else "elsewhere"
+                last_way = self._last[road_user][2] * self._step if road_user in self._last else 0.0
+                fate = "home" if self._apart(road_user) < reach + last_way else "elsewhere"
             journey.after = fate
             if journey.fate in ("inside", "finishing") and not (self._closed and road_user in self._closed):
                 self._end(journey, fate, now)
@@ -114,6 +118,13 @@ class Journeys:
     def _end(self, journey: Journey, fate: Fate, now: float) -> None:
         journey.fate = journey.after = fate
         journey.inside_s += now - journey.taken
+
+    def _apart(self, road_user: str) -> float:
+        """m from where a road user was last seen to its own destination."""
+        if road_user not in self._last:
+            return float("inf")
+        x, y, _ = self._last[road_user]
+        return float(np.hypot(*(self.all[road_user].ends - (x, y)).T).min(initial=np.inf))
 
     def _goal(self, road_user: str, kind: RoadUserType) -> tuple[tuple[str, ...], Floats]:
         api = self._api
@@ -145,6 +156,8 @@ class Outcome:
     counted: int
     """Of whom that was to be expected; see `outcome`."""
     strayed: int
+    strayed_at_end: int
+    """Of those, how many had gone off the network at their own destination."""
     off_route: int
     """Given back with another route, or arrived elsewhere."""
     lost: int
@@ -173,6 +186,7 @@ def outcome(journeys: Iterable[Journey], end: float, time_to_leave: float, under
         on_route=int(good.sum()),
         counted=int((gone | early).sum()),
         strayed=sum(j.fate == "strayed" for j in journeys),
+        strayed_at_end=sum(j.fate == "strayed" and j.strayed_at_end for j in journeys),
         off_route=sum(j.fate in ("off_route", "elsewhere") for j in journeys),
         lost=sum(j.fate == "lost" or j.after == "lost" for j in journeys),
         unfinished=len(inside),

@@ -41,9 +41,10 @@ class Passage:
 
 @dataclass(frozen=True)
 class _Link:
-    """A way that a signal controls: over the lanes inside a junction to an edge."""
+    """A way over the lanes inside a junction to an edge."""
 
     signal: str
+    """'' where no signal controls it, as a right turn beside the signal."""
     index: int
     inside: frozenset[str]
     edge: str
@@ -81,6 +82,10 @@ class Passages:
             for index, links in enumerate(api.trafficlight.getControlledLinks(signal)):
                 for start, end, via in links:
                     self._add(signal, index, start, end, via)
+        for start, links in self._links.items():
+            known = {inside for link in links for inside in link.inside}
+            ways = [(link[0], link[4]) for link in api.lane.getLinks(start)]
+            links += [self._link("", 0, end, via) for end, via in ways if end in self._lanes and via not in known]
         self._approach: dict[str, str] = {}
         self._passed: dict[str, str] = {}
         self._stepped: dict[str, str] = {}
@@ -110,15 +115,17 @@ class Passages:
                 inner = shortened(crossing.shape, KERB)
                 self._crossings.append(_Crossing(crossing.id, crossing.shape, inner, 0.5 * crossing.width, link))
         elif start in self._lanes and end in self._lanes and not start.startswith(":"):
-            inside = [via] if via else []
-            # Where vehicles wait inside a junction, a second lane follows.
-            while inside and len(inside) < 5:
-                onward = [link[4] for link in self._api.lane.getLinks(inside[-1]) if link[4]]
-                if not onward:
-                    break
-                inside.append(onward[0])
-            link = _Link(signal, index, frozenset(inside), self._lanes[end].edge)
-            self._links.setdefault(start, []).append(link)
+            self._links.setdefault(start, []).append(self._link(signal, index, end, via))
+
+    def _link(self, signal: str, index: int, end: str, via: str) -> _Link:
+        inside = [via] if via else []
+        # Where vehicles wait inside a junction, a second lane follows.
+        while inside and len(inside) < 5:
+            onward = [link[4] for link in self._api.lane.getLinks(inside[-1]) if link[4]]
+            if not onward:
+                break
+            inside.append(onward[0])
+        return _Link(signal, index, frozenset(inside), self._lanes[end].edge)
 
     def _is_crossing(self, lane: str) -> bool:
         return lane in self._lanes and self._lanes[lane].surface == Surface.CROSSING
@@ -143,9 +150,10 @@ class Passages:
             if came is not None and taken:
                 del self._approach[vehicle]
                 edge = self._lanes[came].edge
-                if self._passed.get(vehicle) != edge:
+                controlled = [link for link in taken if link.signal]
+                if self._passed.get(vehicle) != edge and controlled:
                     self._passed[vehicle] = edge
-                    aspect = self._aspect(taken, before)
+                    aspect = self._aspect(controlled, before)
                     found.append(Passage(users.time, vehicle, RoadUserType(users.type[row]), came, aspect))
             if lane and not lane.startswith(":"):
                 # On a road again: whoever comes back to the same signal passes it once more. A moved vehicle that

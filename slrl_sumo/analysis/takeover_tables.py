@@ -116,6 +116,7 @@ TABLES: dict[str, list[tuple[str, Value, int]]] = {
         ("pedestrians, %", on_route_share(["pedestrian"]), 1),
         ("of", count("pedestrian", "counted"), 0),
         ("strayed", count("all", "strayed"), 0),
+        ("of these at their own destination", count("all", "strayed_at_end"), 0),
         ("other route", count("all", "off_route"), 0),
         ("lost", count("all", "lost"), 0),
         ("unfinished", count("all", "unfinished"), 0),
