@@ -295,22 +295,24 @@ def _key(row: dict[str, Any]) -> tuple[Any, ...]:
 
 def cases_of(options: argparse.Namespace) -> list[dict[str, Any]]:
     """Every run that is wanted, in the order of the tables."""
-    return [
-        {
-            "scenario": scenario,
-            "selector": selector,
-            "seed": seed,
-            "seconds": options.seconds,
-            "tail": options.tail,
-            "region": options.region,
-            "bundle": ("shared-space" if scenario == "shared-space" else "intersection")
-            if options.bundle == "auto"
-            else options.bundle,
-            # Neither SUMO nor the lane follower has a guard of ours.
-            "guard": options.guard and selector not in ("sumo", "lane"),
-        }
-        for scenario, selector, seed in product(options.scenarios, options.selectors, options.seeds)
-    ]
+    cases = []
+    for scenario, selector, seed in product(options.scenarios, options.selectors, options.seeds):
+        # Neither SUMO nor the lane follower has models, or a guard of ours: those runs serve for all bundles.
+        modelled = selector not in ("sumo", "lane")
+        usual = "shared-space" if scenario == "shared-space" else "intersection"
+        cases.append(
+            {
+                "scenario": scenario,
+                "selector": selector,
+                "seed": seed,
+                "seconds": options.seconds,
+                "tail": options.tail,
+                "region": options.region,
+                "bundle": options.bundle if modelled and options.bundle != "auto" else usual,
+                "guard": options.guard and modelled,
+            }
+        )
+    return cases
 
 
 def study(options: argparse.Namespace) -> list[dict[str, Any]]:
