@@ -28,11 +28,11 @@ BRAKING = 2.0
 """m/s² with which who starts anew must be able to stop before the nearest road user."""
 
 
-def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS) -> NDArray[np.bool_]:
-    """Who has left the scene, (n,): outside the network's bounding box, about 10 m away from every surface, or off the
-    end of a lane at one of the `exits` (see Network.exits)."""
+def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS, *, rim: float = 0.0) -> NDArray[np.bool_]:
+    """Who has left the scene, (n,): more than `rim` m outside the network's bounding box, about 10 m away from every
+    surface, or off the end of a lane at one of the `exits` (see Network.exits)."""
     x0, y0, x1, y1 = roadmap.bounds
-    inside = (world.x >= x0) & (world.x <= x1) & (world.y >= y0) & (world.y <= y1)
+    inside = (world.x >= x0 - rim) & (world.x <= x1 + rim) & (world.y >= y0 - rim) & (world.y <= y1 + rim)
     gone = ~(inside & roadmap.near_surface(world.x, world.y))
     if len(exits):
         off = np.flatnonzero(roadmap.surface_at(world.x, world.y) == Surface.NONE)

@@ -15,6 +15,8 @@ from slrl_sumo.world.types import RoadUserType
 
 STRAYED = 0.5
 """m from where it was driven to: somebody else moved the vehicle, and its way is looked for anew."""
+ASTRAY = 6.0
+"""m beside its way beyond which a vehicle that goes where it wants is on another one."""
 CYCLING = 5.6
 """m/s of bicycles that we added: their type has no speed of its own."""
 
@@ -89,6 +91,31 @@ class Drives:
             drive = self._drives[road_user] = self._adopt(state, i)
         else:
             self._roll_on(road_user, drive, float(state.length[i]))
+        return drive
+
+    def followed(self, state: WorldState, i: int, dt: float) -> Drive:
+        """What is known of the vehicle in row `i` of `state`, which went where it wanted: `s` is that of its front,
+        and `beside` that of its centre. `dt`: s since it was looked at last."""
+        road_user, half = state.ids[i], 0.5 * float(state.length[i])
+        x, y, speed = float(state.x[i]), float(state.y[i]), float(state.speed[i])
+        drive = self._drives.get(road_user)
+        if drive is not None:
+            begin = drive.s - half - 2.0
+            place, drive.beside = drive.way.line.nearest(x, y, begin, begin + 6.0 + 1.5 * speed * dt)
+            on_x, on_y, _ = drive.way.line.at(place)
+            if math.hypot(x - on_x, y - on_y) < ASTRAY:
+                drive.s = max(place + half, 0.0)
+                self._roll_on(road_user, drive, 2.0 * half)
+            else:
+                drive = None
+        if drive is None:
+            stood = self._drives[road_user].stood if road_user in self._drives else 0.0
+            drive = self._drives[road_user] = self._adopt(state, i)
+            drive.stood = stood
+            place, drive.beside = drive.way.line.nearest(x, y, drive.s - 2.0 * half - 2.0, drive.s + half)
+            drive.s = max(place + half, 0.0)
+        drive.x, drive.y, drive.speed, drive.slide = x, y, speed, 0.0
+        drive.stood = drive.stood + dt if speed < 0.1 else 0.0
         return drive
 
     def _adopt(self, state: WorldState, i: int) -> Drive:

@@ -30,6 +30,8 @@ SIDEWAYS_ACCELERATION = 1.0
 """m/s² with which a move across the lane ends."""
 NEAR_END = 15.0
 """m before its destination at which SUMO should finish a trip."""
+OFF_END = 12.0
+"""m beyond the end of its way that a road user without a destination goes on."""
 IMPATIENCE = 6.0
 """s after which a vehicle that stands for another one that stands too, not ahead in its lane, goes on."""
 
@@ -122,7 +124,9 @@ class LaneDriver:
         drive.stood = drive.stood + dt if speed < 0.1 else 0.0
         if standing and safe < 0.5 and drive.stood > IMPATIENCE + 4.0 * random.Random(road_user).random():
             drive.free_until, drive.stood = state.time + 5.0, 0.0
-        drive.speed = speed = min(speed, max(drive.way.end - drive.s, 0.0) / dt)
+        # What we added has no destination: at the end of the network it drives off, and is looped.
+        beyond = OFF_END if road_user.startswith("learned_") else 0.0
+        drive.speed = speed = min(speed, max(drive.way.end + beyond - drive.s, 0.0) / dt)
         drive.s += speed * dt
         self._blend(drive, dt)
         line = drive.way.line

@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 from slrl_sumo.sumo.drives import Drive, Drives
-from slrl_sumo.sumo.rightofway import STOP_LINE, RightOfWay
-from slrl_sumo.sumo.ways import LaneGraph
+from slrl_sumo.sumo.rightofway import LINE_OF_SIGHT, STOP_LINE, RightOfWay
+from slrl_sumo.sumo.ways import Gate, LaneGraph
 
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap beside it."""
@@ -24,26 +24,61 @@ class Pace:
 
     def calm(self, drive: Drive, dt: float) -> float:
         """The speed (m/s) that limits, signals, priority and the end of the lane allow."""
-        way, decel = drive.way, drive.decel
+        speed = self.limit(drive, dt)
+        for gate, distance in self._gates_near(drive, dt):
+            limits = (drive.accel, drive.decel)
+            allowed = self._right.speed(gate, distance, drive.speed, limits, drive.stood)
+            speed = min(speed, _discrete(allowed, drive.decel, dt))
+        if self.leads_on(drive):
+            return speed
+        # Wait at the end of the lane for a gap in the next one.
+        return min(speed, _slowing(0.0, drive.way.end - drive.s - LANE_END, drive.decel, dt))
+
+    def limit(self, drive: Drive, dt: float) -> float:
+        """The speed (m/s) that the limits of the lanes under the vehicle and ahead of it allow."""
+        way = drive.way
         here = way.lane_at(drive.s)
         speed = min(way.limits[here] * drive.factor, drive.top_speed)
-        look = drive.speed * dt + drive.speed**2 / (2.0 * decel) + 10.0
+        look = _sight(drive, dt)
         for k in range(here + 1, len(way.lanes)):
             distance = way.ends[k - 1] - drive.s
             if distance > look:
                 break
             limit = min(way.limits[k] * drive.factor, drive.top_speed)
-            speed = min(speed, _slowing(limit, distance, decel, dt))
-        for gate in way.gates:
-            distance = gate.line - drive.s
-            if -0.5 < distance < look + 5.0:
-                limits = (drive.accel, decel)
-                allowed = self._right.speed(gate, distance, drive.speed, limits, drive.stood)
-                speed = min(speed, _discrete(allowed, decel, dt))
-        if way.lanes[here].startswith(":") or not drive.edges or self._reaches_on(drive):
-            return speed
-        # The lane does not lead on: wait at its end for a gap in the next one.
-        return min(speed, _slowing(0.0, way.end - drive.s - LANE_END, decel, dt))
+            speed = min(speed, _slowing(limit, distance, drive.decel, dt))
+        return speed
+
+    def stop(self, drive: Drive, dt: float, soft: float) -> tuple[float, float]:
+        """How far ahead (m, inf: nowhere) the vehicle must stop, and the speed (m/s) at which it sees who comes.
+
+        That speed is reached with the share `soft` of its deceleration, and `dt` seconds early.
+        """
+        stop, look = math.inf, math.inf
+        for gate, distance in self._gates_near(drive, dt):
+            limits = (drive.accel, drive.decel)
+            said = self._right.says(gate, distance, drive.speed, limits, drive.stood)
+            if said == "stop":
+                stop = min(stop, distance - STOP_LINE)
+            elif said == "look":
+                seen = max(distance - drive.speed * dt, LINE_OF_SIGHT)
+                look = min(look, math.sqrt(2.0 * soft * drive.decel * seen))
+        if not self.leads_on(drive):
+            stop = min(stop, drive.way.end - drive.s - LANE_END)
+        return stop, look
+
+    def signal(self, gate: Gate) -> int:
+        """What the signal at a gate shows: 0 there is none, 1 green, 2 yellow, 3 red."""
+        return self._right.signal(gate)
+
+    def _gates_near(self, drive: Drive, dt: float) -> list[tuple[Gate, float]]:
+        """Gates that matter at the present speed, with the way to them in m."""
+        near = [(gate, gate.line - drive.s) for gate in drive.way.gates]
+        return [(gate, distance) for gate, distance in near if -0.5 < distance < _sight(drive, dt) + 5.0]
+
+    def leads_on(self, drive: Drive) -> bool:
+        """Whether the lane under a vehicle leads on along its route; inside a junction it does, whatever follows."""
+        here = drive.way.lane_at(drive.s)
+        return drive.way.lanes[here].startswith(":") or not drive.edges or self._reaches_on(drive)
 
     def _reaches_on(self, drive: Drive) -> bool:
         """Whether the way goes on as far as the route does, or further than anybody looks."""
@@ -71,6 +106,11 @@ class Pace:
             if distance > 0.0 and pace < 1.0 and -2.0 < gap - (gate.out - drive.s) < 5.0:
                 return _slowing(0.0, distance - STOP_LINE, drive.decel, dt)
         return math.inf
+
+
+def _sight(drive: Drive, dt: float) -> float:
+    """m ahead of a vehicle that matter at its present speed."""
+    return drive.speed * dt + drive.speed**2 / (2.0 * drive.decel) + 10.0
 
 
 def _slowing(target: float, distance: float, decel: float, dt: float) -> float:

@@ -1,7 +1,7 @@
 """Signals and priority at the places where the ways of vehicles enter junctions."""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 from slrl_sumo.sumo.ways import Gate, LaneGraph
 
@@ -11,6 +11,8 @@ LINE_OF_SIGHT = 4.5
 """m before a junction from which vehicles see those that they have to let pass (SUMO's foeVisibilityDistance)."""
 PATIENCE = 10.0
 """s of standing after which a vehicle no longer trusts that SUMO knows who comes; twice that, and it goes first."""
+_SHOWN = {"g": 1, "G": 1, "y": 2, "Y": 2, "r": 3, "u": 3}
+"""https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: other letters are those of junctions without a signal."""
 
 
 class RightOfWay:
@@ -38,29 +40,40 @@ class RightOfWay:
         `distance`: m from its front to the line; `speed`: its own in m/s; `limits`: its acceleration and deceleration
         in m/s²; `waited`: s that it has stood.
         """
+        said = self.says(gate, distance, speed, limits, waited)
+        if said == "stop":
+            return math.sqrt(2.0 * limits[1] * max(distance - STOP_LINE, 0.0))
+        if said == "look":
+            return math.sqrt(2.0 * limits[1] * max(distance, LINE_OF_SIGHT))
+        return math.inf
+
+    def says(
+        self, gate: Gate, distance: float, speed: float, limits: tuple[float, float], waited: float
+    ) -> Literal["go", "look", "stop"]:
+        """What signal and priority at a gate say: go on, come slowly and look, or stop at the line; as for `speed`."""
         acceleration, deceleration = limits
         to_stop = speed * speed / (2.0 * deceleration)
         prior, is_open, state = self._state(gate)
-        stop = math.sqrt(2.0 * deceleration * max(distance - STOP_LINE, 0.0))
         if state in "ru":
-            return stop
+            return "stop"
         if state in "yY":
-            return stop if to_stop + STOP_LINE <= distance else math.inf
-        if prior or state in "GM":
-            return math.inf
-        approach = math.sqrt(2.0 * deceleration * max(distance, LINE_OF_SIGHT))
-        if to_stop > distance + 1.0:
-            # Too late to stop: those with priority had been far away.
-            return math.inf
+            return "stop" if to_stop + STOP_LINE <= distance else "go"
+        # Too late to stop: those with priority had been far away.
+        if prior or state in "GM" or to_stop > distance + 1.0:
+            return "go"
         if distance > LINE_OF_SIGHT + speed:
-            return approach
+            return "look"
         clear = _time(distance + gate.out - gate.line + 5.0, speed, acceleration)
         if waited < PATIENCE:
-            return stop if not is_open or self._comes(gate, clear) else approach
+            return "stop" if not is_open or self._comes(gate, clear) else "look"
         # Vehicles whose speed mode is 0, as of all that are taken over, count for SUMO as coming even where they wait
         # at red: a link may never be open. Then what moves decides, and at last only what moves inside.
         blocked = self._busy(gate) or (waited < 2.0 * PATIENCE and self._comes(gate, clear))
-        return stop if blocked else approach
+        return "stop" if blocked else "look"
+
+    def signal(self, gate: Gate) -> int:
+        """What the signal at a gate shows: 0 there is none, 1 green, 2 yellow, 3 red."""
+        return _SHOWN.get(self._state(gate)[2], 0)
 
     def _state(self, gate: Gate) -> tuple[bool, bool, str]:
         """Of a link: whether it has priority, whether it is open now, and its state as SUMO's letter."""

@@ -18,12 +18,16 @@ CLEARANCE = 0.3
 """m kept from the edge of what can be walked on."""
 KERB = 0.6
 """m before a crossing at which persons wait for its signal."""
+ASTRAY = 4.0
+"""m beside its walk beyond which a person that goes where it wants is somewhere else on it, or on another one."""
 STRAYED = 0.5
 """m from where it was moved to: somebody else moved the person, and its walk is looked for anew."""
 
 
 @dataclass
-class _Stroll:
+class Stroll:
+    """What is known of one person."""
+
     walk: Walk | None
     s: float
     beside: float
@@ -42,7 +46,7 @@ class Strolls:
         self._under = LanePoints(
             [lane for lane in network.lanes if "pedestrian" in lane.allowed and not lane.internal], spacing=2.0
         )
-        self._strolls: dict[str, _Stroll] = {}
+        self._strolls: dict[str, Stroll] = {}
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
         """Where a person at a position (m) with a heading (rad) is `dt` s later."""
@@ -53,6 +57,33 @@ class Strolls:
             x, y, heading = self._onward(stroll, stroll.walk, x, y, heading, dt)
         stroll.x, stroll.y = x, y
         return x, y, heading
+
+    def followed(self, person: str, x: float, y: float, heading: float) -> Stroll:
+        """What is known of a person that goes where it wants, at a position (m), with a heading (rad)."""
+        stroll = self._strolls.get(person)
+        if stroll is not None and stroll.walk is not None:
+            place, _ = stroll.walk.line.nearest(x, y, stroll.s - 2.0, stroll.s + 4.0)
+            on_x, on_y, _ = stroll.walk.line.at(place)
+            if math.hypot(x - on_x, y - on_y) > ASTRAY:
+                # The walk is asked for once, when a person of the scenario is taken over: later it is cut.
+                place, _ = stroll.walk.line.nearest(x, y, stroll.s - 2.0)
+            stroll.s = place
+        moved = stroll is None or math.hypot(x - stroll.x, y - stroll.y) > ASTRAY
+        if stroll is None or self._is_out(person, stroll) or (moved and person.startswith("learned_")):
+            stroll = self._strolls[person] = self._begin(person, x, y, heading)
+        stroll.x, stroll.y = x, y
+        return stroll
+
+    def stop(self, stroll: Stroll) -> tuple[float, float, bool]:
+        """m to where a person must stop (inf: nowhere), m to the next crossing with a signal, and whether that is
+        red."""
+        walk = stroll.walk
+        ahead = [] if walk is None else [kerb for kerb in walk.kerbs if kerb.s > stroll.s]
+        for kerb in ahead[:1]:
+            red = self._red(kerb)
+            if red is not None:
+                return (kerb.s - KERB - stroll.s if red else math.inf), kerb.s - stroll.s, red
+        return math.inf, math.inf, False
 
     def left(self, person: str) -> float:
         """m that a person still has to walk on edges; inf for one not known, or who walks without destination."""
@@ -66,11 +97,11 @@ class Strolls:
         for person in ids:
             self._strolls.pop(person, None)
 
-    def _is_out(self, person: str, stroll: _Stroll) -> bool:
+    def _is_out(self, person: str, stroll: Stroll) -> bool:
         """Walks without destination are drawn anew at their end."""
         return person.startswith("learned_") and stroll.walk is not None and stroll.walk.line.end - stroll.s < 2.0 * AIM
 
-    def _begin(self, person: str, x: float, y: float, heading: float) -> _Stroll:
+    def _begin(self, person: str, x: float, y: float, heading: float) -> Stroll:
         if person.startswith("learned_"):
             walk = self._wander(person, x, y, heading)
             pace = 1.3
@@ -80,10 +111,10 @@ class Strolls:
             walk = self._ways.walk(edges, self._api.person.getStage(person, 0).arrivalPos)
             pace = self._api.person.getMaxSpeed(person)
         if walk is None:
-            return _Stroll(None, 0.0, 0.0, pace, x, y)
+            return Stroll(None, 0.0, 0.0, pace, x, y)
         s, beside = walk.line.nearest(x, y, end=walk.first)
         room = max(walk.half_width - CLEARANCE, 0.0)
-        return _Stroll(walk, s, min(max(beside, -room), room), pace, x, y)
+        return Stroll(walk, s, min(max(beside, -room), room), pace, x, y)
 
     def _wander(self, person: str, x: float, y: float, heading: float) -> Walk | None:
         if not len(self._under):
@@ -94,7 +125,7 @@ class Strolls:
         return self._ways.wandering(edge, forward, random.Random(f"{person}:{edge}"))
 
     def _onward(
-        self, stroll: _Stroll, walk: Walk, x: float, y: float, heading: float, dt: float
+        self, stroll: Stroll, walk: Walk, x: float, y: float, heading: float, dt: float
     ) -> tuple[float, float, float]:
         line = walk.line
         room = min(stroll.pace * dt, line.end - stroll.s)
@@ -113,5 +144,7 @@ class Strolls:
         stroll.s = max(reached, stroll.s + 0.2 * room)
         return x, y, heading
 
-    def _red(self, kerb: Kerb) -> bool:
-        return any(link[0] == kerb.crossing and link[5] in "ru" for link in self._api.lane.getLinks(kerb.lane))
+    def _red(self, kerb: Kerb) -> bool | None:
+        """Whether the signal at a crossing is red; None where there is none."""
+        shown = [link[5] for link in self._api.lane.getLinks(kerb.lane) if link[0] == kerb.crossing]
+        return any(state in "ru" for state in shown) if any(state in "gGyYru" for state in shown) else None

@@ -7,6 +7,9 @@ import numpy as np
 from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.state import WorldState
 
+HALT, INTENT = 0.5, 0.15
+"""m/s, and m/s² that somebody needs to mean to drive on."""
+
 
 def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, dt: float) -> WorldState:
     """Move every road user by one interval.
@@ -29,3 +32,13 @@ def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed
         acceleration=(speed - state.speed) / dt,
         yaw_rate=np.asarray(yaw_rate, np.float64),
     )
+
+
+def halting(speed: Floats, acceleration: Floats, dt: float) -> Floats:
+    """`acceleration` (m/s², of the shape of `speed`, m/s), made a stop for who hardly speeds up and would be slower than
+    HALT after `dt` s.
+
+    Models that learned means of what people did approach a stand for ever: those that crawl mean to stop.
+    """
+    ends = (acceleration < INTENT) & (speed + acceleration * dt < HALT)
+    return np.where(ends, -speed / dt, acceleration)

@@ -1,0 +1,117 @@
+"""The way that lies ahead of road users with a route, as plain arrays."""
+
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.world.geometry import Floats, wrap_angle
+
+SPACING = 1.0
+"""m between the points of a path."""
+BEHIND, AHEAD = 8.0, 40.0
+"""m of a path that are known behind and ahead of the road user's place on it."""
+POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
+CHORD = 3
+"""Points from one end to the other of the chords by which curves are measured: lanes are drawn with corners."""
+HERE = round(BEHIND / SPACING)
+"""Index of the point beside the road user."""
+
+
+@dataclass(frozen=True, eq=False)
+class RouteAhead:
+    """Of n road users; where `known` is False there is no route, and the other entries mean nothing.
+
+    Distances to what lies ahead are from the front of the box in m, inf where there is nothing within sight.
+    """
+
+    known: NDArray[np.bool_]
+    x: Floats
+    """Points every SPACING m of the own path, (n, POINTS), from BEHIND m behind to AHEAD m ahead of the centre."""
+    y: Floats
+    desired: Floats
+    """m/s: what limits, here and further on, and the own wishes allow, (n,)."""
+    stop: Floats
+    """Line before which it has to stop: red, yellow in time, others go first, the end of a lane that leads astray."""
+    line: Floats
+    """The next line at which a junction or a signalised crossing begins."""
+    out: Floats
+    """Where that junction ends."""
+    signal: NDArray[np.int8]
+    """At that line: 0 none, 1 green, 2 yellow, 3 red."""
+    closed: NDArray[np.bool_]
+    """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
+    left: Floats
+    """To the end of the route."""
+
+    def __len__(self) -> int:
+        return len(self.known)
+
+    def take(self, rows: NDArray[np.intp]) -> "RouteAhead":
+        """The entries of the road users `rows`."""
+        return RouteAhead(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @classmethod
+    def unknown(cls, n: int) -> Self:
+        """n road users without a route."""
+        return cls(
+            known=np.zeros(n, np.bool_),
+            x=np.zeros((n, POINTS)),
+            y=np.zeros((n, POINTS)),
+            desired=np.zeros(n),
+            stop=np.full(n, np.inf),
+            line=np.full(n, np.inf),
+            out=np.full(n, np.inf),
+            signal=np.zeros(n, np.int8),
+            closed=np.zeros(n, np.bool_),
+            left=np.full(n, np.inf),
+        )
+
+
+def path_headings(route: RouteAhead) -> Floats:
+    """Direction of each path (rad) at each of its points, (n, POINTS)."""
+    dx, dy = np.gradient(route.x, axis=1), np.gradient(route.y, axis=1)
+    return np.asarray(np.arctan2(dy, dx))
+
+
+def on_path(route: RouteAhead, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+    """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
+    direction there (rad), (n, m) each. Beyond its ends a path goes straight on."""
+    gap = (x[:, :, None] - route.x[:, None, :]) ** 2 + (y[:, :, None] - route.y[:, None, :]) ** 2
+    nearest = np.clip(gap.argmin(axis=2), 1, POINTS - 2)
+    n = np.arange(len(route))[:, None]
+    # Two pieces meet at the nearest point: the one that the point lies beside.
+    dx, dy = route.x[n, nearest + 1] - route.x[n, nearest], route.y[n, nearest + 1] - route.y[n, nearest]
+    after = (x - route.x[n, nearest]) * dx + (y - route.y[n, nearest]) * dy > 0.0
+    begin = np.where(after, nearest, nearest - 1)
+    x0, y0 = route.x[n, begin], route.y[n, begin]
+    dx, dy = route.x[n, begin + 1] - x0, route.y[n, begin + 1] - y0
+    length = np.maximum(np.hypot(dx, dy), 1e-6)
+    along = ((x - x0) * dx + (y - y0) * dy) / length
+    aside = (dx * (y - y0) - dy * (x - x0)) / length
+    # Directions change from piece to piece: in between they are blended, so that curves have no corners.
+    heading = path_headings(route)
+    share = np.clip(along / length, 0.0, 1.0)
+    turn = wrap_angle(heading[n, begin + 1] - heading[n, begin])
+    return (begin - HERE) * SPACING + along, aside, wrap_angle(heading[n, begin] + share * turn)
+
+
+def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
+    """Positions (m) and directions (rad) `along` (n, m) metres from the road user's place on its path, (n, m) each."""
+    n = np.arange(len(route))[:, None]
+    place = along / SPACING + HERE
+    begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
+    share = place - begin
+    dx, dy = route.x[n, begin + 1] - route.x[n, begin], route.y[n, begin + 1] - route.y[n, begin]
+    return route.x[n, begin] + share * dx, route.y[n, begin] + share * dy, np.asarray(np.arctan2(dy, dx))
+
+
+def curvature(route: RouteAhead) -> Floats:
+    """How sharply the paths turn to the left, 1/m, (n, POINTS); 0 where the ends are too near."""
+    dx, dy = route.x[:, CHORD:] - route.x[:, :-CHORD], route.y[:, CHORD:] - route.y[:, :-CHORD]
+    heading, length = np.arctan2(dy, dx), np.hypot(dx, dy)
+    turn = wrap_angle(heading[:, CHORD:] - heading[:, :-CHORD])
+    sharp = np.zeros(route.x.shape)
+    sharp[:, CHORD:-CHORD] = turn / np.maximum(0.5 * (length[:, CHORD:] + length[:, :-CHORD]), 0.1)
+    return sharp
