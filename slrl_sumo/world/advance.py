@@ -35,8 +35,8 @@ def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed
 
 
 def halting(speed: Floats, acceleration: Floats, dt: float) -> Floats:
-    """`acceleration` (m/s², of the shape of `speed`, m/s), made a stop for who hardly speeds up and would be slower than
-    HALT after `dt` s.
+    """`acceleration` (m/s², of the shape of `speed` in m/s), but a stop for who would be slower than HALT after `dt` s
+    and hardly speeds up.
 
     Models that learned means of what people did approach a stand for ever: those that crawl mean to stop.
     """
