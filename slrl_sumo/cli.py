@@ -56,6 +56,9 @@ def run(
             "Default: greedy where the bundle has a trained selector, else prior."
         ),
     ] = None,
+    guard: Annotated[
+        bool, typer.Option("--guard", help="Never choose modes that lead into a conflict, where others are left.")
+    ] = False,
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
@@ -81,6 +84,7 @@ def run(
         mix=mix,
         takeover=takeover,
         region=region,
+        guard=guard,
         steps=steps,
         until=until,
         seed=seed,

@@ -50,7 +50,7 @@ def main() -> None:
     parser.add_argument("--bundle", default="intersection")
     parser.add_argument("--steps", type=int, default=400_000)
     parser.add_argument("--only", help="names of variants, separated by commas")
-    parser.add_argument("--config", type=Path, default=Path(__file__).parent / "selectors" / "intersection.toml")
+    parser.add_argument("--config", type=Path, default=Path(__file__).parent / "selectors" / "ablation.toml")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     names = arguments.only.split(",") if arguments.only else None

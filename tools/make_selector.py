@@ -1,9 +1,11 @@
 """The recipe of the shipped selectors: the policy of a bundle, trained by imitation and PPO.
 
     python tools/make_selector.py intersection --out slrl_sumo/bundles/intersection
-    python tools/make_selector.py shared-space --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space
+    python tools/make_selector.py shared-space --out slrl_sumo/bundles/shared-space
+    python tools/make_selector.py intersection-paper --out slrl_sumo/bundles/intersection-paper
+    python tools/make_selector.py shared-space-paper --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space-paper
 
-The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/NAME.toml. Checkpoints and logs
+The first two know their routes (preset `extended`). The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/NAME.toml. Checkpoints and logs
 lie in OUT-training; --resume goes on from there. Takes about half an hour for each on two cores.
 """
 
@@ -18,8 +20,18 @@ from slrl_sumo.learning.train_settings import read_settings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.records.importers.hc import read_hc
 
-FAMILIES = {"intersection": "intersection,random", "shared-space": "shared-space"}
-STEPS = {"intersection": 1_500_000, "shared-space": 1_500_000}
+FAMILIES = {
+    "intersection": "intersection,random,roundabout",
+    "shared-space": "shared-space",
+    "intersection-paper": "intersection,random",
+    "shared-space-paper": "shared-space",
+}
+STEPS = {
+    "intersection": 1_200_000,
+    "shared-space": 1_000_000,
+    "intersection-paper": 1_500_000,
+    "shared-space-paper": 1_500_000,
+}
 
 
 def main() -> None:
@@ -28,7 +40,7 @@ def main() -> None:
     parser.add_argument("name", choices=FAMILIES)
     parser.add_argument("--out", type=Path, required=True, help="bundle folder to write")
     parser.add_argument("--work", type=Path, help="where checkpoints and logs go; default: beside OUT")
-    parser.add_argument("--hc", type=Path, help="folder with D1.csv, for shared-space")
+    parser.add_argument("--hc", type=Path, help="folder with D1.csv, for shared-space-paper")
     parser.add_argument("--steps", type=int)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--resume", action="store_true")
@@ -38,9 +50,9 @@ def main() -> None:
     settings = read_settings(Path(__file__).parent / "selectors" / f"{name}.toml")
     recordings: tuple[Path, ...] = ()
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
-        if name == "shared-space":
+        if name == "shared-space-paper":
             if arguments.hc is None:
-                parser.error("shared-space imitates HC D1: give --hc PATH/TO/hc")
+                parser.error("shared-space-paper imitates HC D1: give --hc PATH/TO/hc")
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
         request = TrainRequest(

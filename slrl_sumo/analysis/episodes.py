@@ -12,7 +12,7 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.records.trajectories import Trajectories
 from slrl_sumo.simulation.background import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.driver import make_driver
+from slrl_sumo.simulation.driver import GUARDED, make_driver
 from slrl_sumo.simulation.looping import ROOM
 from slrl_sumo.simulation.spawn import draw_starts, starting_speed, type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
@@ -110,7 +110,8 @@ def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
 
 def _drive(session: SumoSession, bundle: ModelBundle, episode: Episode, steps: int) -> tuple[TypeOutcome, ...]:
     """Count learned road users among SUMO's."""
-    driver = make_driver(episode.selector, bundle, session.api, session.network, episode.draw)
+    name, guard = episode.selector.removesuffix(GUARDED), episode.selector.endswith(GUARDED)
+    driver = make_driver(name, bundle, session.api, session.network, episode.draw, guard=guard)
     simulation = CoSimulation(session, driver)
     _spawn(simulation, session, bundle, episode)
     outcomes = Outcomes(simulation.start().world)

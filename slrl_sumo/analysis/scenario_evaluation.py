@@ -21,7 +21,7 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.records.trajectories import load_trajectories
-from slrl_sumo.simulation.driver import SELECTORS
+from slrl_sumo.simulation.driver import GUARDED, SELECTORS
 from slrl_sumo.simulation.run import MOST_AGENTS
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -144,10 +144,13 @@ def _selectors_of(bundle: ModelBundle) -> tuple[str, ...]:
 
 def _check(settings: EvaluationSettings, selectors: Sequence[str], bundle: ModelBundle) -> None:
     known = (*SELECTORS, SUMO)
+    guarded = tuple(name + GUARDED for name in SELECTORS if name != "lane")
     for name in selectors:
-        if name not in known:
-            raise InputError(f"--selectors {name}: there is none of that name; use {', '.join(known)}")
-        if name in ("greedy", "sampled"):
+        if name not in known + guarded:
+            raise InputError(
+                f"--selectors {name}: there is none of that name; use {', '.join(known)}, or greedy{GUARDED}"
+            )
+        if name.removesuffix(GUARDED) in ("greedy", "sampled"):
             PolicySelector(bundle, 0, sample=False)  # raises where the bundle has none
     for agents in settings.agents:
         if not 1 <= agents <= MOST_AGENTS:

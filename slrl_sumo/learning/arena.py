@@ -1,31 +1,35 @@
 """One running simulation as an environment: every learned road user in it is one slot with episodes of its own."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.learning import rewards
+from slrl_sumo.learning import guidance, rewards
+from slrl_sumo.learning.guidance import GuidanceWeights
 from slrl_sumo.learning.rewards import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.raster import ego_picture
+from slrl_sumo.simulation.agility import agility
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.driver import Modes
+from slrl_sumo.simulation.driver import Modes, prospects_of
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.lookahead import with_ahead
+from slrl_sumo.simulation.lookahead import Prospects, allowed_speed, with_ahead
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.routes import Routes
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.advance import advance
+from slrl_sumo.world.advance import advance, halting
 from slrl_sumo.world.contacts import colliding_pairs, overlapping_pairs
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.route import on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -35,19 +39,6 @@ EPISODE_STEPS = 128
 HORIZON = 4.8
 """s from a window's moment to its destination (paper, section 3.2)."""
 MOVING_DISTANCE = rewards.SLOW * HORIZON
-
-
-@dataclass(frozen=True)
-class GuidanceWeights:
-    """What speaks against a mode, for a teacher who looks ahead and knows speeds and lanes; 0 switches a part off."""
-
-    meeting: float = 50.0
-    """Meeting somebody, the more the sooner."""
-    off_surface: float = 10.0
-    speed: float = 8.0
-    """Relative to the desired speed."""
-    lane: float = 2.0
-    """Turning away from the lane's direction, for who is on one."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +56,8 @@ class ArenaSettings:
     """s of plain SUMO before anybody learned is there, so that there is traffic."""
     guidance: GuidanceWeights | None = None
     """Whether every mode is judged by looking ahead, and how; for training only."""
+    extended: bool = False
+    """Whether road users have routes and see them (preset `extended`)."""
     staggered: bool = False
     """Whether first episodes are cut short at random, so that not all slots end theirs at the same step."""
 
@@ -95,6 +88,7 @@ class _GivenModes:
 
     def __init__(self, bundle: ModelBundle) -> None:
         self._bundle = bundle
+        self.max_speed = bundle.max_speed
         self.observation: Observation | None = None
         self.modes: NDArray[np.int64] | None = None
 
@@ -102,7 +96,9 @@ class _GivenModes:
         assert self.observation is not None
         assert self.modes is not None
         acceleration, yaw_rate = self._bundle.motion(self.observation, self.modes)
-        max_speed = self._bundle.max_speed[learned.type]
+        if self.observation.route is not None:
+            acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
+        max_speed = self.max_speed[learned.type]
         return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), self.modes
 
     def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
@@ -125,6 +121,9 @@ class Arena:
         self._scenario, self._seed = scenario, seed
         self._random = np.random.default_rng([seed, 1])
         self._driver = _GivenModes(bundle)
+        self._able = agility(bundle)
+        self._routes: Routes | None = None
+        self._prospects: Prospects | None = None
         self._desired = np.array(settings.desired_speed or recorded_speed(bundle))
 
     def __enter__(self) -> Self:
@@ -145,6 +144,8 @@ class Arena:
         while self._session.time < self.settings.warm_up:
             self._session.step()
         self.simulation = CoSimulation(self._session, self._driver)
+        if self.settings.extended:
+            self._routes = Routes(self._session.api, self._session.network)
         self._points = self.simulation.points
         mix = None if self.settings.mix is None else np.array(self.settings.mix)
         counts, _ = type_counts(self.settings.agents, mix, self._points, str(self._scenario.config))
@@ -159,12 +160,20 @@ class Arena:
         self._touching = _touching(self.simulation.world)
         self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
         self._was_off = np.zeros(n, np.bool_)
-        self.observation = self._see(np.arange(n))
+        self.observation = self._look()
+
+    def _look(self) -> Observation:
+        """What everybody sees now, with the routes as they are now."""
+        world, n = self.simulation.world, len(self.simulation.population.world)
+        if self._routes is not None:
+            self._prospects = prospects_of(self._routes, world, n, self._able)
+        return self._see(np.arange(n))
 
     def _see(self, rows: NDArray[np.intp]) -> Observation:
         """What the road users of the slots `rows` see now, and what each mode would lead to."""
-        seen = self.simulation.observe(rows, with_image=True)
-        return with_ahead(self.bundle, seen, self.simulation.world, rows, self.simulation.roadmap)
+        simulation, prospects = self.simulation, self._prospects
+        seen = simulation.observe(rows, True, None if prospects is None else prospects.take(rows).way)
+        return with_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, prospects)
 
     def guidance(self) -> NDArray[np.float32]:
         """What speaks against each mode of everybody now, (n, modes), 0 or more; zeros without guidance."""
@@ -173,14 +182,13 @@ class Arena:
         if weights is None:
             return np.zeros((len(learned), self.bundle.config.modes), np.float32)
         assert self.observation.ahead is not None
-        meeting, off_surface, speed, turn = np.moveaxis(self.observation.ahead.astype(np.float64), -1, 0)
+        ahead = self.observation.ahead.astype(np.float64)
+        if self._prospects is not None:
+            return guidance.on_route(ahead, weights, learned.type, learned.speed).astype(np.float32)
         lane_heading, limit, on_lane = lanes_here(learned, self._points)
-        desired = np.minimum(self._desired[learned.type], limit)[:, None]
-        aside = 1.0 - np.cos(learned.heading[:, None] + turn - lane_heading[:, None])
-        against = weights.meeting * meeting + weights.off_surface * off_surface
-        against += weights.speed * np.abs(speed - desired) / desired
-        against += weights.lane * np.where(on_lane[:, None], aside, 0.0)
-        return np.asarray(against, np.float32)
+        desired = np.minimum(self._desired[learned.type], limit)
+        against = guidance.wandering(ahead, weights, desired, learned.heading - lane_heading, on_lane)
+        return against.astype(np.float32)
 
     @property
     def world(self) -> WorldState:
@@ -191,6 +199,7 @@ class Arena:
         """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
         log_probability = self._log_prior(modes)
         self._driver.observation, self._driver.modes = self.observation, modes
+        self._before = self.simulation.population.world
         decision = self.simulation.decide()
         n = len(modes)
         self._steps += 1
@@ -205,14 +214,15 @@ class Arena:
         truncated = (self._steps >= self._limit) & ~terminated
         ended = np.flatnonzero(terminated | truncated)
         steps, speed, final = self._steps.copy(), learned.speed, None
+        self.observation = self._look()
         if len(ended):
-            final = self._see(ended)
+            final = _rows(self.observation, ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)
+            self.observation = self._look()
         self._touching = touching
-        self.observation = self._see(np.arange(n))
         reward = rewards.weighted(terms, self.settings.weights)
         return Outcome(self.observation, reward, terms, terminated, truncated, final, steps, speed)
 
@@ -228,6 +238,11 @@ class Arena:
         """All terms of the reward, (n,) each."""
         learned = self.simulation.population.world
         lane_heading, limit, on_lane = lanes_here(learned, self._points)
+        desired = np.minimum(self._desired[learned.type], limit)
+        n = len(learned)
+        on_way = {name: np.zeros(n) for name in ("progress", "off_path", "red", "priority")}
+        if self._prospects is not None:
+            desired, on_way = self._on_way(self._prospects, learned, decision)
         return {
             "close": rewards.close(self.simulation.world, len(learned)),
             "off_surface": rewards.off_surface(learned.type, decision.surface),
@@ -236,16 +251,40 @@ class Arena:
             "contact": rewards.contact(hit),
             "lost": rewards.lost(lost),
             "danger": rewards.danger(self.simulation.world, len(learned)),
-            "speed": rewards.speed_kept(learned.speed, np.minimum(self._desired[learned.type], limit)),
+            "speed": rewards.speed_kept(learned.speed, desired),
             "wrong_way": rewards.wrong_way(learned.heading, lane_heading, on_lane),
             "comfort": rewards.comfort(learned.speed, learned.acceleration, learned.yaw_rate),
             "realism": rewards.realism(log_probability),
+            **on_way,
         }
+
+    def _on_way(self, before: Prospects, learned: WorldState, decision: Decision) -> tuple[Floats, dict[str, Floats]]:
+        """The speeds (m/s) that were right for the routes as they were `before` the decision, and the terms about
+        them, (n,) each."""
+        route, users = before.route, self._before
+        allowed = allowed_speed(before, users)
+        covered, aside, _ = (c[:, 0] for c in on_path(route, learned.x[:, None], learned.y[:, None]))
+        known = route.known & ~decision.looped
+        gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
+        terms = {
+            "progress": rewards.progress(covered, allowed * DECISION_INTERVAL, known),
+            "off_path": rewards.off_path(aside, known),
+            "red": rewards.passed(covered, route.line, known & route.closed),
+            "priority": rewards.passed(covered, route.line, gives_way),
+        }
+        return np.where(known, allowed, learned.speed), terms
 
     def picture(self, slot: int) -> NDArray[np.uint8]:
         """What a slot sees, enlarged for people, (rows, cols, 3) RGB."""
         assert self.observation.image is not None
         return ego_picture(self.observation.image[slot])
+
+
+def _rows(observation: Observation, rows: NDArray[np.intp]) -> Observation:
+    """What some of those who observed have seen."""
+    seen: dict[str, Any] = {item.name: getattr(observation, item.name) for item in fields(observation)}
+    some: dict[str, Any] = {name: None if value is None else value[rows] for name, value in seen.items()}
+    return Observation(**some)
 
 
 def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:

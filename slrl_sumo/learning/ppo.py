@@ -72,7 +72,7 @@ class Batch:
     """One rollout: T steps of N slots."""
 
     seen: dict[str, Tensor]
-    """(T, N, ...): `vector`, `image` and `ahead` as the environment gives them."""
+    """(T, N, ...): `vector`, `image`, `ahead` and perhaps `route` as the environment gives them."""
     actions: Tensor
     """(T, N) int64."""
     logprobs: Tensor
@@ -123,9 +123,10 @@ class Agent:
         """Log probabilities (n, modes) and values (n,) of observations on any device."""
         return policy_logits(self.policy, self.prior, *self._arguments(seen), explore=self.explore)
 
-    def _arguments(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def _arguments(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
         vector, image, ahead = (seen[name].to(self.device) for name in ("vector", "image", "ahead"))
-        return vector, image, vector[:, CAR : CAR + 3].argmax(-1), ahead
+        route = seen["route"].to(self.device) if "route" in seen else None
+        return vector, image, vector[:, CAR : CAR + 3].argmax(-1), ahead, route
 
     def teacher_logits(self, seen: dict[str, Tensor], guidance: Tensor) -> Tensor:
         """Log probabilities (n, modes) of the teacher: see PpoSettings.kl_coef."""

@@ -32,13 +32,18 @@ MARGIN = 0.5
 """m between boxes that it counts as too near: centres of pedestrians collide before their small boxes do."""
 REACH = 40.0
 """m within which it looks."""
+STEP = 0.2
+"""m in a decision interval, below which somebody is to stand."""
+PATH = 0.5
+"""m beside its path where everybody may be."""
 RAREST = -8.0
 """Log probability at which a mode counts as never seen."""
 
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """What each term counts; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three."""
+    """What each term counts; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three; the last
+    four are for road users with a route (preset `extended`)."""
 
     close: float = 1.0
     off_surface: float = 1.0
@@ -51,6 +56,10 @@ class RewardWeights:
     wrong_way: float = 0.5
     comfort: float = 0.1
     realism: float = 0.05
+    progress: float = 0.5
+    off_path: float = 1.0
+    red: float = 10.0
+    priority: float = 5.0
 
 
 TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
@@ -153,3 +162,22 @@ def realism(log_probability: Floats) -> Floats:
     `log_probability` (n,): that of the chosen mode under the bundle's prior, a density learned from recordings.
     """
     return np.maximum(log_probability, RAREST) / -RAREST
+
+
+def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
+    """1 for who came as far along its path as it was to, down to -1 for who went back; 1 too for who had to stop.
+
+    `covered` and `wanted` (n,): m along the path; `known` (n,): who has a route, 0 without.
+    """
+    share = np.clip(covered / np.maximum(wanted, STEP), -1.0, 1.0)
+    return np.where(known, np.where(wanted < STEP, 1.0, share), 0.0)
+
+
+def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
+    """From 0 within PATH of the path down to -1 at three times as far; `aside` in m, (n,)."""
+    return -np.where(known, np.clip((np.abs(aside) - PATH) / (2.0 * PATH), 0.0, 1.0), 0.0)
+
+
+def passed(covered: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who went over a `closed` line, (n,) each; m covered along the path, and m from the front to it."""
+    return -(closed & (line > 0.0) & (covered > line)).astype(np.float64)

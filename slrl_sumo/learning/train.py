@@ -97,7 +97,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         agent.policy.load_state_dict(state["policy"])
         agent.begin.load_state_dict(state["begin"])
         agent.optimizer.load_state_dict(state["optimizer"])
-    arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance)
+    extended = settings.policy.preset == "extended"
+    arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance, extended=extended)
     source = ArenaSource(scenarios, request.bundle, arena)
     env = ArenaVectorEnv(source, request.workers)
     log = _Log(folder, done, rollout_size)
@@ -215,7 +216,8 @@ def _taught(
     """Teach `policy` by imitation; returns the closing figures."""
     plan = settings.imitation
     last: Figures = {}
-    if not plan.epochs:
+    # Recordings know no routes: the preset `extended` is taught by looking ahead alone.
+    if not plan.epochs or settings.policy.preset == "extended":
         return last
     parts = []
     sources: tuple[Path | str, ...] = (*request.recordings, *scenarios)

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.arena import ArenaSettings, GuidanceWeights
+from slrl_sumo.learning.arena import ArenaSettings
+from slrl_sumo.learning.guidance import GuidanceWeights
 from slrl_sumo.learning.imitation import ImitationSettings
 from slrl_sumo.learning.ppo import PpoSettings
 from slrl_sumo.learning.rewards import RewardWeights
-from slrl_sumo.models.policy import PolicyConfig
+from slrl_sumo.models.policy import PRESETS, PolicyConfig
 
 Section = TypeVar("Section")
 
@@ -41,8 +42,8 @@ class TrainSettings:
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
-NOT_FOR_USERS = {"arena": {"weights", "guidance"}, "policy": {"preset", "modes"}}
-"""Fields that are set elsewhere: the weights by [reward] and [guidance], the others by the bundle."""
+NOT_FOR_USERS = {"arena": {"weights", "guidance", "extended"}, "policy": {"modes"}}
+"""Fields that are set elsewhere: weights by [reward] and [guidance], routes by the preset, modes by the bundle."""
 
 
 def read_settings(file: Path | None) -> TrainSettings:
@@ -84,6 +85,10 @@ def _changed(section: Section, given: dict[str, Any], closed: set[str], where: s
 
 def _converted(value: Any, kind: Any, where: str) -> Any:
     """`value` as TOML has it, as a field of type `kind`: bool, int, float, or a tuple of numbers or None."""
+    if kind is str:
+        if value not in PRESETS:
+            raise InputError(f"{where} is {value!r}: give {' or '.join(PRESETS)}")
+        return value
     if kind in (bool, int, float):
         right = isinstance(value, bool) == (kind is bool) and isinstance(value, int if kind is int else int | float)
         if not right:

@@ -27,6 +27,7 @@ from slrl_sumo.learning.arena import Arena, ArenaSettings, Outcome
 from slrl_sumo.learning.rewards import TERMS
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.policy import PolicyConfig
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS
@@ -39,15 +40,19 @@ ATTEMPTS = 4
 MEMORY_LIMIT = 1500.0
 """MiB of a worker, above which it is replaced at the next reset."""
 
-OBSERVATION_SPACE = spaces.Dict(
-    {
+
+def observation_space(config: PolicyConfig) -> spaces.Dict:
+    """What one road user sees for a policy: the fields of `Observation` of these names."""
+    seen: dict[str, spaces.Space[Any]] = {
         "vector": spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32),
         "image": spaces.Box(0, 255, (EGO_ROWS, EGO_COLS, 3), np.uint8),
-        "ahead": spaces.Box(-np.inf, np.inf, (MODES, 4), np.float32),
+        "ahead": spaces.Box(-np.inf, np.inf, (MODES, config.ahead_columns), np.float32),
     }
-)
-"""What one road user sees: the fields of `Observation` of these names."""
-SEEN = tuple(OBSERVATION_SPACE)
+    if config.route_columns:
+        seen["route"] = spaces.Box(-np.inf, np.inf, (config.route_columns,), np.float32)
+    return spaces.Dict(seen)
+
+
 ACTION_SPACE: spaces.Discrete = spaces.Discrete(MODES)
 
 Arrays = dict[str, NDArray[Any]]
@@ -66,7 +71,8 @@ class ArenaVectorEnv(VectorEnv):
     """`workers` simulations with `source.settings.agents` slots each: every slot is one road user.
 
     Observations are dicts of arrays `vector` (n, 12) float32, `image` (n, 20, 40, 3) uint8 and `ahead` (n, 20, 4)
-    float32, what each mode would lead to (simulation.lookahead), n = workers x agents.
+    float32, what each mode would lead to (simulation.lookahead), n = workers x agents; in the preset `extended` 9
+    columns, and `route` (n, 14).
     Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
     where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
     `type`, `steps` (decisions of the episode so far) and `replaced` (rows whose worker died in this step: their
@@ -80,9 +86,12 @@ class ArenaVectorEnv(VectorEnv):
 
     def __init__(self, source: ArenaSource, workers: int, *, memory_limit: float = MEMORY_LIMIT) -> None:
         self.num_envs = workers * source.settings.agents
-        self.single_observation_space = OBSERVATION_SPACE
+        config = PolicyConfig(preset="extended" if source.settings.extended else "paper")
+        space = observation_space(config)
+        self.single_observation_space = space
+        self._names = tuple(space)
         self.single_action_space = ACTION_SPACE
-        self.observation_space = batch_space(OBSERVATION_SPACE, self.num_envs)
+        self.observation_space = batch_space(space, self.num_envs)
         self.action_space = batch_space(ACTION_SPACE, self.num_envs)
         self.replaced = 0
         """How often a worker was replaced because it died or hung."""
@@ -104,7 +113,7 @@ class ArenaVectorEnv(VectorEnv):
             worker.send(("reset", self._reset_seed(number)))
         replies = [self._reply(number) for number in range(len(self._workers))]
         self._seen = [reply or self._revive(number) for number, reply in enumerate(replies)]
-        return _joined(self._seen, SEEN), _joined(self._seen, ("type", "guidance"))
+        return _joined(self._seen, self._names), _joined(self._seen, ("type", "guidance"))
 
     def step(
         self, actions: NDArray[np.int64]
@@ -126,7 +135,7 @@ class ArenaVectorEnv(VectorEnv):
         infos: dict[str, Any] = {
             name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced", "guidance")
         }
-        observation = {name: every[name] for name in SEEN}
+        observation = {name: every[name] for name in self._names}
         ended = infos["_final_obs"] = every["terminated"] | every["truncated"]
         infos["final_obs"] = {name: np.zeros_like(values) for name, values in observation.items()}
         for name, values in infos["final_obs"].items():
@@ -286,17 +295,20 @@ def _seen(observation: Observation) -> Arrays:
     assert observation.image is not None
     assert observation.ahead is not None
     seen: Arrays = {"vector": observation.vector, "image": observation.image, "ahead": observation.ahead}
+    if observation.route is not None:
+        seen["route"] = observation.route
     return seen | {"type": observation.type}
 
 
 def _flat(outcome: Outcome) -> Arrays:
     """An outcome as arrays of n rows; the final observations are those of the ended episodes only."""
     reply = _seen(outcome.observation)
+    seen = [name for name in reply if name != "type"]
     ended = outcome.terminated | outcome.truncated
     reply |= {"reward": outcome.reward, "terminated": outcome.terminated, "truncated": outcome.truncated}
     reply |= {"speed_mps": outcome.speed, "steps": outcome.steps, **outcome.terms}
     reply |= {"replaced": np.zeros(len(ended), np.bool_)}
-    for name in SEEN:
+    for name in seen:
         reply[f"final_{name}"] = reply[name][:0] if outcome.final is None else getattr(outcome.final, name)
     return reply
 
@@ -313,7 +325,7 @@ def _cut_off(revived: Arrays, last: Arrays) -> Arrays:
         "steps": np.zeros(n, np.int64),
         **dict.fromkeys(TERMS, none),
         "replaced": np.ones(n, np.bool_),
-        **{f"final_{name}": last[name] for name in SEEN},
+        **{f"final_{name}": last[name] for name in ("vector", "image", "ahead", "route") if name in last},
     }
 
 

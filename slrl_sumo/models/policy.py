@@ -20,6 +20,7 @@ from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS
+from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
 from slrl_sumo.world.types import RoadUserType
 
 Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
@@ -28,8 +29,12 @@ POLICY_FILES = ("selector.json", "selector.safetensors")
 
 HEADING = FEATURES.index("heading")
 COUNTS = FEATURES.index("vru_5")
-SCALES = (2.0, 1.0, 0.2, 1.0, 1.0, 0.2)
-"""What meeting, steps off the surface, speed, turn, its absolute value and the present speed are multiplied by."""
+SCALES = (2.0, 1.0, 0.2, 1.0)
+"""What meeting, steps off the surface, speed and turn are multiplied by."""
+ROUTE_SCALES = (4.0, 0.5, 2.0, 1.0, 1.0)
+"""The same for steer, aside, pace, brake and follow in the preset `extended`."""
+PRESETS = ("paper", "extended")
+"""Which observation a policy reads: the paper's, or one with the route ahead."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,16 @@ class PolicyConfig:
     head: int = 64
     lookahead: bool = True
     """Whether it also reads what each mode would lead to (Observation.ahead)."""
+
+    @property
+    def ahead_columns(self) -> int:
+        """Columns of Observation.ahead that it reads."""
+        return len(SCALES) + (len(ROUTE_SCALES) if self.preset == "extended" else 0)
+
+    @property
+    def route_columns(self) -> int:
+        """Columns of Observation.route that it reads."""
+        return len(ROUTE_FEATURES) if self.preset == "extended" else 0
 
 
 class Policy(nn.Module):
@@ -66,29 +81,34 @@ class Policy(nn.Module):
         self.encoder = nn.Sequential(
             *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), nn.ReLU()
         )
-        self.trunk = nn.Sequential(_scaled(nn.Linear(config.hidden + len(FEATURES) - 1, config.hidden)), nn.ReLU())
-        self.scorers = nn.ModuleList(_scorer() for _ in range(types if config.lookahead else 0))
+        inputs = config.hidden + len(FEATURES) - 1 + config.route_columns
+        self.trunk = nn.Sequential(_scaled(nn.Linear(inputs, config.hidden)), nn.ReLU())
+        self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.lookahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
 
     def forward(
-        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None
+        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None, route: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """What is added to the prior's logits, (n, modes), and the value, (n,).
 
         `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
-        `ahead`: (n, modes, 4) (see Observation), for policies that look ahead.
+        `ahead`: (n, modes, 4 or 9) (see Observation), for policies that look ahead; `route`: (n, 14), for those of the
+        preset `extended`.
         """
         # From -1 to 1: with colours from 0 to 1 the same lessons took four times as long.
         pixels = image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0)
-        seen = self.trunk(torch.cat([self.encoder(pixels), _normalised(vector)], -1))
+        known = [self.encoder(pixels), _normalised(vector)]
+        if self.config.route_columns:
+            assert route is not None
+            known.append(route)
+        seen = self.trunk(torch.cat(known, -1))
         rows = torch.arange(len(kind), device=kind.device)
         correction = torch.stack([actor(seen) for actor in self.actors], 1)[rows, kind]
         if self.config.lookahead:
             assert ahead is not None
-            speed = vector[:, None, :1].expand(*ahead.shape[:2], 1)
-            known = torch.cat([ahead, ahead[..., 3:].abs(), speed], -1) * ahead.new_tensor(SCALES)
-            scores = torch.stack([scorer(known)[..., 0] for scorer in self.scorers], 1)[rows, kind]
+            leads = _led_to(ahead, vector)
+            scores = torch.stack([scorer(leads)[..., 0] for scorer in self.scorers], 1)[rows, kind]
             correction = correction + scores
         value = torch.stack([critic(seen) for critic in self.critics], 1)[rows, kind, 0]
         return correction, value
@@ -101,6 +121,7 @@ def policy_logits(
     image: Tensor,
     kind: Tensor,
     ahead: Tensor | None = None,
+    route: Tensor | None = None,
     *,
     explore: float = 0.0,
 ) -> tuple[Tensor, Tensor]:
@@ -112,7 +133,7 @@ def policy_logits(
     """
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
-    correction, value = policy(vector, image, kind, ahead)
+    correction, value = policy(vector, image, kind, ahead, route)
     logits = torch.log_softmax(known + correction, -1)
     if explore:
         alike = math.log(explore / logits.shape[-1])
@@ -126,9 +147,24 @@ def _normalised(vector: Tensor) -> Tensor:
     return torch.cat([motion, 0.5 * torch.log1p(vector[:, COUNTS:])], -1)
 
 
-def _scorer() -> nn.Sequential:
+def _led_to(ahead: Tensor, vector: Tensor) -> Tensor:
+    """What each mode leads to, each column of order 1, with what a layer cannot make of it: (n, modes, 6 or 13)."""
+    speed = vector[:, None, :1].expand(*ahead.shape[:2], 1)
+    extended = ahead.shape[-1] > len(SCALES)
+    columns = ahead * ahead.new_tensor(SCALES + (ROUTE_SCALES if extended else ()))
+    parts = [columns, ahead[..., 3:4].abs(), 0.2 * speed]
+    if extended:
+        # Steering matters to who moves.
+        steer = columns[..., 4:5] * (0.5 * speed).clamp(0.2, 1.0)
+        parts += [steer, columns[..., 6:7].abs()]
+    return torch.cat(parts, -1)
+
+
+def _scorer(config: PolicyConfig) -> nn.Sequential:
     """From what a mode leads to, to what speaks for it; nothing does to begin with."""
-    return nn.Sequential(_scaled(nn.Linear(len(SCALES), 32)), nn.ReLU(), _scaled(nn.Linear(32, 1), 0.0))
+    inputs = config.ahead_columns + (4 if config.preset == "extended" else 2)
+    hidden = 64 if config.preset == "extended" else 32
+    return nn.Sequential(_scaled(nn.Linear(inputs, hidden)), nn.ReLU(), _scaled(nn.Linear(hidden, 1), 0.0))
 
 
 def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
@@ -177,6 +213,7 @@ def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
         raise InputError(f"{damaged} ({reason}); copy the bundle again, or train it anew") from error
     if not all(bool(torch.isfinite(value).all()) for value in state.values()):
         raise InputError(f"{damaged} (weights that are not finite); copy the bundle again, or train it anew")
-    if config.preset != "paper":
-        raise InputError(f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs 'paper'")
+    if config.preset not in PRESETS:
+        runs = " and ".join(PRESETS)
+        raise InputError(f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs {runs}")
     return policy.requires_grad_(False).eval(), training

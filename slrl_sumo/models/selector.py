@@ -28,9 +28,16 @@ class Selector(Protocol):
     """Whether `choose` reads `Observation.image`; where it does not, no image needs to be drawn."""
     looks_ahead: bool
     """Whether it reads `Observation.ahead`."""
+    preset: str
+    """`extended` where it reads `Observation.route` and images and lookahead with the route, else `paper`."""
 
-    def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
-        """The mode of each observed road user, (n,) in 0..modes-1; `ids` (n,) say who it is that observes."""
+    def choose(
+        self, observation: Observation, ids: Sequence[str] | None = None, allowed: NDArray[np.bool_] | None = None
+    ) -> Modes:
+        """The mode of each observed road user, (n,) in 0..modes-1; `ids` (n,) say who it is that observes.
+
+        Of the modes that are `allowed`, (n, modes), at least one each; None allows all.
+        """
         ...
 
 
@@ -44,6 +51,7 @@ class PriorSelector:
 
     needs_image = False
     looks_ahead = False
+    preset = "paper"
 
     def __init__(self, bundle: ModelBundle, seed: int, *, sample: bool = True) -> None:
         self._bundle = bundle
@@ -51,11 +59,16 @@ class PriorSelector:
         self._random = np.random.default_rng(seed)
         self._held: dict[str, int] = {}
 
-    def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
-        """See Selector."""
+    def choose(
+        self, observation: Observation, ids: Sequence[str] | None = None, allowed: NDArray[np.bool_] | None = None
+    ) -> Modes:
+        """See Selector. A held mode that is not allowed any more is drawn anew."""
         with torch.inference_mode():
             vector, kind = tensors(observation)
-            probability = torch.softmax(self._bundle.prior.logits(vector, kind).double(), -1)
+            logits = self._bundle.prior.logits(vector, kind).double()
+            if allowed is not None:
+                logits = logits.masked_fill(torch.from_numpy(~allowed), -torch.inf)
+            probability = torch.softmax(logits, -1)
             if not self._sample:
                 return central(self._bundle, probability, kind)
         draw, again = self._random.random((2, len(observation)))
@@ -63,8 +76,9 @@ class PriorSelector:
         if ids is not None:
             holds = again >= 1 / HOLD
             for row, name in enumerate(ids):
-                if holds[row] and name in self._held:
-                    modes[row] = self._held[name]
+                held = self._held.get(name)
+                if holds[row] and held is not None and (allowed is None or allowed[row, held]):
+                    modes[row] = held
             self._held = dict(zip(ids, modes.tolist(), strict=True))  # who is gone is forgotten
         return modes
 
@@ -85,11 +99,13 @@ class PolicySelector:
                 "`slrl-sumo train`"
             )
         self._policy, self._prior = bundle.policy, bundle.prior
-        self.looks_ahead = bundle.policy.config.lookahead
+        self.looks_ahead, self.preset = bundle.policy.config.lookahead, bundle.policy.config.preset
         self._sample = sample
         self._random = np.random.default_rng(seed)
 
-    def choose(self, observation: Observation, ids: Sequence[str] | None = None) -> Modes:
+    def choose(
+        self, observation: Observation, ids: Sequence[str] | None = None, allowed: NDArray[np.bool_] | None = None
+    ) -> Modes:
         """See Selector."""
         if observation.image is None:
             raise ValueError("this selector needs observations with images")
@@ -97,12 +113,26 @@ class PolicySelector:
             raise ValueError("this selector needs observations that look ahead")
         with torch.inference_mode():
             vector, kind = tensors(observation)
-            ahead = None if observation.ahead is None else torch.from_numpy(observation.ahead)
             image = torch.from_numpy(observation.image)
-            logits, _ = policy_logits(self._policy, self._prior, vector, image, kind, ahead)
+            ahead, route = self._known(observation)
+            logits, _ = policy_logits(self._policy, self._prior, vector, image, kind, ahead, route)
+            if allowed is not None:
+                logits = torch.log_softmax(logits.masked_fill(torch.from_numpy(~allowed), -torch.inf), -1)
         if not self._sample:
             return np.asarray(logits.argmax(-1).numpy(), np.int64)
         return drawn(logits.double().exp().numpy(), self._random.random(len(observation)))
+
+    def _known(self, observation: Observation) -> tuple[Tensor | None, Tensor | None]:
+        """What the policy is told of modes and routes; without routes (recordings) those columns are zero."""
+        config, n = self._policy.config, len(observation)
+        ahead = route = None
+        if observation.ahead is not None:
+            ahead = torch.from_numpy(observation.ahead)
+            ahead = torch.nn.functional.pad(ahead, (0, config.ahead_columns - ahead.shape[-1]))
+        if config.route_columns:
+            given = observation.route
+            route = torch.zeros(n, config.route_columns) if given is None else torch.from_numpy(given)
+        return ahead, route
 
 
 def drawn(probability: Floats, draw: Floats) -> Modes:

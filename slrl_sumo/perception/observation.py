@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.raster import ego_images
+from slrl_sumo.perception.routefeatures import route_features
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.route import RouteAhead
 from slrl_sumo.world.state import WorldState
 
 
@@ -22,19 +25,37 @@ class Observation:
     type: NDArray[np.int8]
     """RoadUserType of each, (n,)."""
     ahead: NDArray[np.float32] | None = None
-    """What each mode would lead to, (n, modes, 4), as simulation.lookahead has it; None where nobody looks ahead."""
+    """What each mode would lead to, (n, modes, 4), or 9 columns in the preset `extended`, as simulation.lookahead has
+    it; None where nobody looks ahead."""
+    route: NDArray[np.float32] | None = None
+    """(n, 14), columns as in `routefeatures.ROUTE_FEATURES`; None in the preset `paper`."""
 
     def __len__(self) -> int:
         return len(self.type)
 
 
-def observe(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap, with_image: bool = True) -> Observation:
+@dataclass(frozen=True)
+class Way:
+    """The routes of n observed road users, with who is ahead on them: the gap in m and the speed in m/s, (n,)."""
+
+    route: RouteAhead
+    gap: Floats
+    leading: Floats
+
+
+def observe(
+    world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap, with_image: bool = True, way: Way | None = None
+) -> Observation:
     """What the road users `rows` of `world` perceive: the only way to an observation, in live and in recorded worlds.
 
-    `with_image=False` spares the images for selectors that do not look.
+    `with_image=False` spares the images for selectors that do not look. With the `way` of those road users this is the
+    preset `extended`: their route as numbers and as a line in the image, crossings and cycle lanes in their own
+    colours; without it `paper`.
     """
+    numbers = None if way is None else route_features(world, rows, way.route, way.gap, way.leading)
     return Observation(
         vector=features(world, rows),
-        image=ego_images(world, rows, roadmap) if with_image else None,
+        image=ego_images(world, rows, roadmap, None if way is None else way.route) if with_image else None,
         type=world.type[rows],
+        route=numbers,
     )

@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from slrl_sumo.world.geometry import Floats, to_ego
 from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.route import HERE, RouteAhead
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
@@ -44,14 +45,26 @@ PAPER_PALETTE[2] = 255, 255, 0
 PAPER_PALETTE[PAINT + RoadUserType.CAR] = 255, 0, 0
 PAPER_PALETTE[PAINT + RoadUserType.BICYCLE] = 0, 0, 255
 PAPER_PALETTE[PAINT + RoadUserType.PEDESTRIAN] = 0, 255, 0
+PATH = 7
+"""Canvas value of the path ahead."""
+EXTENDED_PALETTE = PAPER_PALETTE.copy()
+"""The same, with colours for crossings (grey), cycle lanes (cyan) and the path (magenta)."""
+EXTENDED_PALETTE[3] = 160, 160, 160
+EXTENDED_PALETTE[4] = 0, 255, 255
+EXTENDED_PALETTE[PATH] = 255, 0, 255
+PATH_THICKNESS = 2
+"""px: a metre."""
 
 
-def ego_images(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap) -> NDArray[np.uint8]:
+def ego_images(
+    world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap, route: RouteAhead | None = None
+) -> NDArray[np.uint8]:
     """The images of the road users `rows` of `world`, (len(rows), EGO_ROWS, EGO_COLS, 3) RGB.
 
     The ego is at a fixed place, 8 m from the left border and half-way up, and looks right; row 0 is the far left.
     Ground in its colours, black outside. Everybody is a line along its heading, as long and about as wide as its box
     (at least 1 m): cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too.
+    With their `route` the path ahead lies under the road users, and crossings and cycle lanes have their own colours.
     """
     images = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
     if len(rows) == 0:
@@ -72,8 +85,10 @@ def ego_images(world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap) -> N
             resolution=FINE,
             out=_views(canvas),
         )
+        if route is not None:
+            _draw_paths(canvas, world, chunk, route.take(np.arange(start, start + len(chunk))))
         _draw_road_users(canvas, world, chunk, everyone, reach)
-        colours = cv2.applyColorMap(canvas, PAPER_PALETTE)
+        colours = cv2.applyColorMap(canvas, PAPER_PALETTE if route is None else EXTENDED_PALETTE)
         size = EGO_COLS, len(canvas) // FINE
         small = np.asarray(cv2.resize(colours, size, interpolation=cv2.INTER_AREA), np.uint8)
         images[start : start + len(chunk)] = _views(small, FINE)
@@ -84,6 +99,20 @@ def _views(canvas: NDArray[np.uint8], shrunk: int = 1) -> NDArray[np.uint8]:
     """The views on a canvas that was made smaller by `shrunk`, (n, rows, cols, ...), sharing its memory."""
     gap, stride = GAP // shrunk, STRIDE // shrunk
     return canvas[:-gap].reshape(-1, stride, *canvas.shape[1:])[:, gap:]
+
+
+def _draw_paths(canvas: NDArray[np.uint8], world: WorldState, rows: NDArray[np.intp], route: RouteAhead) -> None:
+    """Draw the paths of the road users `rows` that have a route, each into its own view of the canvas."""
+    known = np.flatnonzero(route.known)
+    ego = rows[known]
+    dx, dy = route.x[known, HERE:] - world.x[ego, None], route.y[known, HERE:] - world.y[ego, None]
+    x, y = to_ego(dx, dy, world.heading[ego, None])
+    # A path that leaves the view goes on beside it, in the gap.
+    y = np.clip(y, -SIDE - 1.5, SIDE + 1.5)
+    points = np.stack([(x + BEHIND) * FINE - 0.5, (SIDE - y) * FINE - 0.5], axis=-1)
+    corners = np.rint(points * (1 << SHIFT)).astype(np.int32)
+    corners[:, :, 1] += ((GAP + known * STRIDE) << SHIFT).astype(np.int32)[:, None]
+    cv2.polylines(canvas, list(corners), False, PATH, PATH_THICKNESS, cv2.LINE_8, SHIFT)
 
 
 def _draw_road_users(

@@ -119,6 +119,7 @@ def attach(
     selector: str | None = None,
     seed: int = 1,
     yielding: bool = True,
+    guard: bool = False,
 ) -> Attached:
     """Put learned road users into a simulation that is running already; call it in a with statement.
 
@@ -128,9 +129,9 @@ def attach(
 
     `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. The other words are those of
     `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own
-    are taken over inside `region`. `step` returns all road users; everything else in the script works as before, its
-    subscriptions included. Three vTypes (learned_car, learned_bicycle, learned_pedestrian) and the routes of added
-    vehicles stay in SUMO afterwards.
+    are taken over inside `region`; with `guard` modes that lead into a conflict are not chosen. `step` returns all road
+    users; everything else in the script works as before, its subscriptions included. Three vTypes (learned_car,
+    learned_bicycle, learned_pedestrian) and the routes of added vehicles stay in SUMO afterwards.
 
     Start SUMO with --time-to-teleport -1 and --collision.action warn: its defaults remove road users that stand or
     touch. Raises InputError where something is wrong, before anybody is added or taken over: one of the words, a step
@@ -147,7 +148,7 @@ def attach(
     torch.set_num_threads(1)
     simulation = AttachedSimulation(api)
     rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network, api), seed)
-    driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed)
+    driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed, guard=guard)
     loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
     if agents is not None:
         counts, _ = type_counts(agents, mixed, starting_points(simulation.network), "attach")

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.perception.observation import Observation, observe
+from slrl_sumo.perception.observation import Observation, Way, observe
 from slrl_sumo.simulation.background import Differences, background_world, places_of
 from slrl_sumo.simulation.driver import Driver, Modes
 from slrl_sumo.simulation.events import Decision, Step
@@ -24,10 +24,15 @@ from slrl_sumo.sumo.yielding import Yielding
 from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 HYSTERESIS = 5.0
 """m that a road user may be outside the region before it is handed back."""
+
+BEYOND = 1.2
+RIM = 5.0
+"""m outside the network's bounding box that a road user of the scenario may be."""
 
 
 class Simulation(Protocol):
@@ -94,6 +99,7 @@ class CoSimulation:
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._finished: set[str] = set()
+        self._fast = fast_lanes(simulation.network, driver)
         self.world = self.population.world
 
     def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
@@ -140,9 +146,9 @@ class CoSimulation:
         self.population.world = start_anew(learned, rows, background, self.points, max_speed, rng)
         self.world = self.population.world.join(background)
 
-    def observe(self, rows: NDArray[np.intp], with_image: bool) -> Observation:
-        """What the learned road users `rows` see now."""
-        return observe(self.world, rows, self.roadmap, with_image=with_image)
+    def observe(self, rows: NDArray[np.intp], with_image: bool, way: Way | None = None) -> Observation:
+        """What the learned road users `rows` see now; with their `way` in the preset `extended`."""
+        return observe(self.world, rows, self.roadmap, with_image, way)
 
     def traffic_ahead(self) -> tuple[NDArray[np.intp], TrafficAhead]:
         """Signals, leaders and limits of the learned cars and bicycles: their rows (k,), and what is ahead of them."""
@@ -210,7 +216,8 @@ class CoSimulation:
     def _bring_home(self) -> tuple[str, ...]:
         """Road users of the scenario have a route: who has left the scene is not looped, but goes back to that."""
         learned = self.population.world
-        strayed = self.population.hand_back(left_scene(learned, self.roadmap), strayed=True)
+        # Walks lead round the ends of streets, on the rim of the network.
+        strayed = self.population.hand_back(left_scene(learned, self.roadmap, rim=RIM), strayed=True)
         # They would stray again: from here on SUMO drives them.
         self._finished.update(strayed)
         return strayed
@@ -221,11 +228,19 @@ class CoSimulation:
         learned = self.population.world
         ending = self._driver.near_end(learned)
         leaving = ending | ~self._takeover.region.inside(learned.x, learned.y, HYSTERESIS)
+        if self._fast:
+            leaving |= self._on_fast_lane(learned.ids)
         ending_ids = {learned.ids[row] for row in np.flatnonzero(ending)}
         back = self.population.hand_back(leaving)
         # Who is about to arrive is not taken over once more.
         self._finished.update(ending_ids.intersection(back))
         return back
+
+    def _on_fast_lane(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """Who is on a lane where SUMO's vehicles go faster than learned ones can, (n,)."""
+        assert self._snapshot is not None
+        lane = dict(zip(self._snapshot.ids, self._snapshot.lane, strict=True))
+        return np.array([lane.get(road_user, "") in self._fast for road_user in ids], np.bool_)
 
     def _take_over(self, everybody: WorldState, handed_back: tuple[str, ...]) -> tuple[str, ...]:
         """Take over who is in the region, and set `world`: the learned road users first, then everybody else."""
@@ -237,6 +252,8 @@ class CoSimulation:
             wanted = drawn(everybody.ids, everybody.type, rule.shares, rule.seed)
             wanted &= rule.region.inside(everybody.x, everybody.y)
             wanted &= np.array([road_user not in skip for road_user in everybody.ids], np.bool_)
+            if self._fast:
+                wanted &= ~self._on_fast_lane(everybody.ids)
             rows = np.flatnonzero(wanted)
             ids = tuple(everybody.ids[row] for row in rows)
             rows = rows[self._loans.eligible(ids, self._snapshot.person[rows])]
@@ -248,6 +265,17 @@ class CoSimulation:
         others = np.array([i for i, user in enumerate(everybody.ids) if user not in self.population.ids], np.intp)
         self.world = self.population.world.join(everybody.take(others))
         return taken
+
+
+def fast_lanes(network: Network, driver: Driver) -> frozenset[str]:
+    """Ids of lanes for cars whose limit is more than BEYOND times what the cars of `driver` can do: nobody is learned
+    there, because everybody else would have to wait behind."""
+    most = BEYOND * float(driver.max_speed[RoadUserType.CAR])
+    return frozenset(
+        lane.id
+        for lane in network.lanes
+        if lane.max_speed > most and lane.surface == Surface.ROAD and not lane.internal
+    )
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:

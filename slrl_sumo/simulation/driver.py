@@ -9,23 +9,36 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.selector import PolicySelector, PriorSelector, Selector
 from slrl_sumo.perception.observation import observe
-from slrl_sumo.simulation.lookahead import with_ahead
+from slrl_sumo.simulation.agility import Agility, agility, fitted
+from slrl_sumo.simulation.guard import allowed_modes
+from slrl_sumo.simulation.leaders import leaders
+from slrl_sumo.simulation.lookahead import Prospects, with_ahead
 from slrl_sumo.sumo.lanedriver import LaneDriver
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.world.advance import advance
+from slrl_sumo.sumo.routes import Routes
+from slrl_sumo.world.advance import advance, halting
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 SELECTORS = ("prior", "greedy", "sampled", "lane")
 """`prior`: the bundle's mode classifier; `greedy` and `sampled`: the most probable mode of its trained policy, or one
 drawn from it; `lane`: the baseline that follows lanes and routes, without models."""
+
+GUARDED = "+guard"
+"""What is appended to a selector's name where tables show it with the guard."""
+EASING = 3.0
+"""m/s²."""
 
 Modes = NDArray[np.int64] | None
 
 
 class Driver(Protocol):
     """Says where the learned road users are one decision interval later."""
+
+    max_speed: Floats
+    """m/s that each type does at most, (3,)."""
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """The n learned road users, which are the first rows of `world`, 0.4 s later, and their modes (n,) if any."""
@@ -41,28 +54,63 @@ class Driver(Protocol):
 
 
 class ModelDriver:
-    """The method: observe, let the selector choose a mode, move by that mode's displacement model."""
+    """The method: observe, let the selector choose a mode, move by that mode's displacement model.
 
-    def __init__(self, bundle: ModelBundle, selector: Selector) -> None:
-        self._bundle, self._selector = bundle, selector
+    With `routes` (selectors of the preset `extended`, and the `guard`) road users know where they are going.
+    """
+
+    def __init__(
+        self, bundle: ModelBundle, selector: Selector, routes: Routes | None = None, *, guard: bool = False
+    ) -> None:
+        self._bundle, self._selector, self._routes, self._guard = bundle, selector, routes, guard
+        self._able = None if routes is None else agility(bundle)
+        self.max_speed = bundle.max_speed
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """See Driver."""
         rows = np.arange(len(learned))
-        observation = observe(world, rows, roadmap, with_image=self._selector.needs_image)
-        if self._selector.looks_ahead:
-            observation = with_ahead(self._bundle, observation, world, rows, roadmap)
-        modes = self._selector.choose(observation, learned.ids)
+        selector = self._selector
+        prospects = self._prospects(world, len(learned))
+        extended = selector.preset == "extended"
+        way = prospects.way if extended and prospects is not None else None
+        observation = observe(world, rows, roadmap, selector.needs_image, way)
+        allowed = None
+        if self._guard and prospects is not None:
+            guarded = with_ahead(self._bundle, observation, world, rows, roadmap, prospects)
+            assert guarded.ahead is not None
+            allowed = allowed_modes(guarded.ahead, learned.type, prospects.route)
+            observation = guarded if extended else observation
+        if selector.looks_ahead and observation.ahead is None:
+            observation = with_ahead(self._bundle, observation, world, rows, roadmap, prospects if extended else None)
+        modes = selector.choose(observation, learned.ids, allowed)
         acceleration, yaw_rate = self._bundle.motion(observation, modes)
-        max_speed = self._bundle.max_speed[learned.type]
+        if prospects is not None:
+            acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
+        # Who was taken over at a higher speed comes down to what the models know as one brakes, not at once.
+        max_speed = np.maximum(self.max_speed[learned.type], learned.speed - EASING * DECISION_INTERVAL)
         return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), modes
 
+    def _prospects(self, world: WorldState, n: int) -> Prospects | None:
+        if self._routes is None or self._able is None:
+            return None
+        return prospects_of(self._routes, world, n, self._able)
+
     def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
-        """See Driver: the models know no destination."""
-        return np.zeros(len(learned), np.bool_)
+        """See Driver: without routes no destination is known."""
+        if self._routes is None:
+            return np.zeros(len(learned), np.bool_)
+        return self._routes.near_end(learned.ids)
 
     def forget(self, ids: tuple[str, ...]) -> None:
-        """See Driver: nothing is remembered."""
+        """See Driver."""
+        if self._routes is not None:
+            self._routes.forget(ids)
+
+
+def prospects_of(routes: Routes, world: WorldState, n: int, able: Agility) -> Prospects:
+    """What lies ahead of the first `n` road users of `world` on their routes, as their models can drive it."""
+    route = fitted(routes.ahead(world, n), world, able)
+    return Prospects(route, leaders(route, world), able)
 
 
 class RouteDriver:
@@ -70,6 +118,7 @@ class RouteDriver:
 
     def __init__(self, lanes: LaneDriver) -> None:
         self._lanes = lanes
+        self.max_speed: Floats = np.full(len(RoadUserType), np.inf)
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """See Driver."""
@@ -90,12 +139,24 @@ def usual_selector(bundle: ModelBundle) -> str:
     return "prior" if bundle.policy is None else "greedy"
 
 
-def make_driver(selector: str, bundle: ModelBundle, api: Any, network: Network, seed: int) -> Driver:
-    """The driver of one of SELECTORS, in a simulation seen through `api`. Raises InputError for any other name."""
+def make_driver(
+    selector: str, bundle: ModelBundle, api: Any, network: Network, seed: int, *, guard: bool = False
+) -> Driver:
+    """The driver of one of SELECTORS, in a simulation seen through `api`.
+
+    With `guard` modes that lead into a conflict are not chosen (see simulation.guard). Raises InputError for any other
+    name, and for a guard of `lane`, which has no modes.
+    """
     if selector == "lane":
+        if guard:
+            raise InputError("--guard: --selector lane chooses no modes; leave the guard out, or take another selector")
         return RouteDriver(LaneDriver(api, network))
+    chooser: Selector
     if selector == "prior":
-        return ModelDriver(bundle, PriorSelector(bundle, seed))
-    if selector in ("greedy", "sampled"):
-        return ModelDriver(bundle, PolicySelector(bundle, seed, sample=selector == "sampled"))
-    raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
+        chooser = PriorSelector(bundle, seed)
+    elif selector in ("greedy", "sampled"):
+        chooser = PolicySelector(bundle, seed, sample=selector == "sampled")
+    else:
+        raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
+    routes = Routes(api, network) if guard or chooser.preset == "extended" else None
+    return ModelDriver(bundle, chooser, routes, guard=guard)

@@ -27,6 +27,8 @@ class RunSettings:
     bundle: str = DEFAULT_BUNDLE
     selector: str | None = None
     """None is the bundle's usual one: greedy where it has a trained selector, else prior."""
+    guard: bool = False
+    """Modes that lead into a conflict are not chosen (see simulation.guard)."""
     steps: int | None = None
     """Decisions; None runs until `until`, else until the scenario's own end."""
     until: float | None = None

@@ -8,21 +8,47 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.observation import Observation, Way
+from slrl_sumo.simulation.agility import Agility
+from slrl_sumo.simulation.leaders import Leaders
 from slrl_sumo.simulation.tally import OWN_SURFACE
+from slrl_sumo.world.advance import halting
 from slrl_sumo.world.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.route import RouteAhead, at, on_path
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 STEPS = 8
 """Intervals that are looked ahead: 3.2 s."""
 HELD = 5
 """Intervals for which a mode's acceleration and yaw rate are kept up; then speed and heading stay."""
+NEAR = 3
+"""Intervals, 1.2 s, in which who has a route must not leave its surface: later it turns with its path."""
 MARGIN = 0.4
 """m between boxes below which two meet."""
 REACH = 30.0
 """m within which others are looked at."""
+STEERED = 2
+"""Intervals after which it is seen whether a mode leads back to the path."""
+RETURN = 1.0
+"""1/s, and m/s, rad: who is beside its path heads back to it with atan(RETURN * aside / (speed + SLOW)), at most AIM
+(as in S. Thrun et al. 2006, Stanley, https://doi.org/10.1002/rob.20147)."""
+SLOW, AIM = 1.5, 0.4
+STANDING = 0.2
+"""m/s."""
+CALM = 0.6
+"""Share of the way there is within which it wants to be able to stop."""
+SPARE = 1.0
+"""m before a line to stop at, for who does not stop to the centimetre."""
+AT = 0.3
+"""m within which somebody is at the place to stop at."""
+TOO_MUCH = 8.0
+"""At most so many times as much."""
+GAP, HEADWAY = 1.5, 0.5
+"""m and s that are kept behind a leader."""
+LEADER_BRAKES = 4.0
+"""m/s² with which a leader is expected to brake at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,19 +58,63 @@ class Lookahead:
     meeting: Floats
     """0 where nobody is met within STEPS, up to 1 where somebody is met at once."""
     off_surface: Floats
-    """Share of the STEPS off the own surface."""
+    """Share of the STEPS off the own surface; of the first NEAR ones for who has a route."""
     speed: Floats
     """m/s after HELD intervals."""
     turn: Floats
     """rad turned after HELD intervals."""
+    route: "OnRoute | None" = None
+
+
+@dataclass(frozen=True, eq=False)
+class OnRoute:
+    """The same for road users with a route; zeros for those without."""
+
+    steer: Floats
+    """rad between the heading after STEERED intervals and the one that leads back to the path."""
+    aside: Floats
+    """m beside the path then."""
+    pace: Floats
+    """Speed after STEERED intervals relative to the desired one, or to that from which it still stops where it must, if
+    that is lower: -1 at none, 1 at twice of it or more."""
+    brake: Floats
+    """After one interval, the way to a stand relative to the way to where it must stop: from 1 on it is too late. Up to
+    TOO_MUCH."""
+    follow: Floats
+    """The same for who is ahead on the path."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prospects:
+    """What is known of routes when modes are looked at: of the first road users of a world, who are the learned."""
+
+    route: RouteAhead
+    leaders: Leaders
+    able: Agility
+
+    @property
+    def way(self) -> Way:
+        """The same as perception has it."""
+        return Way(self.route, self.leaders.gap, self.leaders.speed)
+
+    def take(self, rows: NDArray[np.intp]) -> "Prospects":
+        """Those of the learned road users `rows`."""
+        return Prospects(self.route.take(rows), Leaders(self.leaders.gap[rows], self.leaders.speed[rows]), self.able)
 
 
 def look_ahead(
-    bundle: ModelBundle, observation: Observation, world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap
+    bundle: ModelBundle,
+    observation: Observation,
+    world: WorldState,
+    rows: NDArray[np.intp],
+    roadmap: RoadMap,
+    prospects: Prospects | None = None,
 ) -> Lookahead:
     """What every mode leads to, for the n road users `rows` of `world`, which made `observation`.
 
-    Each of them alone follows a mode as `advance` would move it; the others keep speed and yaw rate.
+    Each of them alone follows a mode as `advance` would move it; the others keep speed and yaw rate. With `prospects`
+    vehicles that have a route follow it, at the speeds of the mode: where they meet somebody does not depend on how
+    they turn in the next moment.
     """
     n, me = len(observation), world.take(rows)
     with torch.inference_mode():
@@ -62,9 +132,19 @@ def look_ahead(
     reach = np.hypot(world.length, world.width)
     meeting, off = np.zeros((n, modes)), np.zeros((n, modes))
     final_speed, turned = speed, np.zeros((n, modes))
+    mine = None if prospects is None else prospects.take(rows)
+    steered = known = np.zeros(n, np.bool_)
+    if mine is not None:
+        known = mine.route.known
+        steered = known & (me.type != RoadUserType.PEDESTRIAN)
+        _, beside, _ = on_path(mine.route, me.x[:, None], me.y[:, None])
+        travelled = np.zeros((n, modes))
+        after: list[tuple[Floats, Floats, Floats, Floats]] = []
+    looked = np.where(known, NEAR, STEPS)
     for step in range(1, STEPS + 1):
         if step <= HELD:
-            speed = np.clip(speed + acceleration * DECISION_INTERVAL, 0.0, top)
+            felt = acceleration if prospects is None else halting(speed, acceleration, DECISION_INTERVAL)
+            speed = np.clip(speed + felt * DECISION_INTERVAL, 0.0, top)
             turn = yaw_rate * DECISION_INTERVAL
             final_speed, turned = speed, turned + turn
         else:
@@ -72,33 +152,117 @@ def look_ahead(
         middle = heading + 0.5 * turn
         x, y = x + speed * DECISION_INTERVAL * np.cos(middle), y + speed * DECISION_INTERVAL * np.sin(middle)
         heading = wrap_angle(heading + turn)
-        surface = roadmap.surface_at(x.ravel(), y.ravel()).reshape(n, modes)
-        off += ~np.take_along_axis(own, surface.astype(np.intp), axis=1)
-        them = _led_on(world, step * DECISION_INTERVAL)
+        look = np.flatnonzero(step <= looked)
+        surface = roadmap.surface_at(x[look].ravel(), y[look].ravel()).reshape(len(look), modes)
+        off[look] += ~np.take_along_axis(own[look], surface.astype(np.intp), axis=1)
+        at_x, at_y, at_heading = x, y, heading
+        if mine is not None:
+            travelled = travelled + speed * DECISION_INTERVAL
+            after.append((x, y, heading, speed))
+            if steered.any():
+                at_x, at_y, at_heading = x.copy(), y.copy(), heading.copy()
+                path = mine.route.take(np.flatnonzero(steered))
+                px, py, direction = at(path, travelled[steered])
+                shift = beside[steered] * max(0.0, 1.0 - step / STEPS)
+                at_x[steered], at_y[steered] = px - shift * np.sin(direction), py + shift * np.cos(direction)
+                at_heading[steered] = direction
+        them = _led_on(world, step * DECISION_INTERVAL, prospects)
         # Whose circles do not meet under any mode need not be compared box by box.
-        spread = np.hypot(x[ego] - them[other, None, 0], y[ego] - them[other, None, 1]).min(axis=1)
+        spread = np.hypot(at_x[ego] - them[other, None, 0], at_y[ego] - them[other, None, 1]).min(axis=1)
         close = spread < 0.5 * (reach[rows[ego]] + reach[other]) + 2 * MARGIN
         e, o = ego[close], other[close]
-        boxes = np.stack([x[e], y[e], heading[e], length[e], width[e]], axis=-1).reshape(-1, 5)
+        boxes = np.stack([at_x[e], at_y[e], at_heading[e], length[e], width[e]], axis=-1).reshape(-1, 5)
         hit = boxes_overlap(boxes, np.repeat(them[o], modes, axis=0)).reshape(-1, modes)
+        if mine is not None:
+            # Who stands by then is run into, and could not help it by driving on.
+            hit &= speed[e] > STANDING
         weight = 1.0 - (step - 1) / STEPS
         np.maximum.at(meeting, e, hit * weight)
-    return Lookahead(meeting, off / STEPS, final_speed, turned)
+    fits = None if mine is None else _on_route(mine, me, after)
+    return Lookahead(meeting, off / looked[:, None], final_speed, turned, fits)
+
+
+def _on_route(mine: Prospects, me: WorldState, after: list[tuple[Floats, Floats, Floats, Floats]]) -> OnRoute:
+    """How the modes of n road users fit their routes; `after`: positions, headings and speeds after each interval."""
+    route, known = mine.route, mine.route.known[:, None]
+    x, y, heading, speed = after[STEERED - 1]
+    _, aside, direction = on_path(route, x, y)
+    aim = np.clip(np.arctan2(RETURN * aside, speed + SLOW), -AIM, AIM)
+    steer = np.abs(wrap_angle(heading - direction + aim))
+    first = after[0][3]
+    stopping = mine.able.stop_from(first, me.type)
+    stop = kept_clear(route, mine.leaders, me.length)[:, None] - SPARE
+    brake = strain(stopping, stop - first * DECISION_INTERVAL)
+    leading = mine.leaders.speed[:, None]
+    room = mine.leaders.gap[:, None] - GAP + leading**2 / (2.0 * LEADER_BRAKES)
+    follow = strain(stopping, room + (leading - (1.0 + HEADWAY / DECISION_INTERVAL) * first) * DECISION_INTERVAL)
+    follow = np.where((me.type != RoadUserType.PEDESTRIAN)[:, None], follow, 0.0)
+    covered = (first + speed) * DECISION_INTERVAL
+    room = np.where((me.type != RoadUserType.PEDESTRIAN)[:, None], room + 2.0 * leading * DECISION_INTERVAL, np.inf)
+    allowed = mine.able.speed_within(CALM * (np.minimum(stop, room - HEADWAY * speed) - covered), me.type)
+    allowed = np.minimum(allowed, route.desired[:, None])
+    pace = np.clip((speed - allowed) / np.maximum(allowed, 1.0), -1.0, 1.0)
+    columns = (np.minimum(steer, 1.0), np.clip(aside, -5.0, 5.0), pace, brake, follow)
+    return OnRoute(*(np.where(known, column, 0.0) for column in columns))
+
+
+def allowed_speed(prospects: Prospects, users: WorldState) -> Floats:
+    """m/s at which each of n road users with a route may go on: desired, and low enough to stop where it must, (n,)."""
+    route, driving = prospects.route, users.type != RoadUserType.PEDESTRIAN
+    stop = kept_clear(route, prospects.leaders, users.length) - SPARE
+    room = prospects.leaders.gap - GAP + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
+    distance = np.minimum(stop, np.where(driving, room - HEADWAY * users.speed, np.inf))
+    within = prospects.able.speed_within(CALM * np.maximum(distance, 0.0)[:, None], users.type)[:, 0]
+    return np.minimum(within, route.desired)
+
+
+def strain(stopping: Floats, distance: Floats) -> Floats:
+    """The way to a stand (m) relative to the way there is (m): 1 is just possible; up to TOO_MUCH."""
+    return np.minimum(stopping / np.maximum(distance, AT), TOO_MUCH)
+
+
+def kept_clear(route: RouteAhead, leaders: Leaders, length: Floats) -> Floats:
+    """m to where n road users must stop: as their routes say, and before junctions whose exits are taken."""
+    blocked = (leaders.speed < 1.0) & (leaders.gap > route.line) & (leaders.gap < route.out + length + GAP)
+    blocked &= (route.line > 1.0) & np.isfinite(route.line)
+    return np.where(blocked, np.minimum(route.stop, route.line - 1.0), route.stop)
 
 
 def with_ahead(
-    bundle: ModelBundle, observation: Observation, world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap
+    bundle: ModelBundle,
+    observation: Observation,
+    world: WorldState,
+    rows: NDArray[np.intp],
+    roadmap: RoadMap,
+    prospects: Prospects | None = None,
 ) -> Observation:
-    """`observation` with what every mode leads to: its `ahead` has the fields of Lookahead, in m/s and rad."""
-    ahead = look_ahead(bundle, observation, world, rows, roadmap)
-    columns = (ahead.meeting, ahead.off_surface, ahead.speed, ahead.turn)
+    """`observation` with what every mode leads to: its `ahead` has the fields of Lookahead and, with `prospects`, of
+    OnRoute, in m/s, rad and m."""
+    ahead = look_ahead(bundle, observation, world, rows, roadmap, prospects)
+    columns = [ahead.meeting, ahead.off_surface, ahead.speed, ahead.turn]
+    if (route := ahead.route) is not None:
+        columns += [route.steer, route.aside, route.pace, route.brake, route.follow]
     return replace(observation, ahead=np.stack(columns, axis=-1).astype(np.float32))
 
 
-def _led_on(world: WorldState, seconds: float) -> Floats:
-    """Boxes (m, 5), MARGIN larger, after some seconds at constant speed and yaw rate."""
+def _led_on(world: WorldState, seconds: float, prospects: Prospects | None = None) -> Floats:
+    """Boxes (m, 5), MARGIN larger, after some seconds at constant speed and yaw rate.
+
+    Vehicles whose routes are known follow them, up to lines at which they must stop.
+    """
     turn = world.yaw_rate * seconds
     middle = world.heading + 0.5 * turn
     x = world.x + world.speed * seconds * np.cos(middle)
     y = world.y + world.speed * seconds * np.sin(middle)
-    return np.column_stack([x, y, world.heading + turn, world.length + MARGIN, world.width + MARGIN])
+    heading = world.heading + turn
+    if prospects is not None:
+        n = len(prospects.route)
+        rows = np.flatnonzero(prospects.route.known & (world.type[:n] != RoadUserType.PEDESTRIAN))
+        path = prospects.route.take(rows)
+        way = np.minimum(world.speed[rows] * seconds, np.maximum(path.stop, 0.0))
+        px, py, direction = (column[:, 0] for column in at(path, way[:, None]))
+        _, beside, _ = (column[:, 0] for column in on_path(path, world.x[rows, None], world.y[rows, None]))
+        shift = beside * max(0.0, 1.0 - seconds / (STEPS * DECISION_INTERVAL))
+        x[rows], y[rows] = px - shift * np.sin(direction), py + shift * np.cos(direction)
+        heading[rows] = direction
+    return np.column_stack([x, y, heading, world.length + MARGIN, world.width + MARGIN])

@@ -9,7 +9,7 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
 from slrl_sumo.simulation.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
@@ -18,7 +18,7 @@ from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 MOST_AGENTS = 1_000_000
 
@@ -45,8 +45,15 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         if shares is not None:
             takeover = Takeover(shares, parse_region(settings.region, session.network, session.api), settings.seed)
         selector = settings.selector or usual_selector(bundle)
-        driver = make_driver(selector, bundle, session.api, session.network, settings.seed)
+        api, network = session.api, session.network
+        driver = make_driver(selector, bundle, api, network, settings.seed, guard=settings.guard)
         simulation = CoSimulation(session, driver, takeover=takeover, yielding=settings.yielding)
+        if takeover is not None and (fast := len(fast_lanes(session.network, driver))):
+            most = driver.max_speed[RoadUserType.CAR]
+            notices.append(
+                f"{fast} lanes are for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: everybody there "
+                "stays SUMO's"
+            )
         if settings.agents is not None:
             where = str(scenario.config)
             counts, mix_notices = type_counts(settings.agents, mix, starting_points(session.network), where)

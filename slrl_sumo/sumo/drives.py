@@ -101,9 +101,8 @@ class Drives:
         drive = self._drives.get(road_user)
         if drive is not None:
             begin = drive.s - half - 2.0
-            place, drive.beside = drive.way.line.nearest(x, y, begin, begin + 6.0 + 1.5 * speed * dt)
-            on_x, on_y, _ = drive.way.line.at(place)
-            if math.hypot(x - on_x, y - on_y) < ASTRAY:
+            place, drive.beside, distance = drive.way.line.place(x, y, begin, begin + 6.0 + 1.5 * speed * dt)
+            if distance < ASTRAY:
                 drive.s = max(place + half, 0.0)
                 self._roll_on(road_user, drive, 2.0 * half)
             else:

@@ -34,28 +34,32 @@ class Pace:
         # Wait at the end of the lane for a gap in the next one.
         return min(speed, _slowing(0.0, drive.way.end - drive.s - LANE_END, drive.decel, dt))
 
-    def limit(self, drive: Drive, dt: float) -> float:
-        """The speed (m/s) that the limits of the lanes under the vehicle and ahead of it allow."""
-        way = drive.way
+    def limit(self, drive: Drive, dt: float, soft: float = 1.0) -> float:
+        """The speed (m/s) that the limits of the lanes under the vehicle and ahead of it allow.
+
+        Lower limits ahead are reached with the share `soft` of its deceleration.
+        """
+        way, decel = drive.way, soft * drive.decel
         here = way.lane_at(drive.s)
         speed = min(way.limits[here] * drive.factor, drive.top_speed)
-        look = _sight(drive, dt)
+        look = _sight(drive.speed, decel, dt)
         for k in range(here + 1, len(way.lanes)):
             distance = way.ends[k - 1] - drive.s
             if distance > look:
                 break
             limit = min(way.limits[k] * drive.factor, drive.top_speed)
-            speed = min(speed, _slowing(limit, distance, drive.decel, dt))
+            speed = min(speed, _slowing(limit, distance, decel, dt))
         return speed
 
-    def stop(self, drive: Drive, dt: float, soft: float) -> tuple[float, float]:
+    def stop(self, drive: Drive, dt: float, soft: float, hesitant: float) -> tuple[float, float]:
         """How far ahead (m, inf: nowhere) the vehicle must stop, and the speed (m/s) at which it sees who comes.
 
-        That speed is reached with the share `soft` of its deceleration, and `dt` seconds early.
+        That speed is reached with the share `soft` of its deceleration, and `dt` seconds early. It is expected to cross
+        junctions with the share `hesitant` of its acceleration.
         """
         stop, look = math.inf, math.inf
         for gate, distance in self._gates_near(drive, dt):
-            limits = (drive.accel, drive.decel)
+            limits = (hesitant * drive.accel, drive.decel)
             said = self._right.says(gate, distance, drive.speed, limits, drive.stood)
             if said == "stop":
                 stop = min(stop, distance - STOP_LINE)
@@ -72,8 +76,9 @@ class Pace:
 
     def _gates_near(self, drive: Drive, dt: float) -> list[tuple[Gate, float]]:
         """Gates that matter at the present speed, with the way to them in m."""
+        look = _sight(drive.speed, drive.decel, dt) + 5.0
         near = [(gate, gate.line - drive.s) for gate in drive.way.gates]
-        return [(gate, distance) for gate, distance in near if -0.5 < distance < _sight(drive, dt) + 5.0]
+        return [(gate, distance) for gate, distance in near if -0.5 < distance < look]
 
     def leads_on(self, drive: Drive) -> bool:
         """Whether the lane under a vehicle leads on along its route; inside a junction it does, whatever follows."""
@@ -108,9 +113,9 @@ class Pace:
         return math.inf
 
 
-def _sight(drive: Drive, dt: float) -> float:
-    """m ahead of a vehicle that matter at its present speed."""
-    return drive.speed * dt + drive.speed**2 / (2.0 * drive.decel) + 10.0
+def _sight(speed: float, decel: float, dt: float) -> float:
+    """m ahead of a vehicle that matter at `speed` (m/s), if it brakes with `decel` (m/s²)."""
+    return speed * dt + speed**2 / (2.0 * decel) + 10.0
 
 
 def _slowing(target: float, distance: float, decel: float, dt: float) -> float:

@@ -5,7 +5,7 @@ at random at junctions, the same in every run.
 """
 
 import math
-from dataclasses import replace
+from bisect import bisect_right
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from slrl_sumo.sumo.drives import Drive, Drives
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.pace import Pace
-from slrl_sumo.sumo.stroll import Stroll, Strolls
-from slrl_sumo.sumo.ways import LaneGraph
-from slrl_sumo.world.geometry import Floats
+from slrl_sumo.sumo.stroll import Strolls
+from slrl_sumo.sumo.ways import LaneGraph, Line
 from slrl_sumo.world.route import AHEAD, BEHIND, POINTS, RouteAhead
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
@@ -46,11 +45,14 @@ class Routes:
         """The routes of the first `n` road users of `world`, as they are now; call it once per decision."""
         self._pace.renew()
         route = RouteAhead.unknown(n)
-        for i in range(n):
-            if world.type[i] == RoadUserType.PEDESTRIAN:
-                self._walk(route, world, i)
-            else:
-                self._drive(route, world, i)
+        paths: list[tuple[Line, float, float]] = []
+        walking = (world.type[:n] == RoadUserType.PEDESTRIAN).tolist()
+        for i, walks in enumerate(walking):
+            path = self._walk(route, world, i) if walks else self._drive(route, world, i)
+            if path is not None:
+                route.known[i] = True
+                paths.append(path)
+        _draw(route, paths)
         return route
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -63,61 +65,83 @@ class Routes:
         self._drives.forget(ids)
         self._strolls.forget(ids)
 
-    def _drive(self, route: RouteAhead, world: WorldState, i: int) -> None:
+    def _drive(self, route: RouteAhead, world: WorldState, i: int) -> tuple[Line, float, float]:
+        """Write row `i`, but its path: its line, m along it to the centre, and m beside it to stay."""
         drive = self._drives.followed(world, i, DECISION_INTERVAL)
         self._drives.choose_lane(world.ids[i], drive, world, i)
-        line = drive.way.line
-        centre = drive.s - 0.5 * float(world.length[i])
-        _sample(route, i, line.x, line.y, line.s, centre)
-        slow = replace(drive, accel=HESITANT * drive.accel)
-        stop, look = self._pace.stop(slow, REACTION, SOFT)
-        calm = replace(drive, decel=SOFT * drive.decel)
-        route.desired[i] = min(self._pace.limit(calm, REACTION), look)
+        stop, look = self._pace.stop(drive, REACTION, SOFT, HESITANT)
+        route.desired[i] = min(self._pace.limit(drive, REACTION, SOFT), look)
         route.stop[i] = stop
         gate = next((gate for gate in drive.way.gates if gate.line > drive.s - 0.5), None)
         if gate is not None:
-            route.line[i], route.out[i] = gate.line - drive.s, gate.out - drive.s
-            route.signal[i] = self._pace.signal(gate)
-            route.closed[i] = route.signal[i] >= 2 and stop <= route.line[i]
+            line = gate.line - drive.s
+            route.line[i], route.out[i] = line, gate.out - drive.s
+            route.signal[i] = shown = self._pace.signal(gate)
+            route.closed[i] = shown >= 2 and stop <= line
         route.left[i] = self._left(world.ids[i], drive)
-        route.known[i] = True
+        return drive.way.line, drive.s - 0.5 * float(world.length[i]), 0.0
 
     def _left(self, road_user: str, drive: Drive) -> float:
         drive.held = False
         return self._drives.left(road_user)
 
-    def _walk(self, route: RouteAhead, world: WorldState, i: int) -> None:
+    def _walk(self, route: RouteAhead, world: WorldState, i: int) -> tuple[Line, float, float] | None:
+        """As `_drive`; None for who goes nowhere. Persons keep their place across the way that they walk on."""
         road_user = world.ids[i]
         stroll = self._strolls.followed(road_user, float(world.x[i]), float(world.y[i]), float(world.heading[i]))
         route.desired[i] = stroll.pace
         if stroll.walk is None:
-            return
-        line = stroll.walk.line
-        _sample(route, i, line.x, line.y, line.s, stroll.s)
-        _shift(route, i, stroll)
+            return None
         stop, crossing, red = self._strolls.stop(stroll)
         route.stop[i], route.line[i] = stop, crossing
         if math.isfinite(crossing):
             route.signal[i], route.closed[i] = 3 if red else 1, red
         route.left[i] = self._strolls.left(road_user)
-        route.known[i] = True
+        return stroll.walk.line, stroll.s, stroll.beside
 
 
-def _sample(route: RouteAhead, i: int, x: list[float], y: list[float], s: list[float], place: float) -> None:
-    """Write the points of a line round `place` (m along it) into row `i`; beyond its ends it goes straight on."""
-    along = place + _GRID
-    route.x[i], route.y[i] = np.interp(along, s, x), np.interp(along, s, y)
-    for beyond, a, b in ((s[0] - along, 0, 1), (along - s[-1], -1, -2)):
-        rows = beyond > 0.0
-        if rows.any():
-            step = math.hypot(x[a] - x[b], y[a] - y[b])
-            route.x[i, rows] = x[a] + beyond[rows] * (x[a] - x[b]) / step
-            route.y[i, rows] = y[a] + beyond[rows] * (y[a] - y[b]) / step
+def _draw(route: RouteAhead, paths: list[tuple[Line, float, float]]) -> None:
+    """Write the points of all that are known: of each its line, the place on it (m), and m to its left to stay.
+
+    Beyond its ends a line goes straight on. What is needed of all lines is laid in a row, and drawn in one go.
+    """
+    if not paths:
+        return
+    x: list[float] = []
+    y: list[float] = []
+    s: list[float] = []
+    places = []
+    room = 0.0
+    for line, place, _ in paths:
+        begin, end = place - BEHIND, place + AHEAD
+        first = max(bisect_right(line.s, begin) - 1, 0)
+        last = min(bisect_right(line.s, end) + 1, len(line.s))
+        shift = room - min(begin, line.s[first])
+        if begin < line.s[0]:
+            _straight_on(line, 0, 1, line.s[0] - begin, x, y)
+            s.append(room)
+        x += line.x[first:last]
+        y += line.y[first:last]
+        s += [along + shift for along in line.s[first:last]]
+        if end > line.s[-1]:
+            _straight_on(line, -1, -2, end + 1.0 - line.s[-1], x, y)
+            s.append(end + 1.0 + shift)
+        places.append(place + shift)
+        room = s[-1] + 1.0
+    along, known = np.array(places)[:, None] + _GRID, np.array(s)
+    px, py = np.interp(along, known, x), np.interp(along, known, y)
+    beside = np.array([path[2] for path in paths])
+    aside = np.flatnonzero(beside)
+    if len(aside):
+        dx, dy = np.gradient(px[aside], axis=1), np.gradient(py[aside], axis=1)
+        share = beside[aside, None] / np.maximum(np.hypot(dx, dy), 1e-6)
+        px[aside] -= share * dy
+        py[aside] += share * dx
+    route.x[route.known], route.y[route.known] = px, py
 
 
-def _shift(route: RouteAhead, i: int, stroll: Stroll) -> None:
-    """Persons keep their place across the way that they walk on."""
-    dx, dy = np.gradient(route.x[i]), np.gradient(route.y[i])
-    step: Floats = np.maximum(np.hypot(dx, dy), 1e-6)
-    route.x[i] -= stroll.beside * dy / step
-    route.y[i] += stroll.beside * dx / step
+def _straight_on(line: Line, end: int, inner: int, beyond: float, x: list[float], y: list[float]) -> None:
+    """Add a point `beyond` m off an end of a line."""
+    share = beyond / math.hypot(line.x[end] - line.x[inner], line.y[end] - line.y[inner])
+    x.append(line.x[end] + share * (line.x[end] - line.x[inner]))
+    y.append(line.y[end] + share * (line.y[end] - line.y[inner]))

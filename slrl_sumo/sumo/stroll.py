@@ -62,9 +62,8 @@ class Strolls:
         """What is known of a person that goes where it wants, at a position (m), with a heading (rad)."""
         stroll = self._strolls.get(person)
         if stroll is not None and stroll.walk is not None:
-            place, _ = stroll.walk.line.nearest(x, y, stroll.s - 2.0, stroll.s + 4.0)
-            on_x, on_y, _ = stroll.walk.line.at(place)
-            if math.hypot(x - on_x, y - on_y) > ASTRAY:
+            place, _, distance = stroll.walk.line.place(x, y, stroll.s - 2.0, stroll.s + 4.0)
+            if distance > ASTRAY:
                 # The walk is asked for once, when a person of the scenario is taken over: later it is cut.
                 place, _ = stroll.walk.line.nearest(x, y, stroll.s - 2.0)
             stroll.s = place
@@ -78,12 +77,11 @@ class Strolls:
         """m to where a person must stop (inf: nowhere), m to the next crossing with a signal, and whether that is
         red."""
         walk = stroll.walk
-        ahead = [] if walk is None else [kerb for kerb in walk.kerbs if kerb.s > stroll.s]
-        for kerb in ahead[:1]:
-            red = self._red(kerb)
-            if red is not None:
-                return (kerb.s - KERB - stroll.s if red else math.inf), kerb.s - stroll.s, red
-        return math.inf, math.inf, False
+        kerb = None if walk is None else next((kerb for kerb in walk.kerbs if kerb.s > stroll.s), None)
+        red = None if kerb is None else self._red(kerb)
+        if kerb is None or red is None:
+            return math.inf, math.inf, False
+        return (kerb.s - KERB - stroll.s if red else math.inf), kerb.s - stroll.s, red
 
     def left(self, person: str) -> float:
         """m that a person still has to walk on edges; inf for one not known, or who walks without destination."""

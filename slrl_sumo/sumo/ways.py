@@ -2,7 +2,7 @@
 
 import math
 import random
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -43,18 +43,23 @@ class Line:
 
     def nearest(self, x: float, y: float, begin: float = -math.inf, end: float = math.inf) -> tuple[float, float]:
         """Where on the line, between `begin` and `end`, a position is nearest: m along it, and m to the left of it."""
-        best, found = math.inf, (max(self.s[0], begin), 0.0)
-        for i in range(len(self.s) - 1):
-            if self.s[i + 1] < begin or self.s[i] > end:
-                continue
-            dx, dy, step = self.x[i + 1] - self.x[i], self.y[i + 1] - self.y[i], self.s[i + 1] - self.s[i]
-            px, py = x - self.x[i], y - self.y[i]
-            low, high = max(begin - self.s[i], 0.0), min(end - self.s[i], step)
+        return self.place(x, y, begin, end)[:2]
+
+    def place(self, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
+        """As `nearest`, and m from there to the position (inf where nothing of the line lies between)."""
+        xs, ys, s = self.x, self.y, self.s
+        best, found, left = math.inf, max(s[0], begin), 0.0
+        # Only pieces of which something lies between.
+        for i in range(max(bisect_left(s, begin) - 1, 0), min(bisect_right(s, end), len(s) - 1)):
+            here = s[i]
+            dx, dy, step = xs[i + 1] - xs[i], ys[i + 1] - ys[i], s[i + 1] - here
+            px, py = x - xs[i], y - ys[i]
+            low, high = max(begin - here, 0.0), min(end - here, step)
             along = min(max((px * dx + py * dy) / step, low), high)
             distance = math.hypot(px - along * dx / step, py - along * dy / step)
             if distance < best:
-                best, found = distance, (self.s[i] + along, (dx * py - dy * px) / step)
-        return found
+                best, found, left = distance, here + along, (dx * py - dy * px) / step
+        return found, left, best
 
     def between(self, begin: float, end: float) -> list[tuple[float, float]]:
         """The points of the line from `begin` to `end`, both included."""
