@@ -10,7 +10,7 @@ from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.world.advance import halting
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import HERE, SPACING, RouteAhead, curvature
+from slrl_sumo.world.route import CHORD, HERE, SPACING, Complexes, RouteAhead, bend
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -34,6 +34,10 @@ REACTION = 2 * DECISION_INTERVAL
 """s before braking shows."""
 PASSES = 60
 """Times at most that a path is smoothed."""
+WIDE = np.ones(7)
+"""As many points round a sharp one are smoothed."""
+SELDOM = 4
+"""Passes after which it is looked who is round enough."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,45 +117,53 @@ def fitted(route: RouteAhead, users: WorldState, able: Agility) -> RouteAhead:
     Pedestrians' paths stay as they are.
     """
     n = len(route)
-    kind, speed = users.type[:n], users.speed[:n]
-    rows = np.flatnonzero(route.known & (kind != RoadUserType.PEDESTRIAN))
+    rows = np.flatnonzero(route.known & (users.type[:n] != RoadUserType.PEDESTRIAN))
     if not len(rows):
         return route
-    limit = SPARE * able.sharpest[kind[rows]]
-    path = _rounded(route.take(rows), limit[:, :, 0])
-    signed = curvature(path)[:, HERE:]
-    ahead = np.abs(signed)
+    kind, speed = users.type[rows], users.speed[rows]
+    limit = SPARE * able.sharpest[kind, :, 0]
+    path = _rounded(route.x[rows] + 1j * route.y[rows], limit)
+    signed = bend(path)[:, HERE:]
     # The highest speed at which each curve is still possible.
-    allowed = np.empty(ahead.shape)
-    for row, (right, left) in enumerate(limit):
-        for side, here in ((right, signed[row] < 0), (left, signed[row] >= 0)):
-            fastest = np.searchsorted(-side, -ahead[row, here], side="right") - 1
-            allowed[row, here] = SPEEDS[np.maximum(fastest, 0)]
-    allowed = np.maximum(np.minimum(allowed, np.sqrt(COMFORT / np.maximum(ahead, 1e-6))), SLOWEST)
-    distance = np.arange(ahead.shape[1]) * SPACING - REACTION * speed[rows, None]
-    slowing = np.sqrt(allowed**2 + 2.0 * BRAKING[kind[rows], None] * np.maximum(distance, 0.0)).min(axis=1)
+    allowed = np.empty(signed.shape)
+    for one in np.unique(kind):
+        for side, sign in enumerate((-1.0, 1.0)):
+            here = (kind == one)[:, None] & ((signed < 0.0) == (sign < 0.0))
+            possible = SPARE * able.sharpest[one, side]
+            fastest = np.searchsorted(-possible, -sign * signed[here], side="right") - 1
+            allowed[here] = SPEEDS[np.maximum(fastest, 0)]
+    allowed = np.maximum(np.minimum(allowed, np.sqrt(COMFORT / np.maximum(np.abs(signed), 1e-6))), SLOWEST)
+    distance = np.arange(signed.shape[1]) * SPACING - REACTION * speed[:, None]
+    slowing = np.sqrt(allowed**2 + 2.0 * BRAKING[kind, None] * np.maximum(distance, 0.0)).min(axis=1)
     x, y, desired = route.x.copy(), route.y.copy(), route.desired.copy()
-    x[rows], y[rows], desired[rows] = path.x, path.y, np.minimum(desired[rows], slowing)
+    x[rows], y[rows], desired[rows] = path.real, path.imag, np.minimum(desired[rows], slowing)
     return replace(route, x=x, y=y, desired=desired)
 
 
-def _rounded(route: RouteAhead, limit: Floats) -> RouteAhead:
+def _rounded(path: Complexes, limit: Floats) -> Complexes:
     """Paths drawn like an elastic band where they are sharper than `limit`, until they are not.
 
-    `limit`: 1/m, to the right and to the left, (n, 2).
+    `path`: x + iy in m, (n, points); `limit`: 1/m, to the right and to the left, (n, 2).
     """
-    x, y = route.x.copy(), route.y.copy()
-    wide = np.ones(7)
-    for _ in range(PASSES):
-        curve = curvature(replace(route, x=x, y=y))
-        sharp = (curve > limit[:, 1:]) | (-curve > limit[:, :1])
-        rows = np.flatnonzero(sharp.any(axis=1))
-        if not len(rows):
-            break
-        # Round the sharp places as well: the turn spreads to both sides.
-        spread = np.array([np.convolve(row, wide, "same") > 0 for row in sharp[rows]])[:, 1:-1]
-        for line in (x, y):
-            some = line[rows]
-            some[:, 1:-1] += np.where(spread, 0.25 * np.diff(some, 2, axis=1), 0.0)
-            line[rows] = some
-    return replace(route, x=x, y=y)
+    path, inner = path.copy(), slice(CHORD, -CHORD)
+    # Paths are laid end to end: what is computed across their ends is sharper than nothing there, and moves nothing.
+    low, high, share = np.full(path.shape, -np.inf), np.full(path.shape, np.inf), np.zeros(path.shape)
+    low[:, inner], high[:, inner], share[:, 1:-1] = -limit[:, :1], limit[:, 1:], 0.25
+    rows, some = np.arange(len(path)), path.copy()
+    for count in range(PASSES):
+        curve = bend(some.ravel())
+        sharp = (curve > high.ravel()) | (curve < low.ravel())
+        # Round the points beside sharp ones as well: the turn spreads to both sides.
+        sharp = np.convolve(sharp, WIDE, "same") > 0.0
+        if count % SELDOM == 0:
+            still = sharp.reshape(some.shape).any(axis=1)
+            path[rows], rows = some, rows[still]
+            if not len(rows):
+                return path
+            some, low, high, share = some[still], low[still], high[still], share[still]
+            sharp = sharp.reshape(-1, path.shape[1])[still].ravel()
+        line = some.reshape(-1)
+        step = line[1:] - line[:-1]
+        line[1:-1] += (sharp * share.ravel())[1:-1] * (step[1:] - step[:-1])
+    path[rows] = some
+    return path

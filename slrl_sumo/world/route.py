@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.world.geometry import Floats, wrap_angle
 
+Complexes = NDArray[np.complex128]
+
 SPACING = 1.0
 """m between the points of a path."""
 BEHIND, AHEAD = 8.0, 40.0
@@ -109,9 +111,15 @@ def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
 
 def curvature(route: RouteAhead) -> Floats:
     """How sharply the paths turn to the left, 1/m, (n, POINTS); 0 where the ends are too near."""
-    dx, dy = route.x[:, CHORD:] - route.x[:, :-CHORD], route.y[:, CHORD:] - route.y[:, :-CHORD]
-    heading, length = np.arctan2(dy, dx), np.hypot(dx, dy)
-    turn = wrap_angle(heading[:, CHORD:] - heading[:, :-CHORD])
-    sharp = np.zeros(route.x.shape)
-    sharp[:, CHORD:-CHORD] = turn / np.maximum(0.5 * (length[:, CHORD:] + length[:, :-CHORD]), 0.1)
+    return bend(route.x + 1j * route.y)
+
+
+def bend(path: Complexes) -> Floats:
+    """`curvature` of paths given as x + iy in m, (..., points)."""
+    chord = path[..., CHORD:] - path[..., :-CHORD]
+    length = np.abs(chord)
+    turn = chord[..., CHORD:] * chord[..., :-CHORD].conj()
+    middle = np.maximum(0.5 * (length[..., CHORD:] + length[..., :-CHORD]), 0.1)
+    sharp = np.zeros(path.shape)
+    sharp[..., CHORD:-CHORD] = np.arctan2(turn.imag, turn.real) / middle
     return sharp
