@@ -205,6 +205,11 @@ def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
         training = values.pop("training")
         shapes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         config = PolicyConfig(**shapes)
+        if config.preset not in PRESETS:
+            runs = " and ".join(PRESETS)
+            raise InputError(
+                f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs {runs}"
+            )
         policy = Policy(config)
         state = load_file(folder / POLICY_FILES[1])
         policy.load_state_dict(state)
@@ -213,7 +218,4 @@ def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
         raise InputError(f"{damaged} ({reason}); copy the bundle again, or train it anew") from error
     if not all(bool(torch.isfinite(value).all()) for value in state.values()):
         raise InputError(f"{damaged} (weights that are not finite); copy the bundle again, or train it anew")
-    if config.preset not in PRESETS:
-        runs = " and ".join(PRESETS)
-        raise InputError(f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs {runs}")
     return policy.requires_grad_(False).eval(), training

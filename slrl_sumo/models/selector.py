@@ -70,7 +70,7 @@ class PriorSelector:
                 logits = logits.masked_fill(torch.from_numpy(~allowed), -torch.inf)
             probability = torch.softmax(logits, -1)
             if not self._sample:
-                return central(self._bundle, probability, kind)
+                return central(self._bundle, probability, kind, allowed)
         draw, again = self._random.random((2, len(observation)))
         modes = drawn(probability.numpy(), draw)
         if ids is not None:
@@ -137,19 +137,22 @@ class PolicySelector:
 
 def drawn(probability: Floats, draw: Floats) -> Modes:
     """Modes (n,) with these probabilities (n, modes), for draws (n,) from [0, 1)."""
-    # The last sum may be a hair below 1, so it is left out: what lies above all others is the last mode.
-    return np.asarray((draw[:, None] >= probability.cumsum(-1)[:, :-1]).sum(-1), np.int64)
+    # The last sum may be a hair below 1: between it and 1 may lie modes that are not allowed.
+    summed = probability.cumsum(-1)
+    return np.asarray(((draw * summed[:, -1])[:, None] >= summed[:, :-1]).sum(-1), np.int64)
 
 
-def central(bundle: ModelBundle, probability: Tensor, kind: Tensor) -> Modes:
+def central(bundle: ModelBundle, probability: Tensor, kind: Tensor, allowed: NDArray[np.bool_] | None = None) -> Modes:
     """The modes (n,) whose destinations are on average nearest to those that `probability` (n, modes) expects.
 
     Of many modes side by side none is probable, and the most probable one may be an outlier: this one errs least.
-    `kind`: (n,) int64 types.
+    `kind`: (n,) int64 types; `allowed` (n, modes): only these are taken.
     """
     centres = torch.from_numpy(bundle.mode_centres)
     distance = torch.cdist(centres, centres)
     expected = torch.zeros_like(probability)
     for t in range(len(centres)):
         expected[kind == t] = probability[kind == t] @ distance[t]
+    if allowed is not None:
+        expected[torch.from_numpy(~allowed)] = torch.inf
     return np.asarray(expected.argmin(-1).numpy(), np.int64)

@@ -1,5 +1,7 @@
-"""The policy begins as the prior, looks at the image, and survives its files."""
+"""The policy begins as the prior, looks at the image (and in the preset `extended` at the route), and survives its
+files."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -103,3 +105,101 @@ def test_half_a_selector_is_damage(bundle: ModelBundle, policy: Policy, tmp_path
 def test_without_a_trained_policy_it_says_so(bundle: ModelBundle) -> None:
     with pytest.raises(InputError, match="it has no trained selector; use --selector prior"):
         PolicySelector(bundle, 1, sample=True)
+
+
+@pytest.fixture
+def extended(bundle: ModelBundle) -> Policy:
+    torch.manual_seed(6)
+    return Policy(PolicyConfig(preset="extended", modes=bundle.config.modes, hidden=32, head=16))
+
+
+def _on_route(seen: Observation) -> Observation:
+    random = np.random.default_rng(4)
+    ahead, route = random.random((len(seen), 20, 9)), random.random((len(seen), 14))
+    return replace(_with_images(seen), ahead=ahead.astype(np.float32), route=route.astype(np.float32))
+
+
+def _everything(seen: Observation) -> tuple[torch.Tensor, ...]:
+    assert seen.ahead is not None
+    assert seen.route is not None
+    return *_arguments(seen), torch.from_numpy(seen.ahead), torch.from_numpy(seen.route)
+
+
+def test_an_untrained_extended_policy_is_the_prior_too(
+    bundle: ModelBundle, seen: Observation, extended: Policy
+) -> None:
+    vector, image, kind, ahead, route = _everything(_on_route(seen))
+    logits, _ = policy_logits(extended, bundle.prior, vector, image, kind, ahead, route)
+    known = torch.log_softmax(bundle.prior.logits(vector, kind), -1).clamp_min(-4.0)
+    torch.testing.assert_close(logits, torch.log_softmax(known, -1))
+
+
+def test_choices_depend_on_every_column_of_the_route(seen: Observation, extended: Policy) -> None:
+    _disturb(extended)
+    vector, image, kind, ahead, route = _everything(_on_route(seen))
+    before, value = extended(vector, image, kind, ahead, route)
+    for column in range(14):
+        other = route.clone()
+        other[:, column] += 1.0
+        after, other_value = extended(vector, image, kind, ahead, other)
+        assert not torch.allclose(after, before)
+        assert not torch.allclose(other_value, value)
+
+
+def test_what_a_mode_leads_to_speaks_for_that_mode_alone(seen: Observation, extended: Policy) -> None:
+    _disturb(extended)
+    vector, image, kind, ahead, route = _everything(_on_route(seen))
+    before, _ = extended(vector, image, kind, ahead, route)
+    for column in range(9):
+        other = ahead.clone()
+        other[:, 5, column] += 1.0
+        after, _ = extended(vector, image, kind, other, route)
+        changed = (after - before).abs() > 1e-4
+        assert changed[:, 5].float().mean() > 0.9
+        changed[:, 5] = False
+        assert not changed.any()
+
+
+def test_an_extended_selector_reads_the_route_and_does_without_one(
+    bundle: ModelBundle, seen: Observation, extended: Policy
+) -> None:
+    _disturb(extended)
+    trained, looked = replace(bundle, policy=extended), _on_route(seen)
+    logits, _ = policy_logits(extended, bundle.prior, *_everything(looked))
+    selector = PolicySelector(trained, 1, sample=False)
+    assert (selector.preset, selector.looks_ahead) == ("extended", True)
+    chosen = selector.choose(looked)
+    np.testing.assert_array_equal(chosen, logits.argmax(-1).numpy())
+    # Recordings know no routes: there all that is about them is zero.
+    assert looked.ahead is not None
+    assert looked.route is not None
+    wandering = replace(looked, ahead=looked.ahead[..., :4], route=None)
+    zeros = np.where(np.arange(9) < 4, looked.ahead, 0.0).astype(np.float32)
+    nowhere = replace(looked, ahead=zeros, route=np.zeros_like(looked.route))
+    np.testing.assert_array_equal(selector.choose(wandering), selector.choose(nowhere))
+    assert (selector.choose(wandering) != chosen).any()
+    with pytest.raises(ValueError, match="look ahead"):
+        selector.choose(replace(looked, ahead=None))
+
+
+def test_a_bundle_keeps_its_preset(bundle: ModelBundle, seen: Observation, extended: Policy, tmp_path: Path) -> None:
+    _disturb(extended)
+    looked, trained = _on_route(seen), replace(bundle, policy=extended)
+    trained.save(tmp_path / "b")
+    again = load_bundle(tmp_path / "b")
+    assert again.policy is not None
+    assert again.policy.config == extended.config
+    chosen = PolicySelector(trained, 1, sample=False).choose(looked)
+    np.testing.assert_array_equal(PolicySelector(again, 1, sample=False).choose(looked), chosen)
+
+
+@pytest.mark.parametrize("shapes", ["policy", "extended"])
+def test_a_preset_of_another_version_is_said(
+    bundle: ModelBundle, tmp_path: Path, shapes: str, request: pytest.FixtureRequest
+) -> None:
+    replace(bundle, policy=request.getfixturevalue(shapes)).save(tmp_path / "b")
+    file = tmp_path / "b" / "selector.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"preset": "telepathic"}))
+    with pytest.raises(InputError, match="reads preset 'telepathic', this slrl_sumo runs paper and extended") as caught:
+        load_bundle(tmp_path / "b")
+    assert "\n" not in str(caught.value)

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.models.selector import HOLD, PriorSelector
+from slrl_sumo.models.policy import Policy, PolicyConfig
+from slrl_sumo.models.selector import HOLD, PolicySelector, PriorSelector, Selector, drawn
 from slrl_sumo.perception.observation import Observation
 
 
@@ -87,3 +90,93 @@ def test_nobody_gets_no_modes(bundle: ModelBundle) -> None:
     nobody = Observation(np.zeros((0, 12), np.float32), None, np.zeros(0, np.int8))
     for sample in (True, False):
         assert PriorSelector(bundle, 1, sample=sample).choose(nobody).shape == (0,)
+
+
+SELECTORS = ("prior", "central", "greedy", "sampled")
+
+
+def _selector(name: str, bundle: ModelBundle) -> Selector:
+    if name in ("prior", "central"):
+        return PriorSelector(bundle, 1, sample=name == "prior")
+    torch.manual_seed(1)
+    policy = Policy(PolicyConfig(modes=20, hidden=16, head=8, lookahead=False))
+    for parameter in policy.parameters():
+        parameter.data += 0.3 * torch.randn(parameter.shape)
+    return PolicySelector(replace(bundle, policy=policy), 1, sample=name == "sampled")
+
+
+def _looked(seen: Observation) -> Observation:
+    image = np.random.default_rng(2).integers(0, 256, (len(seen), 20, 40, 3)).astype(np.uint8)
+    return replace(seen, image=image, vector=np.abs(seen.vector))
+
+
+@pytest.mark.parametrize("name", SELECTORS)
+def test_modes_that_are_not_allowed_are_never_chosen(bundle: ModelBundle, seen: Observation, name: str) -> None:
+    looked, ids = _looked(seen), [str(i) for i in range(len(seen))]
+    random = np.random.default_rng(3)
+    free = _selector(name, bundle).choose(looked, ids)
+    selector = _selector(name, bundle)
+    everybody = np.arange(len(seen))
+    for share in (0.5, 0.1, 0.0):
+        allowed = random.random((len(seen), 20)) < share
+        allowed[everybody, random.integers(0, 20, len(seen))] = True
+        for _ in range(10):
+            modes = selector.choose(looked, ids, allowed)
+            assert allowed[everybody, modes].all()
+        if share == 0.0:
+            np.testing.assert_array_equal(modes, allowed.argmax(axis=1))
+    # The first choice is masked for all: everybody takes another one.
+    allowed = np.ones((len(seen), 20), np.bool_)
+    allowed[everybody, free] = False
+    assert (_selector(name, bundle).choose(looked, ids, allowed) != free).all()
+
+
+@pytest.mark.parametrize("name", SELECTORS)
+def test_with_all_modes_allowed_choices_stay_the_same(bundle: ModelBundle, seen: Observation, name: str) -> None:
+    looked, ids = _looked(seen), [str(i) for i in range(len(seen))]
+    free, masked = _selector(name, bundle), _selector(name, bundle)
+    for _ in range(5):
+        np.testing.assert_array_equal(
+            masked.choose(looked, ids, np.ones((len(seen), 20), np.bool_)), free.choose(looked, ids)
+        )
+
+
+def test_of_what_is_allowed_the_most_probable_is_taken(bundle: ModelBundle, seen: Observation) -> None:
+    looked = _looked(seen)
+    first = _selector("greedy", bundle).choose(looked)
+    allowed = np.ones((len(seen), 20), np.bool_)
+    allowed[np.arange(len(seen)), first] = False
+    second = _selector("greedy", bundle).choose(looked, None, allowed)
+    # Whoever may take only the first or the second takes the first again.
+    both = np.zeros_like(allowed)
+    both[np.arange(len(seen)), first] = both[np.arange(len(seen)), second] = True
+    np.testing.assert_array_equal(_selector("greedy", bundle).choose(looked, None, both), first)
+    others = ~both
+    third = _selector("greedy", bundle).choose(looked, None, others)
+    pair = np.zeros_like(allowed)
+    pair[np.arange(len(seen)), second] = pair[np.arange(len(seen)), third] = True
+    np.testing.assert_array_equal(_selector("greedy", bundle).choose(looked, None, pair), second)
+
+
+def test_a_held_mode_is_drawn_anew_only_where_it_is_no_longer_allowed(bundle: ModelBundle, seen: Observation) -> None:
+    times = 2000
+    ids = [str(i) for i in range(times)]
+    many = Observation(np.repeat(seen.vector[:1], times, 0), None, np.repeat(seen.type[:1], times))
+    selector = PriorSelector(bundle, 1)
+    first = selector.choose(many, ids)
+    allowed = np.ones((times, 20), np.bool_)
+    gone = np.arange(times) < times // 2
+    allowed[np.flatnonzero(gone), first[gone]] = False
+    second = selector.choose(many, ids, allowed)
+    assert (second[gone] != first[gone]).all()
+    assert np.mean(second[~gone] == first[~gone]) > 1 - 1.5 / HOLD
+    # The new one is held as the old one was, even where that is allowed again.
+    third = selector.choose(many, ids)
+    assert np.mean(third[gone] == second[gone]) > 1 - 1.5 / HOLD
+
+
+def test_rounding_never_leads_to_a_mode_that_cannot_be() -> None:
+    # The sum is a hair below 1, and the draw lies above it.
+    probability = np.array([[0.0, 0.25, 0.7499999, 0.0, 0.0]])
+    assert drawn(probability, np.array([1.0 - 1e-12])).tolist() == [2]
+    assert drawn(probability, np.array([0.0])).tolist() == [1]

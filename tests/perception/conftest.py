@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from slrl_sumo.world.roadmap import Ribbon, Surface, SurfaceShapes
+from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH
 
@@ -39,6 +40,29 @@ def place() -> Place:
             width=DEFAULT_WIDTH[kind] if width is None else width,
             learned=np.arange(n) % 2 == 0,
         )
+
+    return make
+
+
+@pytest.fixture
+def routed() -> Callable[..., RouteAhead]:
+    """Makes the routes of road users at places (x, y, direction): straight paths, that turn by `turn` rad `after` m.
+
+    `columns`: other fields of RouteAhead, the same for all.
+    """
+
+    def make(*places: tuple[float, float, float], turn: float = 0.0, after: int = 0, **columns: float) -> RouteAhead:
+        n = len(places)
+        route = RouteAhead.unknown(n)
+        x, y, heading = np.array(places, np.float64).reshape(-1, 3).T[:, :, None]
+        direction = heading + np.where(np.arange(POINTS - 1) >= HERE + after, turn, 0.0)
+        for line, begin, step in ((route.x, x, np.cos(direction)), (route.y, y, np.sin(direction))):
+            line[:, 1:] = SPACING * np.cumsum(step, axis=1)
+            line += begin - line[:, HERE : HERE + 1]
+        route.known[:] = True
+        for name, value in columns.items():
+            getattr(route, name)[:] = value
+        return route
 
     return make
 

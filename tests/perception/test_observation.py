@@ -5,9 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from slrl_sumo.perception.features import features
-from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.observation import Way, observe
 from slrl_sumo.perception.raster import ego_images
+from slrl_sumo.perception.routefeatures import route_features
 from slrl_sumo.world.roadmap import RoadMap, SurfaceShapes
+from slrl_sumo.world.route import RouteAhead
 from slrl_sumo.world.state import WorldState
 
 
@@ -35,3 +37,21 @@ def test_nobody(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None
     assert seen.vector.shape == (0, 12)
     assert seen.image is not None
     assert seen.image.shape == (0, 20, 40, 3)
+
+
+def test_who_knows_the_way_sees_it_as_numbers_and_in_the_image(
+    crowd: Callable[..., WorldState], routed: Callable[..., RouteAhead], street: SurfaceShapes
+) -> None:
+    world, roadmap, rows = crowd(1, 30, 40.0), RoadMap(street), np.array([7, 3, 29])
+    places = [(float(world.x[row]), float(world.y[row]), float(world.heading[row])) for row in rows]
+    way = Way(routed(*places, stop=9.0), np.array([3.0, 4.0, 5.0]), np.array([1.0, 0.0, 2.0]))
+    seen = observe(world, rows, roadmap, way=way)
+    assert seen.image is not None
+    assert seen.route is not None
+    assert np.array_equal(seen.route, route_features(world, rows, way.route, way.gap, way.leading))
+    assert np.array_equal(seen.image, ego_images(world, rows, roadmap, way.route))
+    paper = observe(world, rows, roadmap)
+    assert paper.image is not None
+    assert paper.route is None
+    assert not np.array_equal(seen.image, paper.image)
+    assert np.array_equal(seen.vector, paper.vector)

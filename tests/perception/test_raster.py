@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from slrl_sumo.perception import raster
 from slrl_sumo.perception.raster import ego_images, ego_picture
 from slrl_sumo.world.roadmap import Area, Ribbon, RoadMap, Surface, SurfaceShapes
+from slrl_sumo.world.route import HERE, POINTS, RouteAhead
 from slrl_sumo.world.state import WorldState
 
 CAR, BICYCLE, PEDESTRIAN = 0, 1, 2
@@ -17,10 +18,11 @@ WHITE, YELLOW, BLACK = [255, 255, 255], [255, 255, 0], [0, 0, 0]
 RED, GREEN, BLUE = [255, 0, 0], [0, 255, 0], [0, 0, 255]
 GROUNDLESS = RoadMap(SurfaceShapes(()))
 Worlds = Callable[..., WorldState]
+Routes = Callable[..., RouteAhead]
 
 
-def image(world: WorldState, roadmap: RoadMap, row: int = 0) -> NDArray[np.uint8]:
-    return ego_images(world, np.array([row]), roadmap)[0]
+def image(world: WorldState, roadmap: RoadMap, row: int = 0, route: RouteAhead | None = None) -> NDArray[np.uint8]:
+    return ego_images(world, np.array([row]), roadmap, route)[0]
 
 
 def everyone(world: WorldState) -> NDArray[np.intp]:
@@ -233,6 +235,105 @@ def test_alone_and_nobody(place: Worlds, street: SurfaceShapes) -> None:
     assert (nowhere[:, 11:] == 0).all()
     for world in (place([]), place([(CAR, 0, 0, 0)])):
         assert ego_images(world, np.zeros(0, np.intp), RoadMap(street)).shape == (0, 20, 40, 3)
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.2, -2.7])
+@pytest.mark.parametrize("aside", [4.0, -6.0])
+def test_the_path_lies_ahead_in_magenta_a_metre_wide(
+    place: Worlds, routed: Routes, heading: float, aside: float
+) -> None:
+    x, y = 50.0 - aside * np.sin(heading), -20.0 + aside * np.cos(heading)
+    world = place([(PEDESTRIAN, 50.0, -20.0, heading)])
+    seen = image(world, GROUNDLESS, route=routed((x, y, heading)))
+    # Red and blue are the path's alone: the pedestrian is green.
+    assert np.array_equal(seen[:, :, 0], seen[:, :, 2])
+    assert not seen[seen[:, :, 0] > 0][:, 1].any()
+    # From beside the road user to the end of the view, 32 m.
+    assert centre_of(seen[:, :, 0]) == (pytest.approx(16.0, abs=0.5), pytest.approx(aside, abs=0.35))
+    assert seen[:, :, 0].sum() / 255 == pytest.approx(32 * 1.4, rel=0.25)
+    assert seen[:, 9:, 0].max(axis=0).min() >= 127
+    assert seen[:, :7, 0].max() == 0
+    assert image(world, GROUNDLESS)[:, :, [0, 2]].max() == 0
+
+
+def test_the_path_turns_where_the_route_does(place: Worlds, routed: Routes) -> None:
+    world = place([(PEDESTRIAN, 0.0, 0.0, 0.0)])
+    left, right = (
+        image(world, GROUNDLESS, route=routed((0.0, 0.0, 0.0), turn=turn, after=15))[:, :, 2]
+        for turn in (np.pi / 2, -np.pi / 2)
+    )
+    for seen, beside in ((left, slice(0, 9)), (right, slice(11, 20))):
+        assert seen[beside, 22:24].max(axis=1).min() >= 127
+        assert seen[:, 25:].max() == 0
+        assert seen[beside, :21].max() == 0
+        assert seen[9:11, 9:22].max(axis=0).min() >= 127
+
+
+def test_road_users_lie_on_the_path_and_the_path_on_the_ground(
+    place: Worlds, routed: Routes, street: SurfaceShapes
+) -> None:
+    users = [(CAR, 100.0, 0.0, 0.0), (PEDESTRIAN, 115.0, 0.0, 0.0), (CAR, 125.0, 0.0, 0.0)]
+    world = place(users, np.array([5.0, 3.0, 5.0]), np.full(3, 2.4))
+    with_path = image(world, RoadMap(street), route=routed((100.0, 0.0, 0.0)))
+    without = image(world, RoadMap(street))
+    for col in range(12, 20):  # magenta on the white road, blended with it at the border
+        assert [255, 0, 255] in with_path[9:11, col].tolist()
+    # Road users hide what lies under them.
+    for colour in (RED, GREEN):
+        theirs = (without == colour).all(axis=2)
+        assert theirs.any()
+        assert np.array_equal(with_path[theirs], without[theirs])
+    # And nothing elsewhere.
+    assert np.array_equal(with_path[[*range(8), *range(12, 20)]], without[[*range(8), *range(12, 20)]])
+
+
+def test_with_a_route_crossings_and_cycle_lanes_have_their_own_colours(place: Worlds, routed: Routes) -> None:
+    squares = tuple(
+        Area(surface, np.array([(x, -2.0), (x + 4, -2.0), (x + 4, 2.0), (x, 2.0)]))
+        for x, surface in (
+            (4.0, Surface.ROAD),
+            (10.0, Surface.CROSSING),
+            (16.0, Surface.CYCLEWAY),
+            (22.0, Surface.SIDEWALK),
+        )
+    )
+    roadmap, world = RoadMap(SurfaceShapes(squares)), place([(PEDESTRIAN, 0, 0, 0)])
+    for route in (routed((0.0, 9.0, 0.0)), RouteAhead.unknown(1)):
+        seen = image(world, roadmap, route=route)
+        colours = [seen[10, 8 + x].tolist() for x in (6, 12, 18, 24, 30)]
+        assert colours == [WHITE, [160, 160, 160], [0, 255, 255], YELLOW, BLACK]
+    plain = image(world, roadmap)
+    assert [plain[10, 8 + x].tolist() for x in (6, 12, 18)] == [WHITE, WHITE, WHITE]
+
+
+def wild_routes(world: WorldState, seed: int) -> RouteAhead:
+    """Winding paths that leave the views at every side, some begin far beside them; a third have none."""
+    rng, n = np.random.default_rng(seed), len(world)
+    direction = world.heading[:, None] + rng.normal(0.0, 1.0, (n, 1)) + rng.normal(0.0, 0.3, (n, POINTS)).cumsum(axis=1)
+    route = RouteAhead.unknown(n)
+    for line, begin, step in ((route.x, world.x, np.cos(direction)), (route.y, world.y, np.sin(direction))):
+        line[:] = step.cumsum(axis=1)
+        line += (begin + rng.normal(0.0, 8.0, n))[:, None] - line[:, HERE : HERE + 1]
+    return replace(route, known=rng.random(n) < 0.67)
+
+
+def test_a_path_is_the_same_alone_and_among_others(
+    crowd: Worlds, street: SurfaceShapes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, roadmap = crowd(9, 120, 60.0), RoadMap(street)
+    route = wild_routes(world, 1)
+    together = ego_images(world, everyone(world), roadmap, route)
+    apart = [image(world, roadmap, row, route.take(np.array([row]))) for row in everyone(world)]
+    assert np.array_equal(together, np.stack(apart))
+    bare = ego_images(world, everyone(world), roadmap, RouteAhead.unknown(120))
+    drawn = (together != bare).any(axis=(1, 2, 3))
+    # Whose route is not known sees no path, not even that of a neighbour; all others do, but for paths beside the view.
+    assert not drawn[~route.known].any()
+    assert drawn[route.known].mean() > 0.8
+    order = np.random.default_rng(2).permutation(120)[:50]
+    assert np.array_equal(ego_images(world, order, roadmap, route.take(order)), together[order])
+    monkeypatch.setattr(raster, "VIEWS_AT_ONCE", 7)
+    assert np.array_equal(ego_images(world, everyone(world), roadmap, route), together)
 
 
 def test_a_picture_enlarges_every_pixel() -> None:
