@@ -1,0 +1,141 @@
+"""Paths by hand: straight ones, circles, a corner, and what lies beyond their ends."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.route import (
+    AHEAD,
+    BEHIND,
+    CHORD,
+    HERE,
+    POINTS,
+    SPACING,
+    RouteAhead,
+    at,
+    curvature,
+    on_path,
+    path_headings,
+)
+
+S = SPACING * (np.arange(POINTS) - HERE)
+"""m along the path of each of its points."""
+
+
+def paths(*points: tuple[Floats, Floats]) -> RouteAhead:
+    x, y = (np.array(column) for column in zip(*points, strict=True))
+    return replace(RouteAhead.unknown(len(points)), known=np.ones(len(points), np.bool_), x=x, y=y)
+
+
+def straight(heading: float, x: float = 0.0, y: float = 0.0) -> tuple[Floats, Floats]:
+    return x + S * np.cos(heading), y + S * np.sin(heading)
+
+
+def circle(radius: float) -> tuple[Floats, Floats]:
+    """Eastwards through the origin; radius > 0: to the left."""
+    return radius * np.sin(S / radius), radius - radius * np.cos(S / radius)
+
+
+def corner(turn: float, after: float = 10.0) -> tuple[Floats, Floats]:
+    """Eastwards, and `after` m on by `turn` to the left."""
+    beyond = np.maximum(S - after, 0.0)
+    return np.minimum(S, after) + beyond * np.cos(turn), beyond * np.sin(turn)
+
+
+def test_the_points_reach_as_far_as_they_say() -> None:
+    assert (S[0], S[HERE], S[-1]) == (-BEHIND, 0.0, AHEAD)
+
+
+def test_beside_a_straight_path_and_beyond_its_ends() -> None:
+    # North-east; (3, -1) lies 2 / sqrt(2) along and 4 / sqrt(2) to the right. The ends are 8 m behind and 40 m ahead.
+    route = paths(straight(np.pi / 4), straight(np.pi, x=100.0, y=7.0))
+    x = np.array([[3.0, 45.0, -10.0], [97.0, 50.0, 115.0]])
+    y = np.array([[-1.0, 45.0, -10.0], [8.0, 7.0, 5.0]])
+    along, aside, heading = on_path(route, x, y)
+    root = np.sqrt(2.0)
+    assert along[0] == pytest.approx([2 / root, 45 * root, -10 * root])
+    assert aside[0] == pytest.approx([-4 / root, 0.0, 0.0], abs=1e-9)
+    # Westwards, left is south.
+    assert along[1] == pytest.approx([3.0, 50.0, -15.0])
+    assert aside[1] == pytest.approx([-1.0, 0.0, 2.0], abs=1e-9)
+    assert heading[0] == pytest.approx(np.pi / 4)
+    assert np.abs(heading[1]) == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("radius", [20.0, -20.0])
+def test_beside_a_circle(radius: float) -> None:
+    route = paths(circle(radius))
+    # 15 m along by angle; 2 m nearer to the middle, and 3 m away from it.
+    turned = 15.0 / radius
+    x = (radius - np.array([[0.0, 2.0, -3.0]])) * np.sin(turned)
+    y = radius - (radius - np.array([[0.0, 2.0, -3.0]])) * np.cos(turned)
+    along, aside, heading = on_path(route, x, y)
+    # Pieces of 1 m are 6 mm away from the circle in their middle, and turn 0.05 rad from one to the next: the places 3 m
+    # outside of a point that two of them share are 0.08 m along.
+    assert along[0] == pytest.approx([15.0, 15.0, 15.0], abs=0.08)
+    assert aside[0] == pytest.approx([0.0, 2.0, -3.0], abs=0.01)
+    assert heading[0] == pytest.approx(turned, abs=0.005)
+
+
+def test_directions_change_without_jumps_round_a_corner() -> None:
+    route = paths(corner(np.pi / 2))
+    for place, turn in ((8.0, 0.0), (12.0, np.pi / 2)):
+        x, y, direction = at(route, np.array([[place]]))
+        along, aside, heading = on_path(route, x, y)
+        assert (along[0, 0], aside[0, 0]) == (pytest.approx(place), pytest.approx(0.0, abs=1e-9))
+        assert (heading[0, 0], direction[0, 0]) == (pytest.approx(turn), pytest.approx(turn))
+    places = np.linspace(5.0, 15.0, 201)[None]
+    x, y, _ = at(route, places)
+    _, _, headings = on_path(route, x, y)
+    # From one to the other direction within 2 m, at most 0.05 m a time.
+    assert np.diff(headings).min() >= -1e-9
+    assert np.diff(headings).max() < 0.05 * np.pi / 2
+    # Inside of the corner is left.
+    assert on_path(route, np.array([[8.0]]), np.array([[1.5]]))[1][0, 0] == pytest.approx(1.5)
+
+
+def test_places_on_paths_and_beyond() -> None:
+    route = paths(straight(0.0, x=2.0, y=3.0), corner(-np.pi / 2))
+    x, y, heading = at(route, np.array([[0.0, 0.25, 60.0, -20.0], [0.0, 9.5, 60.0, -20.0]]))
+    assert x[0] == pytest.approx([2.0, 2.25, 62.0, -18.0])
+    assert y[0] == pytest.approx(3.0)
+    assert heading[0] == pytest.approx(0.0)
+    assert x[1] == pytest.approx([0.0, 9.5, 10.0, -20.0])
+    assert y[1] == pytest.approx([0.0, 0.0, -50.0, 0.0])
+    assert heading[1] == pytest.approx([0.0, 0.0, -np.pi / 2, 0.0])
+
+
+def test_curvatures() -> None:
+    signed = curvature(paths(straight(2.0), circle(12.0), circle(-30.0), corner(np.pi / 3)))
+    inner = slice(CHORD, -CHORD)
+    assert signed[0] == pytest.approx(0.0, abs=1e-9)
+    # Chords of 3 m are shorter than their arcs: 1 part in 400 on a radius of 12 m.
+    assert signed[1, inner] == pytest.approx(1 / 12, rel=5e-3)
+    assert signed[2, inner] == pytest.approx(-1 / 30, rel=5e-3)
+    assert np.abs(signed[:, :CHORD]).max() == np.abs(signed[:, -CHORD:]).max() == 0.0
+    # A corner is spread over the chords beside it, and nothing of it is lost.
+    sharp = np.flatnonzero(np.abs(signed[3]) > 1e-9)
+    assert sharp.min() >= HERE + 10 - CHORD
+    assert sharp.max() <= HERE + 10 + CHORD
+    assert signed[3].argmax() == HERE + 10
+    assert signed[3].sum() * SPACING == pytest.approx(np.pi / 3, rel=0.15)
+    assert signed[3].max() == pytest.approx(np.pi / 3 / CHORD)
+
+
+def test_headings_of_points() -> None:
+    headings = path_headings(paths(straight(-2.5), circle(20.0)))
+    assert headings[0] == pytest.approx(-2.5)
+    assert headings[1, 1:-1] == pytest.approx(S[1:-1] / 20.0, abs=1e-6)
+
+
+def test_rows_can_be_taken() -> None:
+    route = replace(paths(straight(0.0), circle(9.0), circle(-5.0)), stop=np.array([1.0, 2.0, 3.0]))
+    some = route.take(np.array([2, 0]))
+    assert len(some) == 2
+    assert some.stop.tolist() == [3.0, 1.0]
+    np.testing.assert_array_equal(some.y, route.y[[2, 0]])
+    none = RouteAhead.unknown(2)
+    assert not none.known.any()
+    assert np.isinf(np.stack([none.stop, none.line, none.out, none.left])).all()
