@@ -101,8 +101,35 @@ def test_danger_grows_with_nearness_and_is_that_of_who_drives_into_others() -> N
     assert len(rewards.danger(_cars([0.0, 15.0], [5.0, 5.0], [0.0, np.pi]), 1)) == 1
 
 
+def test_progress_is_the_share_of_the_way_that_was_to_be_covered() -> None:
+    covered = np.array([4.0, 2.0, 0.0, -2.0, -9.0, 8.0])
+    np.testing.assert_allclose(
+        rewards.progress(covered, np.full(6, 4.0), np.ones(6, np.bool_)), [1.0, 0.5, 0.0, -0.5, -1.0, 1.0]
+    )
+    # Who has to stand is as good as who drives, whatever it does about its place; without a route there is none.
+    np.testing.assert_array_equal(
+        rewards.progress(np.array([0.0, -0.3, 0.0]), np.array([0.0, 0.19, 0.0]), np.array([True, True, False])),
+        [1.0, 1.0, 0.0],
+    )
+    np.testing.assert_allclose(rewards.progress(np.array([0.1]), np.array([0.2]), np.array([True])), [0.5])
+
+
+def test_a_path_has_half_a_metre_of_room_on_both_sides() -> None:
+    aside = np.array([0.0, 0.5, -0.5, 1.0, -1.0, 1.5, 7.0])
+    np.testing.assert_allclose(rewards.off_path(aside, np.ones(7, np.bool_)), [0, 0, 0, -0.5, -0.5, -1, -1])
+    np.testing.assert_array_equal(rewards.off_path(aside, np.zeros(7, np.bool_)), np.zeros(7))
+
+
+def test_only_who_goes_over_a_closed_line_has_passed_it() -> None:
+    covered = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 0.0])
+    line = np.array([2.0, 2.0, 4.0, -0.2, np.inf, 0.1])
+    closed = np.array([True, False, True, True, True, True])
+    np.testing.assert_array_equal(rewards.passed(covered, line, closed), [-1, 0, 0, 0, 0, 0])
+
+
 @pytest.mark.parametrize("name", TERMS)
 def test_every_term_counts_by_its_weight_and_zero_switches_it_off(name: str) -> None:
+    assert {"progress", "off_path", "red", "priority"} <= set(TERMS)
     terms = {term: np.array([float(k), 1.0]) for k, term in enumerate(TERMS)}
     off = replace(RewardWeights(**dict.fromkeys(TERMS, 0.0)), **{name: 3.0})
     np.testing.assert_allclose(weighted(terms, off), [3.0 * TERMS.index(name), 3.0])

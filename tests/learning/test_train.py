@@ -5,16 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.arena import ArenaSettings
+from slrl_sumo.learning.guidance import GuidanceWeights
 from slrl_sumo.learning.imitation import ImitationSettings
 from slrl_sumo.learning.ppo import PpoSettings
 from slrl_sumo.learning.train import TrainRequest, train
 from slrl_sumo.learning.train_settings import NetworkSettings, TrainSettings, read_settings
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.policy import PolicyConfig
+from slrl_sumo.models.policy import Policy, PolicyConfig
 
+SELECTORS = Path(__file__).parents[2] / "tools" / "selectors"
 SETTINGS = TrainSettings(
     ppo=PpoSettings(num_steps=4, num_minibatches=2, update_epochs=1),
     arena=ArenaSettings(agents=8, warm_up=0.0, episode_steps=4),
@@ -87,11 +90,46 @@ def test_a_training_that_was_stopped_goes_on_exactly(tmp_path: Path) -> None:
         train(request, replace(SETTINGS, ppo=replace(SETTINGS.ppo, gamma=0.5)), resume=True, report=nothing)
 
 
+def test_the_preset_extended_is_taught_by_looking_ahead_and_reads_the_route(tmp_path: Path) -> None:
+    settings = replace(SETTINGS, policy=replace(SETTINGS.policy, preset="extended"))
+    request = TrainRequest("signalised", "intersection", tmp_path / "routes", steps=2 * 32, workers=1)
+    stages: list[str] = []
+    figures: dict[str, float] = {}
+
+    def report(stage: str, done: int, total: int, latest: dict[str, float]) -> None:
+        stages.append(stage)
+        figures.update(latest)
+
+    train(request, settings, resume=False, report=report)
+    assert stages == ["training"] * 2  # recordings know no routes
+    assert {f"reward/{name}" for name in ("progress", "off_path", "red", "priority")} <= set(figures)
+    trained = load_bundle(tmp_path / "routes").policy
+    assert trained is not None
+    assert trained.config == replace(settings.policy, modes=20)
+    torch.manual_seed(request.seed)
+    begin = Policy(trained.config).state_dict()
+    columns = trained.config.route_columns
+    weights = "trunk.0.weight"
+    assert not torch.equal(trained.state_dict()[weights][:, -columns:], begin[weights][:, -columns:])
+
+
+def test_shipped_settings_of_selectors_can_be_read() -> None:
+    presets = {file.stem: read_settings(file).policy.preset for file in sorted(SELECTORS.glob("*.toml"))}
+    assert presets.pop("ablation") == "paper"
+    assert presets == {
+        "intersection": "extended",
+        "intersection-paper": "paper",
+        "shared-space": "extended",
+        "shared-space-paper": "paper",
+    }
+
+
 def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path) -> None:
     assert read_settings(None) == TrainSettings()
     file = tmp_path / "s.toml"
     file.write_text(
         "[ppo]\ngamma = 0.9\n[reward]\nclose = 2\n[arena]\nmix = [0.2, 0.3, 0.5]\n[policy]\nchannels = [4]\n"
+        "preset = 'extended'\n[guidance]\nsteer = 7\n"
     )
     settings = read_settings(file)
     assert settings.ppo == replace(PpoSettings(), gamma=0.9)
@@ -99,6 +137,10 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     assert settings.arena.mix == (0.2, 0.3, 0.5)
     assert settings.arena.staggered
     assert settings.policy.channels == (4,)
+    assert settings.policy.preset == "extended"
+    assert settings.guidance == GuidanceWeights(steer=7.0)
+    # Nobody who does not ask for it gets a policy that needs routes.
+    assert TrainSettings().policy.preset == "paper"
 
 
 @pytest.mark.parametrize(
@@ -113,6 +155,10 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
         ("[ppo]\nnorm_adv = 1", "give true or false"),
         ("[arena]\nmix = [1.0]", "give a list of 3 numbers"),
         ("[ppo]\ngamma = 1.5", "gamma is 1.5: give a number from 0 to 1"),
+        ("[policy]\npreset = 'future'", r"\[policy\] preset is 'future': give paper or extended"),
+        ("[policy]\npreset = 3", r"\[policy\] preset is 3: give paper or extended"),
+        ("[arena]\nextended = true", "has no setting 'extended'"),
+        ("[guidance]\nsteering = 1", "has no setting 'steering'; did you mean 'steer'?"),
         ("[ppo", "is no TOML"),
     ],
 )
