@@ -72,8 +72,8 @@ def test_beside_a_circle(radius: float) -> None:
     x = (radius - np.array([[0.0, 2.0, -3.0]])) * np.sin(turned)
     y = radius - (radius - np.array([[0.0, 2.0, -3.0]])) * np.cos(turned)
     along, aside, heading = on_path(route, x, y)
-    # Pieces of 1 m are 6 mm away from the circle in their middle, and turn 0.05 rad from one to the next: the places 3 m
-    # outside of a point that two of them share are 0.08 m along.
+    # Pieces of 1 m are 6 mm away from the circle in their middle, and turn 0.05 rad from one to the next: places 3 m
+    # outside of a point that two of them share are up to 0.08 m apart.
     assert along[0] == pytest.approx([15.0, 15.0, 15.0], abs=0.08)
     assert aside[0] == pytest.approx([0.0, 2.0, -3.0], abs=0.01)
     assert heading[0] == pytest.approx(turned, abs=0.005)
