@@ -1,0 +1,102 @@
+"""Who leads whom, by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slrl_sumo.simulation.leaders import Leaders, leaders
+from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.world.state import WorldState
+
+S = SPACING * (np.arange(POINTS) - HERE)
+
+Box = tuple[float, float, float, float, float, float]
+"""x, y, heading, speed, length, width."""
+EGO: Box = (0.0, 0.0, 0.0, 8.0, 5.0, 1.8)
+
+
+def world(*boxes: Box) -> WorldState:
+    x, y, heading, speed, length, width = np.array(boxes, np.float64).T
+    n = len(boxes)
+    return WorldState(
+        time=0.0,
+        ids=tuple(str(i) for i in range(n)),
+        type=np.zeros(n, np.int8),
+        x=x,
+        y=y,
+        heading=heading,
+        speed=speed,
+        acceleration=np.zeros(n),
+        yaw_rate=np.zeros(n),
+        length=length,
+        width=width,
+        learned=np.ones(n, np.bool_),
+    )
+
+
+def eastwards(*y: float) -> RouteAhead:
+    n = len(y)
+    known = np.ones(n, np.bool_)
+    return replace(RouteAhead.unknown(n), known=known, x=np.tile(S, (n, 1)), y=np.tile(np.array(y)[:, None], POINTS))
+
+
+def of_one(*others: Box) -> list[float]:
+    """Gap and speed."""
+    found = leaders(eastwards(0.0), world(EGO, *others))
+    return [float(found.gap[0]), float(found.speed[0])]
+
+
+def test_the_nearest_one_on_the_path_leads() -> None:
+    # Boxes of 5 m: 20 m between centres are a gap of 15 m; the bicycle is 12 - 2.5 - 0.8 m away.
+    car, bicycle = (20.0, 0.0, 0.0, 4.0, 5.0, 1.8), (12.0, 0.5, 0.1, 5.0, 1.6, 0.65)
+    assert of_one(car) == pytest.approx([15.0, 4.0])
+    c, s = np.cos(0.1), np.sin(0.1)
+    expected = pytest.approx([12.0 - 2.5 - 0.5 * (1.6 * c + 0.65 * s), 5.0 * c])
+    assert of_one(car, bicycle) == expected
+    assert of_one(bicycle, car) == expected
+    # Boxes that overlap along the path: no room at all.
+    assert of_one((4.0, 0.0, 0.0, 0.0, 5.0, 1.8))[0] == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("other", "leads"),
+    [
+        ((20.0, 2.0, 0.0, 5.0, 5.0, 1.8), True),  # 0.2 m between the sides
+        ((20.0, 2.1, 0.0, 5.0, 5.0, 1.8), False),  # 0.3 m
+        ((20.0, -2.1, 0.0, 5.0, 5.0, 1.8), False),
+        ((20.0, -2.0, 0.0, 5.0, 5.0, 1.8), True),
+        ((20.0, 3.0, 1.0, 5.0, 5.0, 1.8), True),  # turned into the path
+        ((-10.0, 0.0, 0.0, 9.0, 5.0, 1.8), False),  # behind
+        ((0.2, 0.5, 0.0, 0.0, 0.3, 0.5), False),  # beside
+        ((20.0, 0.0, np.pi, 5.0, 5.0, 1.8), False),  # comes towards us
+        ((20.0, 0.0, np.pi, 0.4, 5.0, 1.8), True),  # stands there
+        ((20.0, 0.0, 0.5 * np.pi, 1.4, 0.3, 0.5), False),  # walks across
+        ((20.0, 0.0, 0.5 * np.pi, 0.0, 0.3, 0.5), True),
+        ((42.0, 0.0, 0.0, 5.0, 5.0, 1.8), True),  # its rear is within sight
+        ((43.0, 0.0, 0.0, 5.0, 5.0, 1.8), False),
+    ],
+)
+def test_who_leads(other: Box, leads: bool) -> None:
+    assert np.isfinite(of_one(other)[0]) == leads
+
+
+def test_gaps_are_along_the_path() -> None:
+    # 15 m eastwards, then north; the leader is 10 m up there.
+    x, y = np.minimum(S, 15.0), np.maximum(S - 15.0, 0.0)
+    route = replace(eastwards(0.0), x=x[None], y=y[None])
+    found = leaders(route, world(EGO, (15.0, 10.0, 0.5 * np.pi, 3.0, 5.0, 1.8), (25.0, 0.0, 0.0, 3.0, 5.0, 1.8)))
+    assert (found.gap[0], found.speed[0]) == (pytest.approx(20.0), pytest.approx(3.0))
+
+
+def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
+    three = world(
+        EGO, (15.0, 0.0, 0.0, 6.0, 5.0, 1.8), (30.0, 0.0, 0.0, 2.0, 5.0, 1.8), (15.0, 40.0, 0.0, 2.0, 5.0, 1.8)
+    )
+    route = replace(eastwards(0.0, 0.0, 0.0), known=np.array([True, True, False]))
+    route = replace(route, x=route.x + np.array([[0.0], [15.0], [30.0]]))
+    found = leaders(route, three)
+    assert found.gap.tolist() == [pytest.approx(10.0), pytest.approx(10.0), np.inf]
+    assert found.speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
+    alone: Leaders = leaders(eastwards(0.0), world(EGO))
+    assert alone.gap.tolist() == [np.inf]
