@@ -5,8 +5,9 @@
     python tools/make_selector.py intersection-paper --out slrl_sumo/bundles/intersection-paper
     python tools/make_selector.py shared-space-paper --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space-paper
 
-The first two know their routes (preset `extended`). The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/NAME.toml. Checkpoints and logs
-lie in OUT-training; --resume goes on from there. Takes about half an hour for each on two cores.
+The first two know their routes (preset `extended`). The bundle's models (tools/make_*_bundle.py) stay as they are.
+Settings: tools/selectors/NAME.toml. Checkpoints and logs lie in OUT-training; --resume goes on from there. Takes a
+quarter to half an hour for each on two cores.
 """
 
 import argparse

@@ -12,7 +12,7 @@ EASY = 0.8
 """Strain (see simulation.lookahead.strain) up to which braking need not be harder."""
 TURNING = 2.0
 """m/s from which steering counts in full: who hardly moves goes nowhere else for it."""
-LEAST = 0.2
+LEAST = 0.05
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from slrl_sumo.simulation.agility import Agility
 from slrl_sumo.simulation.leaders import Leaders
 from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.world.advance import halting
-from slrl_sumo.world.geometry import Floats, boxes_overlap, wrap_angle
+from slrl_sumo.world.geometry import Floats, boxes_overlap, to_ego, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
-from slrl_sumo.world.route import RouteAhead, at, on_path
+from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead, at, on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -139,6 +139,8 @@ def look_ahead(
         steered = known & (me.type != RoadUserType.PEDESTRIAN)
         _, beside, _ = on_path(mine.route, me.x[:, None], me.y[:, None])
         travelled = np.zeros((n, modes))
+        under = roadmap.surface_at(mine.route.x.ravel(), mine.route.y.ravel()).reshape(n, POINTS)
+        grounded = np.take_along_axis(own, under.astype(np.intp), axis=1) | ~known[:, None]
         after: list[tuple[Floats, Floats, Floats, Floats]] = []
     looked = np.where(known, NEAR, STEPS)
     for step in range(1, STEPS + 1):
@@ -154,7 +156,12 @@ def look_ahead(
         heading = wrap_angle(heading + turn)
         look = np.flatnonzero(step <= looked)
         surface = roadmap.surface_at(x[look].ravel(), y[look].ravel()).reshape(len(look), modes)
-        off[look] += ~np.take_along_axis(own[look], surface.astype(np.intp), axis=1)
+        outside = ~np.take_along_axis(own[look], surface.astype(np.intp), axis=1)
+        if mine is not None:
+            # Paths lead off the ground where the network ends: who follows them there is right.
+            place = HERE + np.rint((travelled[look] + speed[look] * DECISION_INTERVAL) / SPACING).astype(np.intp)
+            outside &= np.take_along_axis(grounded[look], np.minimum(place, POINTS - 1), axis=1)
+        off[look] += outside
         at_x, at_y, at_heading = x, y, heading
         if mine is not None:
             travelled = travelled + speed * DECISION_INTERVAL
@@ -176,6 +183,9 @@ def look_ahead(
         if mine is not None:
             # Who stands by then is run into, and could not help it by driving on.
             hit &= speed[e] > STANDING
+            # Nor can a vehicle help who comes from behind, or stands beside the rear that swings out in a turn.
+            ahead, _ = to_ego(them[o, None, 0] - at_x[e], them[o, None, 1] - at_y[e], at_heading[e])
+            hit &= (ahead > 0.0) | ~steered[e, None]
         weight = 1.0 - (step - 1) / STEPS
         np.maximum.at(meeting, e, hit * weight)
     fits = None if mine is None else _on_route(mine, me, after)
@@ -202,7 +212,7 @@ def _on_route(mine: Prospects, me: WorldState, after: list[tuple[Floats, Floats,
     allowed = mine.able.speed_within(CALM * (np.minimum(stop, room - HEADWAY * speed) - covered), me.type)
     allowed = np.minimum(allowed, route.desired[:, None])
     pace = np.clip((speed - allowed) / np.maximum(allowed, 1.0), -1.0, 1.0)
-    columns = (np.minimum(steer, 1.0), np.clip(aside, -5.0, 5.0), pace, brake, follow)
+    columns = (steer, np.clip(aside, -5.0, 5.0), pace, brake, follow)
     return OnRoute(*(np.where(known, column, 0.0) for column in columns))
 
 

@@ -14,9 +14,9 @@ LANE_END = 3.0
 class Pace:
     """Speeds of driven vehicles, as SUMO's leaders, signals and lanes allow through `api`."""
 
-    def __init__(self, api: Any, graph: LaneGraph, drives: Drives) -> None:
+    def __init__(self, api: Any, graph: LaneGraph, drives: Drives, *, trusting: bool = True) -> None:
         self._api, self._graph, self._drives = api, graph, drives
-        self._right = RightOfWay(api, graph)
+        self._right = RightOfWay(api, graph, trusting=trusting)
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""

@@ -18,8 +18,10 @@ _SHOWN = {"g": 1, "G": 1, "y": 2, "Y": 2, "r": 3, "u": 3}
 class RightOfWay:
     """Whether vehicles may enter, as SUMO's signals and links say now. Call `renew` when SUMO has made a step."""
 
-    def __init__(self, api: Any, graph: LaneGraph) -> None:
+    def __init__(self, api: Any, graph: LaneGraph, *, trusting: bool = True) -> None:
+        """`trusting`: believe SUMO for PATIENCE where it says that somebody comes; otherwise see who does."""
         self._api = api
+        self._trusting = trusting
         self._graph = graph
         self._states: dict[str, dict[tuple[str, str], tuple[bool, bool, str]]] = {}
         self._before: dict[tuple[str, str], tuple[str, ...]] = {}
@@ -64,11 +66,13 @@ class RightOfWay:
         if distance > LINE_OF_SIGHT + speed:
             return "look"
         clear = _time(distance + gate.out - gate.line + 5.0, speed, acceleration)
-        if waited < PATIENCE:
+        if self._trusting and waited < PATIENCE:
             return "stop" if not is_open or self._comes(gate, clear) else "look"
         # Vehicles whose speed mode is 0, as of all that are taken over, count for SUMO as coming even where they wait
         # at red: a link may never be open. Then what moves decides, and at last only what moves inside.
-        blocked = self._busy(gate) or (waited < 2.0 * PATIENCE and self._comes(gate, clear))
+        closed = self._trusting or not is_open
+        faith = PATIENCE * (2.0 if self._trusting else 1.0)
+        blocked = closed and (self._busy(gate) or (waited < faith and self._comes(gate, clear)))
         return "stop" if blocked else "look"
 
     def signal(self, gate: Gate) -> int:
@@ -77,12 +81,16 @@ class RightOfWay:
 
     def _state(self, gate: Gate) -> tuple[bool, bool, str]:
         """Of a link: whether it has priority, whether it is open now, and its state as SUMO's letter."""
-        states = self._states.get(gate.lane)
+        return self._links(gate.lane).get((gate.target, gate.via), (True, True, "M"))
+
+    def _links(self, lane: str) -> dict[tuple[str, str], tuple[bool, bool, str]]:
+        """Of the links from a lane, by target and lane inside: priority, open now, and state as SUMO's letter."""
+        states = self._states.get(lane)
         if states is None:
-            states = self._states[gate.lane] = {
-                (link[0], link[4]): (link[1], link[2], link[5]) for link in self._api.lane.getLinks(gate.lane)
+            states = self._states[lane] = {
+                (link[0], link[4]): (link[1], link[2], link[5]) for link in self._api.lane.getLinks(lane)
             }
-        return states.get((gate.target, gate.via), (True, True, "M"))
+        return states
 
     def _comes(self, gate: Gate, within: float) -> bool:
         """Whether a moving vehicle with priority reaches the junction within so many seconds."""
@@ -93,12 +101,19 @@ class RightOfWay:
             lanes = self._before[key] = tuple(lane for lane in foes if not lane.startswith(":"))
         vehicle = self._api.vehicle
         for lane in lanes:
+            if self._held(lane):
+                continue
             length = self._graph.lanes[lane].length
             for foe in self._api.lane.getLastStepVehicleIDs(lane):
                 pace = vehicle.getSpeed(foe)
                 if pace > 1.0 and length - vehicle.getLanePosition(foe) < pace * within:
                     return True
         return False
+
+    def _held(self, lane: str) -> bool:
+        """Whether everybody on a lane has red now."""
+        states = self._links(lane).values()
+        return bool(states) and all(state in "ru" for _, _, state in states)
 
     def _busy(self, gate: Gate) -> bool:
         """Whether somebody who came from another lane moves inside the junction on a lane that crosses this way."""

@@ -38,7 +38,7 @@ class Routes:
         graph = LaneGraph(api, network)
         self._graph = graph
         self._drives = Drives(api, network, graph)
-        self._pace = Pace(api, graph, self._drives)
+        self._pace = Pace(api, graph, self._drives, trusting=False)
         self._strolls = Strolls(api, network)
 
     def ahead(self, world: WorldState, n: int) -> RouteAhead:
