@@ -94,6 +94,8 @@ def _stopping(bundle: ModelBundle, kind: RoadUserType) -> Floats:
         after = np.maximum(speed + hardest * DECISION_INTERVAL, 0.0)
         past, speed = (after - speed) / DECISION_INTERVAL, after
         distance += speed * DECISION_INTERVAL
+        if not speed.any():
+            break
     # Rising, so that it can be read the other way round.
     return np.maximum.accumulate(distance) + 1e-3 * STOPPING
 
