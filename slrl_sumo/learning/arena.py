@@ -121,7 +121,7 @@ class Arena:
         self._scenario, self._seed = scenario, seed
         self._random = np.random.default_rng([seed, 1])
         self._driver = _GivenModes(bundle)
-        self._able = agility(bundle)
+        self._able = agility(bundle) if settings.extended else None
         self._routes: Routes | None = None
         self._prospects: Prospects | None = None
         self._desired = np.array(settings.desired_speed or recorded_speed(bundle))
@@ -165,7 +165,7 @@ class Arena:
     def _look(self) -> Observation:
         """What everybody sees now, with the routes as they are now."""
         world, n = self.simulation.world, len(self.simulation.population.world)
-        if self._routes is not None:
+        if self._routes is not None and self._able is not None:
             self._prospects = prospects_of(self._routes, world, n, self._able)
         return self._see(np.arange(n))
 

@@ -181,11 +181,11 @@ def look_ahead(
         boxes = np.stack([at_x[e], at_y[e], at_heading[e], length[e], width[e]], axis=-1).reshape(-1, 5)
         hit = boxes_overlap(boxes, np.repeat(them[o], modes, axis=0)).reshape(-1, modes)
         if mine is not None:
-            # Who stands by then is run into, and could not help it by driving on.
-            hit &= speed[e] > STANDING
-            # Nor can a vehicle help who comes from behind, or stands beside the rear that swings out in a turn.
+            # A vehicle that stands by then is run into, and could not help it by driving on.
+            # Nor can it help who comes from behind, or stands beside the rear that swings out in a turn. Pedestrians
+            # step aside.
             ahead, _ = to_ego(them[o, None, 0] - at_x[e], them[o, None, 1] - at_y[e], at_heading[e])
-            hit &= (ahead > 0.0) | ~steered[e, None]
+            hit &= ((speed[e] > STANDING) & (ahead > 0.0)) | ~steered[e, None]
         weight = 1.0 - (step - 1) / STEPS
         np.maximum.at(meeting, e, hit * weight)
     fits = None if mine is None else _on_route(mine, me, after)
