@@ -10,12 +10,19 @@ from pathlib import Path
 
 import pytest
 import sumo
+import torch
 
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.sumo.scenario import find_scenario
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 CopyScenario = Callable[..., Path]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread() -> None:
+    """As in a run: models are so small that more threads only wait for each other, on busy cores ten times longer."""
+    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")

@@ -6,11 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slrl_sumo.learning.arena import Arena, ArenaSettings, GuidanceWeights, lanes_here, recorded_speed
+from slrl_sumo.learning.arena import Arena, ArenaSettings, lanes_here, recorded_speed
+from slrl_sumo.learning.guidance import GuidanceWeights
 from slrl_sumo.learning.rewards import TERMS, RewardWeights, weighted
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.selector import PriorSelector
+from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.world.route import RouteAhead, at
 from slrl_sumo.world.types import RoadUserType
 
 SETTINGS = ArenaSettings(agents=24, warm_up=8.0, episode_steps=12)
@@ -147,3 +150,112 @@ def test_guidance_speaks_against_meeting_somebody(bundle: ModelBundle) -> None:
         desired = min(recorded_speed(bundle)[0], 13.89)
         expected = np.abs(ahead[cars, :, 2] - desired) / desired
         np.testing.assert_allclose(against[cars], expected, atol=1e-5)
+
+
+EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, extended=True, guidance=GuidanceWeights())
+
+
+@pytest.fixture
+def on_routes(bundle: ModelBundle) -> Iterator[Arena]:
+    with Arena(find_scenario("signalised"), bundle, EXTENDED, 3) as arena:
+        yield arena
+
+
+def test_extended_road_users_see_their_route_and_where_modes_lead_on_it(on_routes: Arena) -> None:
+    kind = on_routes.world.type[:16]
+    driving = kind != RoadUserType.PEDESTRIAN
+    for _ in range(2):
+        seen = on_routes.observation
+        assert seen.route is not None
+        assert seen.ahead is not None
+        assert seen.image is not None
+        assert seen.route.shape == (16, len(ROUTE_FEATURES))
+        assert seen.ahead.shape == (16, 20, 9)
+        assert (seen.route[driving, 0] == 1.0).all()
+        # The path ahead is in the image: magenta, which nothing else is.
+        magenta = (seen.image == [255, 0, 255]).all(axis=3).any(axis=(1, 2))
+        assert magenta[driving].mean() > 0.8
+        outcome = on_routes.step(np.zeros(16, np.int64))
+        assert set(outcome.terms) == set(TERMS)
+        assert (outcome.terms["progress"][driving] != 0.0).any()
+    assert (outcome.terms["off_path"] <= 0.0).all()
+    np.testing.assert_allclose(outcome.reward, weighted(outcome.terms, EXTENDED.weights))
+
+
+def test_without_routes_there_is_nothing_to_be_seen_or_earned_on_them(arena: Arena) -> None:
+    assert arena.observation.route is None
+    assert arena.observation.ahead is not None
+    assert arena.observation.ahead.shape == (24, 20, 4)
+    terms = arena.step(np.zeros(24, np.int64)).terms
+    for name in ("progress", "off_path", "red", "priority"):
+        assert not terms[name].any()
+
+
+def _put(arena: Arena, row: int, before_line: float) -> RouteAhead:
+    """Put the road user of a slot `before_line` m before its line, at 6 m/s; returns its route from there."""
+    assert arena._prospects is not None
+    users, route = arena.simulation.population.world, arena._prospects.route.take(np.array([row]))
+    x, y, heading = at(route, route.line[:, None] - before_line)
+    for name, value in {"x": x, "y": y, "heading": heading, "speed": np.array(6.0)}.items():
+        column = getattr(users, name).copy()
+        column[row] = value.item()
+        users = replace(users, **{name: column})
+    arena.simulation.population.world = users
+    arena.simulation.world = users.join(arena.world.take(np.arange(len(users), len(arena.world))))
+    assert arena._routes is not None
+    arena._routes.forget((users.ids[row],))  # nobody drives so far at once
+    arena.observation = arena._look()
+    return arena._prospects.route.take(np.array([row]))
+
+
+def _waits(arena: Arena) -> int | None:
+    """The slot of a vehicle with a red light not far ahead, if there is one."""
+    assert arena._prospects is not None
+    route, driving = arena._prospects.route, arena.world.type[:16] != RoadUserType.PEDESTRIAN
+    rows = np.flatnonzero(driving & route.closed & (route.signal == 3) & (route.line > 4.0) & (route.line < 30.0))
+    return int(rows[0]) if len(rows) else None
+
+
+def test_who_drives_over_a_closed_line_pays_for_it_and_nobody_else(on_routes: Arena) -> None:
+    for _ in range(150):
+        # The teacher runs no red light.
+        assert not on_routes.step(on_routes.guidance().argmin(axis=1)).terms["red"].any()
+        row = _waits(on_routes)
+        if row is not None:
+            break
+    assert row is not None
+    for before, expected in ((9.0, 0.0), (1.0, -1.0)):
+        route = _put(on_routes, row, before)
+        assert route.closed.all()
+        assert route.line[0] == pytest.approx(before, abs=0.5)
+        modes = on_routes.guidance().argmin(axis=1)
+        assert on_routes.observation.ahead is not None
+        modes[row] = int(on_routes.observation.ahead[row, :, 2].argmax())
+        terms = on_routes.step(modes).terms
+        assert terms["red"][row] == expected
+        assert not np.delete(terms["red"], row).any()
+    # Going over it is one run, not one in every decision after it.
+    assert on_routes.step(on_routes.guidance().argmin(axis=1)).terms["red"][row] == 0.0
+
+
+def test_the_teacher_goes_along_the_path_and_the_prior_does_not(bundle: ModelBundle) -> None:
+    def play(taught: bool) -> tuple[float, float]:
+        """Mean distance of vehicles from their path (m), and mean progress."""
+        aside, progress = [], []
+        with Arena(find_scenario("signalised"), bundle, EXTENDED, 3) as arena:
+            prior = PriorSelector(bundle, 1)
+            driving = arena.world.type[:16] != RoadUserType.PEDESTRIAN
+            for _ in range(40):
+                modes = (
+                    arena.guidance().argmin(axis=1) if taught else prior.choose(arena.observation, arena.world.ids[:16])
+                )
+                terms = arena.step(modes).terms
+                assert arena.observation.route is not None
+                aside.append(np.abs(arena.observation.route[driving, ROUTE_FEATURES.index("aside")]).mean())
+                progress.append(terms["progress"][driving].mean())
+        return float(np.mean(aside)), float(np.mean(progress))
+
+    (taught, forward), (untaught, less) = play(True), play(False)
+    assert taught < 0.5 * untaught
+    assert taught < 0.6
+    assert forward > less

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.simulation import driver
-from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.events import Decision, RunSettings
 from slrl_sumo.simulation.guard import allowed_modes
-from slrl_sumo.simulation.run import RunSettings, run
+from slrl_sumo.simulation.run import run
 from slrl_sumo.world.route import RouteAhead
 from slrl_sumo.world.types import RoadUserType
 
