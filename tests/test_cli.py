@@ -187,6 +187,18 @@ def test_from_a_generated_network_to_a_run_of_a_bundle_learned_on_it(cli: Cli, t
     assert {p.name for p in tmp_path.iterdir()} == {"net", "traffic.npz", "mine", "s.json"}
 
 
+def test_a_guarded_run_goes_another_way(cli: Cli, tmp_path: Path) -> None:
+    words = ["run", "intersection", "--agents", 16, "--steps", 40, "--selector", "greedy", "--summary", "s.json"]
+    summaries = []
+    for more in ([], ["--guard"]):
+        done = cli(*words, *more, cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+        summaries.append(json.loads((tmp_path / "s.json").read_text()))
+        check_summary(summaries[-1])
+    assert summaries[1]["agent_steps"] == 640
+    assert summaries[0]["per_type"] != summaries[1]["per_type"]
+
+
 # What people type wrong: words after `run` (or another command), and words that the one line must hold.
 WRONG = {
     "unknown scenario": (["run", "nowhere", "--agents", "3"], "nowhere: no such file"),
@@ -195,6 +207,10 @@ WRONG = {
     "far too many": (["run", "intersection", "--agents", "99999999999999999999"], "--agents 99999999999999999999"),
     "unknown bundle": (["run", "intersection", "--agents", "3", "--bundle", "nothing"], "no bundle nothing"),
     "unknown selector": (["run", "intersection", "--agents", "3", "--selector", "best"], "--selector best"),
+    "guard of lanes": (
+        ["run", "intersection", "--agents", "3", "--selector", "lane", "--guard"],
+        "--guard: --selector lane chooses no modes; leave the guard out, or take another selector",
+    ),
     "step": (["run", "intersection", "--agents", "3", "--step-length", "0.3"], "--step-length 0.3"),
     "no steps": (["run", "intersection", "--agents", "3", "--steps", "0"], "--steps 0"),
     "steps and until": (["run", "intersection", "--agents", "3", "--steps", "2", "--until", "9"], "--until"),
@@ -228,7 +244,7 @@ WRONG = {
     "generate in a file": (["generate", "intersection", "--out", "/dev/null"], "/dev/null"),
     "size": (["generate", "random", "--size", "0", "--out", "g"], "0"),
 }
-SMOKE = ("unknown scenario", "too many", "fcd folder", "family")
+SMOKE = ("guard of lanes", "unknown scenario", "too many", "fcd folder", "family")
 
 
 def refused(done: subprocess.CompletedProcess[str], words: str, folder: Path) -> None:

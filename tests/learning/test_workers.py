@@ -107,3 +107,33 @@ def test_what_cannot_be_loaded_is_said_in_one_line() -> None:
             env.reset(seed=1)
     finally:
         env.close()
+
+
+def test_in_the_preset_extended_everybody_sees_a_route_up_to_the_end() -> None:
+    settings = ArenaSettings(agents=8, warm_up=4.0, episode_steps=3, extended=True)
+    env = ArenaVectorEnv(ArenaSource(("signalised",), "intersection", settings), 1)
+    try:
+        assert env.observation_space["route"].shape == (8, 14)  # type: ignore[index]
+        assert env.observation_space["ahead"].shape == (8, 20, 9)  # type: ignore[index]
+        seen, _ = env.reset(seed=1)
+        for number in range(4):
+            assert env.observation_space.contains(seen)
+            driving = seen["vector"][:, 4] == 0.0
+            assert (seen["route"][driving, 0] == 1.0).all()
+            last = seen
+            if number == 3:
+                env.kill(0)
+            seen, _, terminated, truncated, infos = env.step(np.zeros(8, np.int64))
+            ended = terminated | truncated
+            final = infos["final_obs"]["route"]
+            assert not final[~ended].any()
+            assert (final[ended & driving, 0] == 1.0).all()
+            if number == 2:
+                assert truncated.sum() >= 6
+                # Of the old place, not of the new one.
+                assert (final[ended & driving] != seen["route"][ended & driving]).any(axis=1).all()
+    finally:
+        env.close()
+    # A worker that died: where they were seen last.
+    assert infos["replaced"].all()
+    np.testing.assert_array_equal(infos["final_obs"]["route"], last["route"])

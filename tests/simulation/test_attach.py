@@ -14,6 +14,8 @@ import traci
 
 import slrl_sumo
 from slrl_sumo.errors import InputError
+from slrl_sumo.simulation import driver
+from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.sumo.scenario import find_scenario
 
 ROOT = Path(__file__).parent.parent.parent
@@ -266,3 +268,24 @@ def test_a_step_that_does_not_divide_the_decision_interval_is_refused(step: str)
             slrl_sumo.attach(libsumo, agents=3)
     finally:
         libsumo.close()
+
+
+def test_the_guard_masks_modes_here_too(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def watched(ahead: Any, kind: Any, route: Any) -> Any:
+        asked.append(len(kind))
+        return allowed_modes(ahead, kind, route)
+
+    monkeypatch.setattr(driver, "allowed_modes", watched)
+    for guard, expected in ((False, []), (True, [5, 5])):
+        with slrl_sumo.attach(api, agents=5, guard=guard) as learned:
+            for _ in range(3):
+                learned.step()
+        assert asked == expected
+    with pytest.raises(InputError, match="--selector lane chooses no modes"):
+        slrl_sumo.attach(api, agents=5, selector="lane", guard=True)
+    # Refused before anybody came: it can be tried again.
+    with slrl_sumo.attach(api, agents=5, selector="lane") as learned:
+        learned.step()
+        assert len(learned.ids) == 5

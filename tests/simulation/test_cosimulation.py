@@ -1,17 +1,27 @@
 """The loop in this process: what each decision says, step by step."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import libsumo
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.simulation.run import RunSettings, run
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
+from slrl_sumo.simulation.events import RunSettings, Started
+from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.simulation.run import run
+from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.geometry import wrap_angle
+from slrl_sumo.world.roadmap import RoadMap
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import DECISION_INTERVAL
 
 SETTINGS = RunSettings("intersection", agents=15, steps=30, seed=4, step_length=0.1)
 
@@ -155,3 +165,85 @@ def test_wrong_settings_are_refused_in_one_line(changes: dict[str, Any], words: 
     with pytest.raises(InputError, match=words) as caught:
         next(run(replace(SETTINGS, **changes)))
     assert "\n" not in str(caught.value)
+
+
+class _Straight:
+    """Everybody goes straight on at 10 m/s, and can do no more."""
+
+    max_speed = np.full(3, 10.0)
+
+    def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, None]:
+        ahead = 10.0 * DECISION_INTERVAL
+        x, y = learned.x + ahead * np.cos(learned.heading), learned.y + ahead * np.sin(learned.heading)
+        return replace(learned, x=x, y=y, speed=np.full(len(learned), 10.0)), None
+
+    def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
+        return np.zeros(len(learned), np.bool_)
+
+    def forget(self, ids: tuple[str, ...]) -> None:
+        pass
+
+
+@pytest.fixture
+def into_the_fast_lane(bare_network: Callable[[str], Path]) -> Path:
+    """A road of 100 m for 10 m/s, and one of 100 m for 30 m/s after it; a car on each, which goes to the end."""
+    config = bare_network(
+        '<edge id="slow" from="a" to="b" numLanes="1" speed="10"/>'
+        '<edge id="fast" from="b" to="c" numLanes="1" speed="30"/>'
+    )
+    config.with_name("bare.rou.xml").write_text(
+        '<routes><vType id="car" vClass="passenger" speedFactor="1" sigma="0"/>'
+        '<route id="whole" edges="slow fast"/><route id="end" edges="fast"/>'
+        '<vehicle id="comes" type="car" route="whole" depart="0" departPos="20" departSpeed="10"/>'
+        '<vehicle id="there" type="car" route="end" depart="0" departPos="10" departSpeed="0"/></routes>'
+    )
+    text = config.read_text().replace("<end ", '<route-files value="bare.rou.xml"/><end ')
+    config.write_text(text)
+    return config
+
+
+def test_nobody_is_learned_where_everybody_else_would_have_to_wait(into_the_fast_lane: Path) -> None:
+    with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:
+        driver = _Straight()
+        # Junctions are not lanes to drive on, and a fifth more than it can do is tolerable.
+        assert fast_lanes(session.network, driver) == {"fast_0"}
+        driver.max_speed = np.array([25.5, 0.0, 0.0])
+        assert fast_lanes(session.network, driver) == frozenset()
+        driver.max_speed = np.array([24.5, 99.0, 99.0])
+        assert fast_lanes(session.network, driver) == {"fast_0"}
+        driver.max_speed = np.full(3, 10.0)
+        rule = Takeover(np.ones(3), parse_region(None, session.network, session.api), 1)
+        simulation = CoSimulation(session, driver, takeover=rule)
+        simulation.start()
+        taken, back = set(simulation.population.ids), []
+        for _ in range(35):
+            decision = simulation.decide()
+            taken.update(decision.taken_over)
+            for road_user in decision.handed_back:
+                back.append((road_user, libsumo.vehicle.getLaneID(road_user)))
+            assert not any(decision.lost)
+            assert not decision.strayed
+            on_fast = {v for v in simulation.population.ids if libsumo.vehicle.getLaneID(v) == "fast_0"}
+            assert not on_fast
+        assert taken == {"comes"}
+        assert back == [("comes", "fast_0")]
+        assert libsumo.vehicle.getIDCount() == 0 or libsumo.vehicle.getSpeed("comes") > 12.0
+
+
+def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_bundle: ModelBundle) -> None:
+    settings = RunSettings(str(into_the_fast_lane), takeover="car=1", steps=2, selector="prior", bundle="intersection")
+
+    def notices(settings: RunSettings) -> list[str]:
+        started, *_ = run(settings)
+        assert isinstance(started, Started)
+        return [notice for notice in started.notices if "SUMO's" in notice]
+
+    (notice,) = notices(settings)
+    assert notice.startswith("1 lane")
+    assert f"{shipped_bundle.max_speed[0]:.1f} m/s that bundle 'intersection' knows" in notice
+    # The lane follower drives as fast as lanes allow, and who adds road users is told nothing about the others.
+    assert not notices(replace(settings, selector="lane"))
+    assert not notices(replace(settings, takeover=None, agents=1, mix="car=1"))
+    file = into_the_fast_lane.with_name("bare.net.xml")
+    file.write_text(file.read_text().replace('speed="30.00"', 'speed="13.00"'))
+    assert not notices(settings)
