@@ -36,7 +36,7 @@ from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Area, Surface, SurfaceShapes
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
-S: Floats = SPACING * (np.arange(POINTS) - HERE)
+S = SPACING * (np.arange(POINTS, dtype=np.float64) - HERE)
 ABLE = Agility(np.ones((3, 2, len(SPEEDS))), np.broadcast_to(STOPPING**2 / 4.0, (3, len(STOPPING))))
 """Everybody brakes with 2 m/s²."""
 
