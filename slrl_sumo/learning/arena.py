@@ -1,6 +1,6 @@
 """One running simulation as an environment: every learned road user in it is one slot with episodes of its own."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -38,6 +38,8 @@ EPISODE_STEPS = 128
 
 HORIZON = 4.8
 """s from a window's moment to its destination (paper, section 3.2)."""
+STANDING_STARTS = 0.25
+"""Share of episodes in the preset `extended` that begin at a stand."""
 MOVING_DISTANCE = rewards.SLOW * HORIZON
 
 
@@ -160,7 +162,19 @@ class Arena:
         self._touching = _touching(self.simulation.world)
         self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
         self._was_off = np.zeros(n, np.bool_)
+        self._stop_some(np.arange(n))
         self.observation = self._look()
+
+    def _stop_some(self, rows: NDArray[np.intp]) -> None:
+        """Let some of those who begin anew begin at a stand: road users with a route wait, and must start again."""
+        if not self.settings.extended:
+            return
+        learned = self.simulation.population.world
+        speed = learned.speed.copy()
+        speed[rows[self._random.random(len(rows)) < STANDING_STARTS]] = 0.0
+        background = self.simulation.world.take(np.arange(len(learned), len(self.simulation.world)))
+        self.simulation.population.world = replace(learned, speed=speed)
+        self.simulation.world = self.simulation.population.world.join(background)
 
     def _look(self) -> Observation:
         """What everybody sees now, with the routes as they are now."""
@@ -218,6 +232,7 @@ class Arena:
         if len(ended):
             final = _rows(self.observation, ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
+            self._stop_some(ended)
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)
