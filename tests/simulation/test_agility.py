@@ -178,6 +178,14 @@ def test_corners_become_as_round_as_they_can_be_driven() -> None:
     assert before.x[0, HERE + 15] == 15.0
 
 
+def test_ends_of_paths_stay_however_near_a_corner_is() -> None:
+    before = routes(corner(1.5, after=-4.0), corner(1.5, after=36.0), corner(-1.5, after=-4.0))
+    after = fitted(before, users((CAR, 5.0), (CAR, 5.0), (CAR, 5.0)), able(0.15, 0.15))
+    assert (np.hypot(after.x - before.x, after.y - before.y).max(axis=1) > 0.3).all()
+    np.testing.assert_array_equal(after.x[:, [0, -1]], before.x[:, [0, -1]])
+    np.testing.assert_array_equal(after.y[:, [0, -1]], before.y[:, [0, -1]])
+
+
 def test_only_what_is_too_sharp_to_that_side_is_rounded_and_never_walks() -> None:
     shapes = [corner(0.0), corner(0.5), corner(-0.5), circle(9.0), corner(-1.5), corner(1.5)]
     before = routes(*shapes)

@@ -91,7 +91,7 @@ def test_gaps_are_along_the_path() -> None:
 
 def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
     three = world(
-        EGO, (15.0, 0.0, 0.0, 6.0, 5.0, 1.8), (30.0, 0.0, 0.0, 2.0, 5.0, 1.8), (15.0, 40.0, 0.0, 2.0, 5.0, 1.8)
+        EGO, (15.0, 0.0, 0.0, 6.0, 5.0, 1.8), (30.0, 0.0, 0.0, 2.0, 5.0, 1.8), (45.0, 0.0, 0.0, 2.0, 5.0, 1.8)
     )
     route = replace(eastwards(0.0, 0.0, 0.0), known=np.array([True, True, False]))
     route = replace(route, x=route.x + np.array([[0.0], [15.0], [30.0]]))

@@ -16,7 +16,7 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.stroll import KERB
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import HERE, RouteAhead, on_path
+from slrl_sumo.world.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
 
@@ -109,8 +109,25 @@ def _off_lanes(session: SumoSession, edges: tuple[str, ...], x: Floats, y: Float
     return float(np.hypot(x[:, None] - x0 - share * dx, y[:, None] - y0 - share * dy).min(axis=1).max())
 
 
+def _apart(route: RouteAhead) -> Floats:
+    """m from each point of a path to the next."""
+    gaps: Floats = np.hypot(np.diff(route.x[0]), np.diff(route.y[0]))
+    return gaps
+
+
 def _one(route: RouteAhead) -> dict[str, float]:
     return {name: float(getattr(route, name)[0]) for name in ("desired", "stop", "line", "out", "signal", "left")}
+
+
+def test_points_are_as_far_apart_as_they_say_before_the_begin_of_a_lane_too(intersection: SumoSession) -> None:
+    _car(intersection, "car", ("in0", "out2"), 2, 84.0, 2.0)
+    world = _seen(intersection, "car")
+    assert libsumo.vehicle.getLanePosition("car") < 6.0
+    route = Routes(libsumo, intersection.network).ahead(world, 1)
+    assert _apart(route) == pytest.approx(SPACING)
+    along, aside, heading = on_path(route, world.x[:, None], world.y[:, None])
+    assert (along[0, 0], aside[0, 0]) == (pytest.approx(0.0, abs=0.05), pytest.approx(0.0, abs=0.05))
+    assert heading[0, 0] == pytest.approx(world.heading[0], abs=0.01)
 
 
 def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(intersection: SumoSession) -> None:
@@ -126,6 +143,9 @@ def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(inter
         world = _seen(intersection, "car")
         route = routes.ahead(world, 1)
         assert route.known.tolist() == [True]
+        # Chords of a curve are shorter than 1 m, but no point is twice there.
+        assert (_apart(route) > 0.8).all()
+        assert (_apart(route) < SPACING + 1e-6).all()
         # Off the end of the network paths go straight on.
         shown = slice(HERE, HERE + 1 + int(min(_one(route)["left"], 40.0)))
         assert _off_lanes(intersection, ("in0", "out3"), route.x[0, shown], route.y[0, shown]) < 0.3
@@ -251,9 +271,16 @@ def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSessi
         assert _off_lanes(signalised, ("in0", "out3"), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
 
 
-def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession) -> None:
+def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
     _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
     straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))
+    ask, asked = libsumo.vehicle.getVehicleClass, list[str]()
+
+    def count(vehicle: str) -> str:
+        asked.append(vehicle)
+        return str(ask(vehicle))
+
+    monkeypatch.setattr(libsumo.vehicle, "getVehicleClass", count)
     gaps, ways = [], []
     for step in range(22):
         intersection.step()
@@ -272,6 +299,8 @@ def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession) -> Non
         _, own, _ = on_path(route, away.x[:, None], away.y[:, None])
         if libsumo.vehicle.getRoadID("car") == "in0":
             assert own[0, 0] == pytest.approx(shift, abs=0.3)
+    # Each has found out about the car once.
+    assert len(asked) == 2
     assert max(gaps) < 0.3
     far = [(a, b) for a, b in ways if b > 5.0 and math.isfinite(b)]
     assert len(far) > 5
@@ -320,6 +349,25 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
     assert near[-1]
 
 
+def test_persons_keep_their_place_across_the_walk(signalised: SumoSession) -> None:
+    libsumo.person.add("walker", "in0", 30.0, typeID="pedestrian1")
+    libsumo.person.appendWalkingStage("walker", ["in0", "out2"], 25.0)
+    for _ in range(5):
+        signalised.step()
+    world = _seen(signalised, "walker").take(np.array([0]))
+    middle = next(lane for lane in signalised.network.lanes if lane.edge == "in0" and "pedestrian" in lane.allowed)
+    (x0, y0), (x1, y1) = middle.shape.tolist()
+    dx, dy = (x1 - x0) / math.hypot(x1 - x0, y1 - y0), (y1 - y0) / math.hypot(x1 - x0, y1 - y0)
+    for beside in (0.4, -0.4):
+        x, y = x0 + 30.0 * dx - beside * dy, y0 + 30.0 * dy + beside * dx
+        there = replace(world, x=np.array([x]), y=np.array([y]))
+        route = Routes(libsumo, signalised.network).ahead(there, 1)
+        ahead = np.array([[x, x + 20.0 * dx]]), np.array([[y, y + 20.0 * dy]])
+        along, aside, _ = on_path(route, *ahead)
+        assert along[0] == pytest.approx([0.0, 20.0], abs=0.05)
+        assert aside[0] == pytest.approx(0.0, abs=0.05)
+
+
 def test_who_has_no_route_goes_on_the_same_in_every_run_and_off_the_end(intersection: SumoSession) -> None:
     _car(intersection, "car", ("in0", "out2"), 2, 20.0, 5.0)
     intersection.step()
@@ -353,6 +401,7 @@ def test_who_has_no_route_goes_on_the_same_in_every_run_and_off_the_end(intersec
         assert route.known[0]
         assert (_one(route)["stop"], _one(route)["left"], _one(route)["line"]) == (math.inf, math.inf, math.inf)
         assert _one(route)["desired"] > 5.0
+        assert _apart(route)[HERE:] == pytest.approx(SPACING)
         x_ahead, y_ahead = x + 30.0 * math.cos(heading), y + 30.0 * math.sin(heading)
         _, aside, direction = on_path(route, np.array([[x, x_ahead]]), np.array([[y, y_ahead]]))
         assert aside[0] == pytest.approx(0.0, abs=0.05)

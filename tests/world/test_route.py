@@ -65,16 +65,17 @@ def test_beside_a_straight_path_and_beyond_its_ends() -> None:
 
 
 @pytest.mark.parametrize("radius", [20.0, -20.0])
-def test_beside_a_circle(radius: float) -> None:
+@pytest.mark.parametrize("place", [-5.0, 15.0, 36.0])
+def test_beside_a_circle(radius: float, place: float) -> None:
     route = paths(circle(radius))
-    # 15 m along by angle; 2 m nearer to the middle, and 3 m away from it.
-    turned = 15.0 / radius
+    # The place by angle; 2 m nearer to the middle, and 3 m away from it.
+    turned = place / radius
     x = (radius - np.array([[0.0, 2.0, -3.0]])) * np.sin(turned)
     y = radius - (radius - np.array([[0.0, 2.0, -3.0]])) * np.cos(turned)
     along, aside, heading = on_path(route, x, y)
     # Pieces of 1 m are 6 mm away from the circle in their middle, and turn 0.05 rad from one to the next: places 3 m
     # outside of a point that two of them share are up to 0.08 m apart.
-    assert along[0] == pytest.approx([15.0, 15.0, 15.0], abs=0.08)
+    assert along[0] == pytest.approx([place, place, place], abs=0.08)
     assert aside[0] == pytest.approx([0.0, 2.0, -3.0], abs=0.01)
     assert heading[0] == pytest.approx(turned, abs=0.005)
 
