@@ -224,7 +224,7 @@ def test_who_drives_over_a_closed_line_pays_for_it_and_nobody_else(on_routes: Ar
         if row is not None:
             break
     assert row is not None
-    for before, expected in ((9.0, 0.0), (1.0, -1.0)):
+    for before, expected in ((4.5, 0.0), (1.0, -1.0)):
         route = _put(on_routes, row, before)
         assert route.closed.all()
         assert route.line[0] == pytest.approx(before, abs=0.5)

@@ -165,3 +165,16 @@ def test_weights_of_another_shape_or_not_finite_are_refused(bundle: ModelBundle,
         save_file(changed, file)
         with pytest.raises(InputError, match=message):
             load_bundle(tmp_path / "a")
+
+
+def test_bundles_of_the_paper_stay_beside_those_that_know_routes() -> None:
+    assert {"intersection", "intersection-paper", "shared-space", "shared-space-paper"} <= set(shipped_bundles())
+    for name in ("intersection", "shared-space"):
+        paper, usual = load_bundle(f"{name}-paper"), load_bundle(name)
+        assert paper.policy is not None
+        assert paper.policy.config.preset == "paper"
+        # Only the selectors differ: displacement models and prior are the same.
+        for module in ("displacement", "prior"):
+            states = [getattr(bundle, module).state_dict() for bundle in (paper, usual)]
+            assert states[0].keys() == states[1].keys()
+            assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
