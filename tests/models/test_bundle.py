@@ -174,7 +174,7 @@ def test_bundles_of_the_paper_stay_beside_those_that_know_routes() -> None:
         assert paper.policy is not None
         assert paper.policy.config.preset == "paper"
         # Only the selectors differ: displacement models and prior are the same.
-        for module in ("displacement", "prior"):
-            states = [getattr(bundle, module).state_dict() for bundle in (paper, usual)]
+        for part in ("displacement", "prior"):
+            states = [getattr(bundle, part).state_dict() for bundle in (paper, usual)]
             assert states[0].keys() == states[1].keys()
             assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
