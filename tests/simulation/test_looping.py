@@ -70,6 +70,8 @@ def test_who_is_out_of_the_network_or_far_from_every_surface_has_left() -> None:
         (0, 100, 100, 0, 10),
     ]
     assert left_scene(world(rows), roadmap).tolist() == [True, True, True, True, True, False]
+    # With a rim who is a little outside, off the end of an arm, has not; who is far off, or on the grass, has.
+    assert left_scene(world(rows), roadmap, rim=3.0).tolist() == [False, False, False, True, True, False]
 
 
 def outside(roadmap: RoadMap, kinds: list[int]) -> WorldState:

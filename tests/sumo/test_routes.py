@@ -349,13 +349,14 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
     assert near[-1]
 
 
-def test_persons_keep_their_place_across_the_walk(signalised: SumoSession) -> None:
-    libsumo.person.add("walker", "in0", 30.0, typeID="pedestrian1")
-    libsumo.person.appendWalkingStage("walker", ["in0", "out2"], 25.0)
+@pytest.mark.parametrize(("edge", "onward"), [("in0", "out2"), ("in1", "out3")])
+def test_persons_keep_their_place_across_the_walk(signalised: SumoSession, edge: str, onward: str) -> None:
+    libsumo.person.add("walker", edge, 30.0, typeID="pedestrian1")
+    libsumo.person.appendWalkingStage("walker", [edge, onward], 25.0)
     for _ in range(5):
         signalised.step()
     world = _seen(signalised, "walker").take(np.array([0]))
-    middle = next(lane for lane in signalised.network.lanes if lane.edge == "in0" and "pedestrian" in lane.allowed)
+    middle = next(lane for lane in signalised.network.lanes if lane.edge == edge and "pedestrian" in lane.allowed)
     (x0, y0), (x1, y1) = middle.shape.tolist()
     dx, dy = (x1 - x0) / math.hypot(x1 - x0, y1 - y0), (y1 - y0) / math.hypot(x1 - x0, y1 - y0)
     for beside in (0.4, -0.4):
