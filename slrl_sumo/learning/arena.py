@@ -233,6 +233,8 @@ class Arena:
             final = _rows(self.observation, ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
             self._stop_some(ended)
+            if self._routes is not None:
+                self._routes.forget(tuple(learned.ids[row] for row in ended))
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)

@@ -31,6 +31,7 @@ HYSTERESIS = 5.0
 """m that a road user may be outside the region before it is handed back."""
 
 BEYOND = 1.2
+"""Times its top speed that a lane's limit may be for a learned car to be there."""
 RIM = 5.0
 """m outside the network's bounding box that a road user of the scenario may be."""
 
