@@ -22,13 +22,15 @@ from slrl_sumo.learning.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcom
 from slrl_sumo.learning.rewards import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.policy import PRESETS
 from slrl_sumo.models.selector import PolicySelector, PriorSelector, Selector
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS, ego_picture
+from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
 from slrl_sumo.simulation.spawn import DEFAULT_MIX
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
-from slrl_sumo.world.advance import advance
+from slrl_sumo.world.advance import advance, halting
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 
@@ -49,6 +51,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     - Action: the mode, 0 to 19, of the next decision (0.4 s).
     - Observation: `vector` (12,) float32 and `image` (40, 80, 3) uint8 as in perception.Observation, the image
       `enlarge` times as large: 2, because the CNN of Stable-Baselines3 takes none below 36 px; 1 is what selectors see.
+      With `preset` "extended" it knows its route: the path in the image, and `route` (14,) float32, columns as in
+      perception.routefeatures.ROUTE_FEATURES.
     - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type` and `id`, after reset also `scenario`.
     - Terminated: in contact with somebody, or lost. Truncated: after `episode_steps` decisions.
@@ -83,9 +87,11 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         episode_steps: int = EPISODE_STEPS,
         enlarge: int = 2,
         render_mode: str | None = None,
+        preset: str = "paper",
     ) -> None:
         _known("ego", ego, (None, *get_args(Ego)))
         _known("others", others, get_args(Others))
+        _known("preset", preset, PRESETS)
         _known("render_mode", render_mode, (None, "rgb_array"))
         for name, value in (("agents", agents), ("episode_steps", episode_steps), ("enlarge", enlarge)):
             if value < 1:
@@ -93,14 +99,21 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         self.render_mode = render_mode
         self.action_space = spaces.Discrete(MODES)
         image = (EGO_ROWS * enlarge, EGO_COLS * enlarge, 3)
-        self.observation_space = spaces.Dict(
-            {"vector": spaces.Box(VECTOR_LOW, VECTOR_HIGH), "image": spaces.Box(0, 255, image, np.uint8)}
-        )
+        seen: dict[str, spaces.Space[Any]] = {
+            "vector": spaces.Box(VECTOR_LOW, VECTOR_HIGH),
+            "image": spaces.Box(0, 255, image, np.uint8),
+        }
+        if preset == "extended":
+            seen["route"] = spaces.Box(-10.0, 10.0, (len(ROUTE_FEATURES),), np.float32)
+        self.observation_space = spaces.Dict(seen)
         self._bundle: ModelBundle = load_bundle(bundle)
         self._scenario = None if scenario is None else find_scenario(scenario)
         self._ego, self._others, self._enlarge = ego, others, enlarge
         self._settings = ArenaSettings(
-            agents=1 if others == "sumo" else agents, weights=weights or RewardWeights(), episode_steps=episode_steps
+            agents=1 if others == "sumo" else agents,
+            weights=weights or RewardWeights(),
+            episode_steps=episode_steps,
+            extended=preset == "extended",
         )
         self._selector = self._make_selector(0)  # fails now where there is none
         self._running = ExitStack()
@@ -222,7 +235,13 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             return None
         if self._others == "prior":
             return PriorSelector(self._bundle, seed)
-        return PolicySelector(self._bundle, seed, sample=self._others == "sampled")
+        selector = PolicySelector(self._bundle, seed, sample=self._others == "sampled")
+        if (selector.preset == "extended") != self._settings.extended:
+            raise InputError(
+                f"others={self._others!r}: the selector of bundle '{self._bundle.name}' sees the preset "
+                f"{selector.preset!r}; give preset={selector.preset!r}, or another bundle"
+            )
+        return selector
 
     def _info(self) -> dict[str, Any]:
         assert self._arena is not None
@@ -244,7 +263,10 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     def _seen(self, observation: Observation, row: int) -> Seen:
         assert observation.image is not None
         image = ego_picture(observation.image[row], self._enlarge)
-        return {"vector": observation.vector[row].copy(), "image": image.copy()}
+        seen: Seen = {"vector": observation.vector[row].copy(), "image": image.copy()}
+        if observation.route is not None:
+            seen["route"] = observation.route[row].copy()
+        return seen
 
     def _end(self, world: WorldState, seen: Observation, modes: NDArray[np.int64]) -> WorldState:
         """Where everybody was when the ego's episode ended: by now the arena has put it to a new place."""
@@ -252,6 +274,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         now, n = self._arena.world, len(modes)
         learned = world.take(np.arange(n))
         acceleration, yaw_rate = self._bundle.motion(seen, modes)
+        if seen.route is not None:
+            acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
         top = self._bundle.max_speed[learned.type]
         moved = advance(learned, acceleration, yaw_rate, top, DECISION_INTERVAL)
         return moved.join(now.take(np.arange(n, len(now))))

@@ -26,6 +26,8 @@ SPARE = 0.95
 """Share of the sharpest curve that is asked for: something must be left to come back to the path with."""
 COMFORT = 3.0
 """m/s² across that nobody asks for more of."""
+STRAIGHT = 1e-3
+"""1/m: below, it is no curve."""
 SLOWEST = 1.2
 """m/s below which nobody slows for a curve, however sharp."""
 BRAKING = np.array([1.8, 1.0, 0.5])
@@ -134,6 +136,7 @@ def fitted(route: RouteAhead, users: WorldState, able: Agility) -> RouteAhead:
             possible = SPARE * able.sharpest[one, side]
             fastest = np.searchsorted(-possible, -sign * signed[here], side="right") - 1
             allowed[here] = SPEEDS[np.maximum(fastest, 0)]
+    allowed[np.abs(signed) < STRAIGHT] = SPEEDS[-1]
     allowed = np.maximum(np.minimum(allowed, np.sqrt(COMFORT / np.maximum(np.abs(signed), 1e-6))), SLOWEST)
     distance = np.arange(signed.shape[1]) * SPACING - REACTION * speed[:, None]
     slowing = np.sqrt(allowed**2 + 2.0 * BRAKING[kind, None] * np.maximum(distance, 0.0)).min(axis=1)

@@ -234,7 +234,7 @@ def strain(stopping: Floats, distance: Floats) -> Floats:
 def kept_clear(route: RouteAhead, leaders: Leaders, length: Floats) -> Floats:
     """m to where n road users must stop: as their routes say, and before junctions whose exits are taken."""
     blocked = (leaders.speed < 1.0) & (leaders.gap > route.line) & (leaders.gap < route.out + length + GAP)
-    blocked &= (route.line > 1.0) & np.isfinite(route.line)
+    blocked &= (route.line > 1.0) & np.isfinite(route.line) & np.isfinite(route.out)
     return np.where(blocked, np.minimum(route.stop, route.line - 1.0), route.stop)
 
 

@@ -7,6 +7,8 @@ from slrl_sumo.sumo.drives import Drive, Drives
 from slrl_sumo.sumo.rightofway import LINE_OF_SIGHT, STOP_LINE, RightOfWay
 from slrl_sumo.sumo.ways import Gate, LaneGraph
 
+ROLLING = 2.0
+"""m/s from which a vehicle that is just over a line does not stop there any more."""
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap beside it."""
 
@@ -59,6 +61,8 @@ class Pace:
         """
         stop, look = math.inf, math.inf
         for gate, distance in self._gates_near(drive, dt):
+            if distance < 0.0 and drive.speed > ROLLING:
+                continue  # over the line already: it goes on
             limits = (hesitant * drive.accel, drive.decel)
             said = self._right.says(gate, distance, drive.speed, limits, drive.stood)
             if said == "stop":
