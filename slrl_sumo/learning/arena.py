@@ -91,6 +91,7 @@ class _GivenModes:
     def __init__(self, bundle: ModelBundle) -> None:
         self._bundle = bundle
         self.max_speed = bundle.max_speed
+        self.max_length = np.inf
         self.observation: Observation | None = None
         self.modes: NDArray[np.int64] | None = None
 

@@ -253,6 +253,7 @@ class CoSimulation:
             wanted = drawn(everybody.ids, everybody.type, rule.shares, rule.seed)
             wanted &= rule.region.inside(everybody.x, everybody.y)
             wanted &= np.array([road_user not in skip for road_user in everybody.ids], np.bool_)
+            wanted &= everybody.length <= self._driver.max_length
             if self._fast:
                 wanted &= ~self._on_fast_lane(everybody.ids)
             rows = np.flatnonzero(wanted)

@@ -28,6 +28,8 @@ drawn from it; `lane`: the baseline that follows lanes and routes, without model
 
 GUARDED = "+guard"
 """What is appended to a selector's name where tables show it with the guard."""
+LONGEST = 8.0
+"""m: models that learned from cars turn buses and lorries with trailers into the next lane."""
 EASING = 3.0
 """m/s²."""
 
@@ -39,6 +41,8 @@ class Driver(Protocol):
 
     max_speed: Floats
     """m/s that each type does at most, (3,)."""
+    max_length: float
+    """m that the vehicles may be long that it drives: others are not taken over."""
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """The n learned road users, which are the first rows of `world`, 0.4 s later, and their modes (n,) if any."""
@@ -65,6 +69,7 @@ class ModelDriver:
         self._bundle, self._selector, self._routes, self._guard = bundle, selector, routes, guard
         self._able = None if routes is None else agility(bundle)
         self.max_speed = bundle.max_speed
+        self.max_length = LONGEST
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """See Driver."""
@@ -119,6 +124,7 @@ class RouteDriver:
     def __init__(self, lanes: LaneDriver) -> None:
         self._lanes = lanes
         self.max_speed: Floats = np.full(len(RoadUserType), np.inf)
+        self.max_length = np.inf
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """See Driver."""
