@@ -87,7 +87,8 @@ class RandomDriver:
     """Random walks: headings and speeds drift, road users stop and go, and jump with probability `jump`."""
 
     def __init__(self, seed: int, jump: float) -> None:
-        self._rng, self._jump, self.max_speed = np.random.default_rng(seed), jump, TOP_SPEED
+        self._rng, self._jump = np.random.default_rng(seed), jump
+        self.max_speed, self.max_length = TOP_SPEED, np.inf
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
         """See Driver."""

@@ -171,6 +171,7 @@ class _Straight:
     """Everybody goes straight on at 10 m/s, and can do no more."""
 
     max_speed = np.full(3, 10.0)
+    max_length = np.inf
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, None]:
         ahead = 10.0 * DECISION_INTERVAL
@@ -247,3 +248,16 @@ def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_b
     file = into_the_fast_lane.with_name("bare.net.xml")
     file.write_text(file.read_text().replace('speed="30.00"', 'speed="13.00"'))
     assert not notices(settings)
+
+
+def test_who_is_longer_than_a_driver_can_drive_stays_sumos(into_the_fast_lane: Path) -> None:
+    taken = []
+    for longest in (4.0, 6.0):
+        with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:
+            driver = _Straight()
+            driver.max_length = longest  # SUMO's cars are 5 m long
+            rule = Takeover(np.ones(3), parse_region(None, session.network, session.api), 1)
+            simulation = CoSimulation(session, driver, takeover=rule)
+            simulation.start()
+            taken.append(len(simulation.population.ids))
+    assert taken == [0, 1]
