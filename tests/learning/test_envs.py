@@ -23,6 +23,7 @@ from slrl_sumo.learning.rewards import TERMS, RewardWeights
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.models.selector import PolicySelector, PriorSelector
+from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
 from slrl_sumo.world.types import RoadUserType
 
 IDS = ("slrl_sumo/Intersection-v0", "slrl_sumo/SharedSpace-v0", "slrl_sumo/Random-v0")
@@ -356,3 +357,32 @@ def test_actions_beyond_the_modes_are_refused() -> None:
     env.reset(seed=1)
     with pytest.raises(InvalidAction, match="0 to 19"):
         env.step(np.int64(20))
+
+
+def test_with_the_preset_extended_the_ego_knows_its_route() -> None:
+    env = make(preset="extended", ego="car", agents=6)
+    check_env(env, skip_render_check=True)
+    seen, _ = env.reset(seed=2)
+    route = dict(zip(ROUTE_FEATURES, seen["route"].tolist(), strict=True))
+    assert route["known"] == 1.0
+    assert route["aside"] == pytest.approx(0.0, abs=0.3)
+    assert route["desired_speed"] > 0.5
+    magenta = (seen["image"] == [255, 0, 255]).all(axis=-1)
+    assert magenta.any()
+    _, _, _, _, info = env.step(np.int64(3))
+    assert info["terms"]["progress"] != 0.0
+    # Without it nothing of that is there.
+    plain = make(ego="car", agents=6)
+    seen, _ = plain.reset(seed=2)
+    assert set(seen) == {"vector", "image"}
+    assert not (seen["image"] == [255, 0, 255]).all(axis=-1).any()
+
+
+def test_others_see_the_preset_that_their_selector_was_trained_with(tmp_path: Path) -> None:
+    policy = Policy(PolicyConfig(preset="extended", hidden=16, head=8))
+    replace(load_bundle("intersection"), policy=policy).save(tmp_path / "bundle")
+    with pytest.raises(InputError, match="sees the preset 'extended'; give preset='extended'"):
+        RoadUserEnv(bundle=str(tmp_path / "bundle"), others="greedy")
+    env = make(bundle=str(tmp_path / "bundle"), others="greedy", preset="extended", agents=4)
+    env.reset(seed=1)
+    env.step(np.int64(0))
