@@ -1,6 +1,7 @@
 """What each term of the reward is good for: short trainings with one term left out each, beside one with all of them.
 
-    python tools/ablate_rewards.py --out out/ablation [--steps 400000] [--scenarios intersection,random]
+    python tools/ablate_rewards.py --out out/ablation [--steps 300000] [--scenarios intersection,random]
+    python tools/ablate_rewards.py --out out/routes --config tools/selectors/ablation-routes.toml
 
 All variants have the same seed, networks and number of steps, and are taught by the same imitation first; one has no
 imitation. The table shows means over the last quarter of each training, modes drawn from the policy. Trainings that are
@@ -27,7 +28,17 @@ COLUMNS = {
     "discomfort": "reward/comfort",
     "improbable": "reward/realism",
 }
-"""Terms that the table shows as what they count, per 1,000 steps where they are rare."""
+"""Terms that the table shows as what they count, per 1,000 steps."""
+ON_ROUTES = {
+    "contacts": "reward/contact",
+    "off surface": "reward/off_surface",
+    "off path": "reward/off_path",
+    "over a closed line": "reward/red",
+    "went first": "reward/priority",
+    "lost way": "reward/progress",
+    "discomfort": "reward/comfort",
+}
+"""The same for the preset `extended`."""
 
 
 def variants(usual: TrainSettings) -> dict[str, TrainSettings]:
@@ -48,14 +59,16 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for the trainings")
     parser.add_argument("--scenarios", default="intersection,random")
     parser.add_argument("--bundle", default="intersection")
-    parser.add_argument("--steps", type=int, default=400_000)
+    parser.add_argument("--steps", type=int, default=300_000)
     parser.add_argument("--only", help="names of variants, separated by commas")
     parser.add_argument("--config", type=Path, default=Path(__file__).parent / "selectors" / "ablation.toml")
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     names = arguments.only.split(",") if arguments.only else None
-    print("| variant |", " | ".join(COLUMNS), "|", " | ".join(f"{t} m/s | {t} standing" for t in TYPE_NAMES), "|")
-    for name, settings in variants(read_settings(arguments.config)).items():
+    usual = read_settings(arguments.config)
+    columns = ON_ROUTES if usual.policy.preset == "extended" else COLUMNS
+    print("| variant |", " | ".join(columns), "|", " | ".join(f"{t} m/s | {t} standing" for t in TYPE_NAMES), "|")
+    for name, settings in variants(usual).items():
         if names is not None and name not in names:
             continue
         request = TrainRequest(
@@ -63,10 +76,10 @@ def main() -> None:
         )
         if not (request.out / "selector.json").exists() and not train_with_progress(request, settings, resume=True):
             raise SystemExit(130)
-        print(_row(name, request.folder / "log.csv"), flush=True)
+        print(_row(name, request.folder / "log.csv", columns), flush=True)
 
 
-def _row(name: str, log: Path) -> str:
+def _row(name: str, log: Path, columns: dict[str, str]) -> str:
     with log.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     last = rows[-max(1, len(rows) // 4) :]
@@ -75,7 +88,8 @@ def _row(name: str, log: Path) -> str:
         values = [float(row[key]) for row in last if not math.isnan(float(row[key]))]
         return sum(values) / len(values)
 
-    cells = [f"{-1000 * mean(key):.1f}" for key in COLUMNS.values()]
+    # Progress is 1 where nothing is lost.
+    cells = [f"{1000 * ((key == 'reward/progress') - mean(key)):.1f}" for key in columns.values()]
     for kind in TYPE_NAMES:
         cells += [f"{mean(f'motion/mean_speed_{kind}_mps'):.2f}", f"{mean(f'motion/standing_{kind}'):.1%}"]
     return f"| {name} | {' | '.join(cells)} |"
