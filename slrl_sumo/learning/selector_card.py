@@ -11,6 +11,10 @@ from slrl_sumo.models.policy import Policy
 from slrl_sumo.world.types import TYPE_NAMES
 
 HEADING = "\n## Selector\n"
+KNOWS = {
+    "paper": "It sees 32 m ahead and knows no destination, traffic light or right of way. Measured: docs/selectors.md.",
+    "extended": "It knows its route for 40 m, the signals and the right of way on it. Measured: docs/routes.md.",
+}
 LAST = 20
 """Updates that the closing figures are means of."""
 
@@ -35,7 +39,8 @@ def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
         "Chooses the modes by what a road user sees (`--selector greedy` or `sampled`). Trained by PPO: `slrl-sumo "
         f"train {record['scenarios']} --bundle {record['bundle']} --steps {record['steps']} "
         f"--workers {record['workers']} --seed {record['seed']}`,",
-        f"{settings['arena']['agents']} learned road users in each simulation, with background traffic.",
+        f"{settings['arena']['agents']} learned road users in each simulation, with background traffic; settings: "
+        "selector.json.",
         "",
         f"Weights of the reward's terms (slrl_sumo.learning.rewards): {weights}.",
         "",
@@ -49,12 +54,7 @@ def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
         ends = figures.get(f"episode/ends_per_1000_steps_{name}")
         if speed is not None and standing is not None and ends is not None:
             lines.append(f"| {name} | {speed:.2f} | {standing:.1%} | {ends:.2f} |")
-    lines += [
-        "",
-        "It sees 32 m ahead and knows no destination, traffic light or right of way. Measured figures: "
-        "docs/selectors.md.",
-        "",
-    ]
+    lines += ["", KNOWS[settings["policy"]["preset"]], ""]
     return "\n".join(lines)
 
 

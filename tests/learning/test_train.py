@@ -116,6 +116,7 @@ def test_the_preset_extended_is_taught_by_looking_ahead_and_reads_the_route(tmp_
 def test_shipped_settings_of_selectors_can_be_read() -> None:
     presets = {file.stem: read_settings(file).policy.preset for file in sorted(SELECTORS.glob("*.toml"))}
     assert presets.pop("ablation") == "paper"
+    assert presets.pop("ablation-routes") == "extended"
     assert presets == {
         "intersection": "extended",
         "intersection-paper": "paper",
