@@ -28,6 +28,8 @@ COMFORT = 3.0
 """m/s² across that nobody asks for more of."""
 STRAIGHT = 1e-3
 """1/m: below, it is no curve."""
+NIMBLE = 0.95
+"""Share of the sharpest curve that counts as turning best."""
 SLOWEST = 1.2
 """m/s below which nobody slows for a curve, however sharp."""
 BRAKING = np.array([1.8, 1.0, 0.5])
@@ -135,7 +137,9 @@ def fitted(route: RouteAhead, users: WorldState, able: Agility) -> RouteAhead:
             here = (kind == one)[:, None] & ((signed < 0.0) == (sign < 0.0))
             possible = SPARE * able.sharpest[one, side]
             fastest = np.searchsorted(-possible, -sign * signed[here], side="right") - 1
-            allowed[here] = SPEEDS[np.maximum(fastest, 0)]
+            # Where no speed will do, the highest one of those at which they turn best: slower ones do not help.
+            nimble = np.searchsorted(-possible, -NIMBLE * possible[0], side="right") - 1
+            allowed[here] = SPEEDS[np.maximum(fastest, nimble)]
     allowed[np.abs(signed) < STRAIGHT] = SPEEDS[-1]
     allowed = np.maximum(np.minimum(allowed, np.sqrt(COMFORT / np.maximum(np.abs(signed), 1e-6))), SLOWEST)
     distance = np.arange(signed.shape[1]) * SPACING - REACTION * speed[:, None]

@@ -13,6 +13,7 @@ from slrl_sumo.simulation.agility import Agility, agility, fitted
 from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.leaders import leaders
 from slrl_sumo.simulation.lookahead import Prospects, with_ahead
+from slrl_sumo.simulation.patience import Patience, going
 from slrl_sumo.sumo.lanedriver import LaneDriver
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.routes import Routes
@@ -67,6 +68,7 @@ class ModelDriver:
         self, bundle: ModelBundle, selector: Selector, routes: Routes | None = None, *, guard: bool = False
     ) -> None:
         self._bundle, self._selector, self._routes, self._guard = bundle, selector, routes, guard
+        self._patience = Patience()
         self._able = None if routes is None else agility(bundle)
         self.max_speed = bundle.max_speed
         self.max_length = LONGEST
@@ -80,13 +82,15 @@ class ModelDriver:
         way = prospects.way if extended and prospects is not None else None
         observation = observe(world, rows, roadmap, selector.needs_image, way)
         allowed = None
-        if self._guard and prospects is not None:
-            guarded = with_ahead(self._bundle, observation, world, rows, roadmap, prospects)
-            assert guarded.ahead is not None
-            allowed = allowed_modes(guarded.ahead, learned.type, prospects.route)
-            observation = guarded if extended else observation
+        if prospects is not None:
+            routed = with_ahead(self._bundle, observation, world, rows, roadmap, prospects)
+            assert routed.ahead is not None
+            if self._guard:
+                allowed = allowed_modes(routed.ahead, learned.type, prospects.route)
+            allowed = going(routed.ahead, self._patience.tolerance(learned, prospects), allowed)
+            observation = routed if extended else observation
         if selector.looks_ahead and observation.ahead is None:
-            observation = with_ahead(self._bundle, observation, world, rows, roadmap, prospects if extended else None)
+            observation = with_ahead(self._bundle, observation, world, rows, roadmap)
         modes = selector.choose(observation, learned.ids, allowed)
         acceleration, yaw_rate = self._bundle.motion(observation, modes)
         if prospects is not None:

@@ -35,6 +35,8 @@ RETURN = 1.0
 """1/s, and m/s, rad: who is beside its path heads back to it with atan(RETURN * aside / (speed + SLOW)), at most AIM
 (as in S. Thrun et al. 2006, Stanley, https://doi.org/10.1002/rob.20147)."""
 SLOW, AIM = 1.5, 0.4
+BESIDE, ASKEW = 1.0, 0.35
+"""m and rad: who is farther off its path in both is led on as it is, not along the path."""
 STANDING = 0.2
 """m/s."""
 CALM = 0.6
@@ -137,7 +139,8 @@ def look_ahead(
     if mine is not None:
         known = mine.route.known
         steered = known & (me.type != RoadUserType.PEDESTRIAN)
-        _, beside, _ = on_path(mine.route, me.x[:, None], me.y[:, None])
+        _, beside, direction = on_path(mine.route, me.x[:, None], me.y[:, None])
+        steered &= follows(beside[:, 0], me.heading - direction[:, 0])
         travelled = np.zeros((n, modes))
         under = roadmap.surface_at(mine.route.x.ravel(), mine.route.y.ravel()).reshape(n, POINTS)
         grounded = np.take_along_axis(own, under.astype(np.intp), axis=1) | ~known[:, None]
@@ -216,6 +219,12 @@ def _on_route(mine: Prospects, me: WorldState, after: list[tuple[Floats, Floats,
     return OnRoute(*(np.where(known, column, 0.0) for column in columns))
 
 
+def follows(beside: Floats, askew: Floats) -> NDArray[np.bool_]:
+    """Who is on its path, or goes back to it, so that it will be found there, (n,); m beside it and rad off its
+    direction, (n,)."""
+    return (np.abs(beside) < BESIDE) | (np.abs(wrap_angle(askew)) < ASKEW)
+
+
 def allowed_speed(prospects: Prospects, users: WorldState) -> Floats:
     """m/s at which each of n road users with a route may go on: desired, and low enough to stop where it must, (n,)."""
     route, driving = prospects.route, users.type != RoadUserType.PEDESTRIAN
@@ -271,8 +280,9 @@ def _led_on(world: WorldState, seconds: float, prospects: Prospects | None = Non
         path = prospects.route.take(rows)
         way = np.minimum(world.speed[rows] * seconds, np.maximum(path.stop, 0.0))
         px, py, direction = (column[:, 0] for column in at(path, way[:, None]))
-        _, beside, _ = (column[:, 0] for column in on_path(path, world.x[rows, None], world.y[rows, None]))
+        _, beside, now = (column[:, 0] for column in on_path(path, world.x[rows, None], world.y[rows, None]))
+        right = follows(beside, world.heading[rows] - now)
         shift = beside * max(0.0, 1.0 - seconds / (STEPS * DECISION_INTERVAL))
-        x[rows], y[rows] = px - shift * np.sin(direction), py + shift * np.cos(direction)
-        heading[rows] = direction
+        px, py = px - shift * np.sin(direction), py + shift * np.cos(direction)
+        x[rows[right]], y[rows[right]], heading[rows[right]] = px[right], py[right], direction[right]
     return np.column_stack([x, y, heading, world.length + MARGIN, world.width + MARGIN])

@@ -1,0 +1,81 @@
+"""Who has stood long enough: road users that wait for nothing, or for each other, go on."""
+
+import random
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.simulation.lookahead import Prospects, allowed_speed
+from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import DECISION_INTERVAL
+
+STANDING = 0.1
+"""m/s below which somebody stands."""
+FREE = 1.0
+"""m/s that are allowed to who has nothing to wait for."""
+IDLE = 2.0
+"""s that such a road user may stand."""
+HELD, SPREAD = 12.0, 8.0
+"""s that somebody stands before others without a line or a signal that would say so, at least, and what chance adds:
+of those that wait for each other one goes first."""
+GOING = 2.0
+"""s for which who has run out of patience goes on."""
+WAITING = 5.0
+"""m within which a line to stop at is what somebody waits for."""
+DESPERATE = 45.0
+"""s after which anything goes but contact at once."""
+SOON = 0.6
+"""`meeting` (see lookahead) of who is met after 1.6 s."""
+MOVING = 0.5
+"""m/s of modes that go on."""
+
+
+class Patience:
+    """Remembers for how long road users have stood, by id."""
+
+    def __init__(self) -> None:
+        self._stood: dict[str, float] = {}
+        self._goes: dict[str, tuple[float, float]] = {}
+
+    def tolerance(self, users: WorldState, prospects: Prospects) -> Floats:
+        """Up to which `meeting` n road users with `prospects` must go on now, (n,): 0 for who need not.
+
+        Call it once per decision.
+        """
+        free = allowed_speed(prospects, users) > FREE
+        waits = prospects.route.stop < WAITING
+        standing = prospects.route.known & (users.speed < STANDING) & ~prospects.route.closed & ~waits
+        stood: dict[str, float] = {}
+        goes: dict[str, tuple[float, float]] = {}
+        for row, name in enumerate(users.ids):
+            if standing[row]:
+                stood[name] = self._stood.get(name, 0.0) + DECISION_INTERVAL
+                most = IDLE if free[row] else HELD + SPREAD * random.Random(name).random()
+                if stood[name] >= most:
+                    goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
+            elif name in self._goes and self._goes[name][0] > users.time:
+                goes[name] = self._goes[name]
+        self._stood, self._goes = stood, goes
+        most_met = np.array([goes[name][1] if name in goes else 0.0 for name in users.ids], np.float64)
+        return np.where(prospects.route.closed | waits, 0.0, most_met)
+
+
+def going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """Modes that n road users may choose, (n, modes): who must go on (`tolerance` above 0, (n,)) only such that move
+    and meet nobody sooner than that.
+
+    `ahead` (n, modes, 9) as Observation has it; `allowed` what a guard leaves, None for all. Where it leaves none that
+    moves, it does not count: standing for ever is no way out.
+    """
+    if not tolerance.any():
+        return allowed
+    modes = np.ones(ahead.shape[:2], np.bool_) if allowed is None else allowed.copy()
+    moving = (ahead[..., 2] > MOVING) & (ahead[..., 0] < tolerance[:, None])
+    for row in np.flatnonzero(tolerance):
+        both = modes[row] & moving[row]
+        if both.any():
+            modes[row] = both
+        elif moving[row].any():
+            modes[row] = moving[row]
+    return modes
