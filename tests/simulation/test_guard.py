@@ -40,7 +40,9 @@ def test_modes_without_a_conflict_are_all_allowed(kind: int) -> None:
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE, PEDESTRIAN])
 def test_meeting_somebody_and_leaving_the_surface_are_masked(kind: int) -> None:
-    assert left({MEETING: 0.125}, {}, {MEETING: 1.0}, kind=kind) == [1]
+    assert left({MEETING: 0.5}, {}, {MEETING: 1.0}, kind=kind) == [1]
+    # Who is met later than in 2 s is for the selector to see to.
+    assert left({MEETING: 0.375}, {}, {MEETING: 1.0}, kind=kind) == [0, 1]
     assert left({OFF: 1 / 3}, {}, {OFF: 1.0}, kind=kind) == [1]
 
 
@@ -60,7 +62,7 @@ def test_vehicles_keep_behind_their_leader() -> None:
 
 
 def test_where_nothing_is_left_the_latest_conflict_is() -> None:
-    assert left({MEETING: 1.0}, {MEETING: 0.25}, {MEETING: 0.375}, {MEETING: 0.25}) == [1, 3]
+    assert left({MEETING: 1.0}, {MEETING: 0.5}, {MEETING: 0.625}, {MEETING: 0.5}) == [1, 3]
     assert left({OFF: 1.0}, {OFF: 1 / 3}, {OFF: 2 / 3}) == [1]
     assert left({BRAKE: 3.0}, {BRAKE: 1.5}, {BRAKE: 8.0}, closed=True) == [1]
     assert left({FOLLOW: 3.0}, {FOLLOW: 2.0}) == [1]
