@@ -109,6 +109,9 @@ class RandomDriver:
         """See Driver."""
         return np.zeros(len(learned), np.bool_)
 
+    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
+        return np.zeros(len(learned), np.bool_)
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""
 

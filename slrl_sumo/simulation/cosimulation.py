@@ -218,7 +218,8 @@ class CoSimulation:
         """Road users of the scenario have a route: who has left the scene is not looped, but goes back to that."""
         learned = self.population.world
         # Walks lead round the ends of streets, on the rim of the network.
-        strayed = self.population.hand_back(left_scene(learned, self.roadmap, rim=RIM), strayed=True)
+        gone = left_scene(learned, self.roadmap, rim=RIM) | self._driver.astray(learned)
+        strayed = self.population.hand_back(gone, strayed=True)
         # They would stray again: from here on SUMO drives them.
         self._finished.update(strayed)
         return strayed

@@ -53,6 +53,10 @@ class Driver(Protocol):
         """Whose trip is nearly over, (n,), so that SUMO should finish it."""
         ...
 
+    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
+        """Who has turned off its route and cannot go on, (n,), so that SUMO should put it back there."""
+        ...
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop what is remembered of road users that are no longer learned."""
         ...
@@ -110,6 +114,12 @@ class ModelDriver:
             return np.zeros(len(learned), np.bool_)
         return self._routes.near_end(learned.ids)
 
+    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
+        """See Driver."""
+        if self._routes is None:
+            return np.zeros(len(learned), np.bool_)
+        return self._routes.astray(learned.ids)
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""
         if self._routes is not None:
@@ -138,6 +148,10 @@ class RouteDriver:
     def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
         """See Driver: SUMO finishes trips, because only it can take a road user off the network as arrived."""
         return self._lanes.near_end(learned.ids)
+
+    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
+        """See Driver: it keeps to its lanes."""
+        return np.zeros(len(learned), np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""

@@ -8,8 +8,8 @@ from slrl_sumo.world.route import RouteAhead
 from slrl_sumo.world.types import RoadUserType
 
 IMMINENT = 0.5
-"""`meeting` of who is met within 2 s. Farther ahead it is the selector's to judge: guarded for 3.2 s, vehicles braked in
-the middle of turns, where the models can then not turn any more."""
+"""`meeting` of who is met within 2 s. Farther ahead it is the selector's to judge: guarded for 3.2 s, vehicles braked
+in the middle of turns, where the models can then not turn any more."""
 LATE = 1.0
 """Strain (see lookahead.strain) from which it is too late to stop."""
 ALIKE = 1e-6

@@ -39,9 +39,9 @@ BESIDE, ASKEW = 1.0, 0.35
 """m and rad: who is farther off its path in both is led on as it is, not along the path."""
 STANDING = 0.2
 """m/s."""
-CALM = 0.6
+CALM = 0.5
 """Share of the way there is within which it wants to be able to stop."""
-SPARE = 1.0
+SPARE = 1.5
 """m before a line to stop at, for who does not stop to the centimetre."""
 AT = 0.3
 """m within which somebody is at the place to stop at."""

@@ -29,6 +29,8 @@ REACTION = 2 * DECISION_INTERVAL
 """s before what it decides shows."""
 HESITANT = 0.4
 """Share of its acceleration by which it is judged how soon a vehicle has crossed a junction: it turns there."""
+STUCK = 20.0
+"""s that a vehicle waits at the end of a lane that does not lead on, for a gap in the next one."""
 _GRID = np.linspace(-BEHIND, AHEAD, POINTS)
 
 
@@ -41,6 +43,7 @@ class Routes:
         self._drives = Drives(api, network, graph)
         self._pace = Pace(api, graph, self._drives, trusting=False)
         self._strolls = Strolls(api, network)
+        self._astray: set[str] = set()
 
     def ahead(self, world: WorldState, n: int) -> RouteAhead:
         """The routes of the first `n` road users of `world`, as they are now; call it once per decision."""
@@ -61,8 +64,13 @@ class Routes:
         left = [min(self._drives.left(road_user), self._strolls.left(road_user)) for road_user in ids]
         return np.array(left, np.float64) < NEAR_END
 
+    def astray(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """Who of n road users stands where no lane leads on along its route, (n,): it has turned off the wrong way."""
+        return np.array([road_user in self._astray for road_user in ids], np.bool_)
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop what is known of road users that are no longer learned."""
+        self._astray.difference_update(ids)
         self._drives.forget(ids)
         self._strolls.forget(ids)
 
@@ -80,6 +88,8 @@ class Routes:
             route.signal[i] = shown = self._pace.signal(gate)
             route.closed[i] = shown >= 2 and stop <= line
         route.left[i] = self._left(world.ids[i], drive)
+        if drive.stood > STUCK and not self._pace.leads_on(drive):
+            self._astray.add(world.ids[i])
         return drive.way.line, drive.s - 0.5 * float(world.length[i]), 0.0
 
     def _left(self, road_user: str, drive: Drive) -> float:

@@ -181,6 +181,9 @@ class _Straight:
     def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
         return np.zeros(len(learned), np.bool_)
 
+    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
+        return np.zeros(len(learned), np.bool_)
+
     def forget(self, ids: tuple[str, ...]) -> None:
         pass
 
