@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.sumo.rightofway import STOP_LINE
-from slrl_sumo.sumo.routes import NEAR_END, Routes
+from slrl_sumo.sumo.routes import NEAR_END, STUCK, Routes
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.stroll import KERB
@@ -269,6 +269,26 @@ def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSessi
         width = libsumo.lane.getWidth("in0_3")
         assert aside[0, 0] == pytest.approx(-width, abs=0.2)
         assert _off_lanes(signalised, ("in0", "out3"), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
+
+
+def test_who_waits_for_ever_where_no_lane_leads_on_is_astray(signalised: SumoSession) -> None:
+    _signals("G")
+    _car(signalised, "car", ("in0", "out3"), 2, 20.0, 4.0)
+    _car(signalised, "car beside", ("in0", "out3"), 3, 20.0, 4.0)
+    signalised.step()
+    world = _seen(signalised, "car", "car beside")
+    world = replace(world, speed=np.zeros(len(world)))
+    routes = Routes(libsumo, signalised.network)
+    waited = 0
+    while not routes.astray(("car", "car beside")).any():
+        routes.ahead(world, 2)
+        waited += 1
+        assert waited < 100
+    assert waited * DECISION_INTERVAL > STUCK
+    assert routes.astray(("car", "car beside")).tolist() == [True, False]
+    # Once it is no longer ours nothing of that is remembered.
+    routes.forget(("car",))
+    assert not routes.astray(("car",)).any()
 
 
 def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
