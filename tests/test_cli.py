@@ -188,7 +188,7 @@ def test_from_a_generated_network_to_a_run_of_a_bundle_learned_on_it(cli: Cli, t
 
 
 def test_a_guarded_run_goes_another_way(cli: Cli, tmp_path: Path) -> None:
-    words = ["run", "intersection", "--agents", 16, "--steps", 40, "--selector", "greedy", "--summary", "s.json"]
+    words = ["run", "intersection", "--agents", 16, "--steps", 40, "--selector", "prior", "--summary", "s.json"]
     summaries = []
     for more in ([], ["--guard"]):
         done = cli(*words, *more, cwd=tmp_path)

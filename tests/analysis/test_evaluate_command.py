@@ -38,7 +38,7 @@ def test_ground_from_a_mask_or_road_everywhere(cli: Cli, file: Path, tmp_path: P
     mask = np.full((10, 60, 3), 255, np.uint8)  # 60 x 10 m
     mask[:, 20:] = 0
     cv2.imwrite(str(tmp_path / "mask.png"), mask)
-    command = ("evaluate", file, "--bundle", "shared-space", "--starts", 10, "--out", tmp_path / "out")
+    command = ("evaluate", file, "--bundle", "shared-space-paper", "--starts", 10, "--out", tmp_path / "out")
     done = cli(*command, "--mask", tmp_path / "mask.png", "--metres-per-pixel", 1)
     assert done.returncode == 0, done.stderr
     assert "surface: mask" in done.stdout
