@@ -51,7 +51,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         if takeover is not None and (fast := len(fast_lanes(session.network, driver))):
             most = driver.max_speed[RoadUserType.CAR]
             notices.append(
-                f"{fast} lanes are for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: everybody there "
+                f"{fast} lane{' is' if fast == 1 else 's are'} for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: everybody there "
                 "stays SUMO's"
             )
         if settings.agents is not None:
