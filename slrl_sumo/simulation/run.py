@@ -50,9 +50,9 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         simulation = CoSimulation(session, driver, takeover=takeover, yielding=settings.yielding)
         if takeover is not None and (fast := len(fast_lanes(session.network, driver))):
             most = driver.max_speed[RoadUserType.CAR]
+            lanes = "1 lane is" if fast == 1 else f"{fast} lanes are"
             notices.append(
-                f"{fast} lane{' is' if fast == 1 else 's are'} for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: everybody there "
-                "stays SUMO's"
+                f"{lanes} for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: everybody there stays SUMO's"
             )
         if settings.agents is not None:
             where = str(scenario.config)
