@@ -52,7 +52,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             most = driver.max_speed[RoadUserType.CAR]
             lanes = "1 lane is" if fast == 1 else f"{fast} lanes are"
             notices.append(
-                f"{lanes} for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: everybody there stays SUMO's"
+                f"{lanes} for more than the {most:.1f} m/s that bundle '{bundle.name}' knows: there all stay SUMO's"
             )
         if settings.agents is not None:
             where = str(scenario.config)
