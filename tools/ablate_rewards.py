@@ -41,11 +41,16 @@ ON_ROUTES = {
 """The same for the preset `extended`."""
 
 
+ROUTE_TERMS = ("progress", "off_path", "red", "priority")
+"""Always 0 without routes."""
+
+
 def variants(usual: TrainSettings) -> dict[str, TrainSettings]:
     """The settings of each variant by name."""
     named = {"all terms": usual}
+    on_routes = usual.policy.preset == "extended"
     for term in TERMS:
-        if getattr(usual.reward, term):
+        if getattr(usual.reward, term) and (on_routes or term not in ROUTE_TERMS):
             named[f"without {term}"] = replace(usual, reward=replace(usual.reward, **{term: 0.0}))
     paper = dict.fromkeys(TERMS, 0.0) | {"close": 1.0, "off_surface": 1.0, "moving": 1.0}
     named["the paper's three"] = replace(usual, reward=replace(usual.reward, **paper))
