@@ -7,8 +7,10 @@ demo: .venv/.installed
 	.venv/bin/slrl-sumo run intersection --agents 64 --steps 150 --seed 1 \
 		--fcd out/fcd.xml --summary out/summary.json --report out/report
 
-test check: .venv/.installed-dev
+test: .venv/.installed-dev
 	tools/check.sh
+
+check: test
 
 .venv/bin/python:
 	$(PYTHON) -m venv .venv

@@ -136,11 +136,11 @@ def look_ahead(
     final_speed, turned = speed, np.zeros((n, modes))
     mine = None if prospects is None else prospects.take(rows)
     steered = known = np.zeros(n, np.bool_)
+    everybody = None if prospects is None else _paths_kept(prospects.route, world)
     if mine is not None:
         known = mine.route.known
-        steered = known & (me.type != RoadUserType.PEDESTRIAN)
-        _, beside, direction = on_path(mine.route, me.x[:, None], me.y[:, None])
-        steered &= follows(beside[:, 0], me.heading - direction[:, 0])
+        kept = _paths_kept(mine.route, me)
+        steered[kept.rows] = True
         travelled = np.zeros((n, modes))
         under = roadmap.surface_at(mine.route.x.ravel(), mine.route.y.ravel()).reshape(n, POINTS)
         grounded = np.take_along_axis(own, under.astype(np.intp), axis=1) | ~known[:, None]
@@ -169,14 +169,10 @@ def look_ahead(
         if mine is not None:
             travelled = travelled + speed * DECISION_INTERVAL
             after.append((x, y, heading, speed))
-            if steered.any():
+            if len(kept.rows):
                 at_x, at_y, at_heading = x.copy(), y.copy(), heading.copy()
-                path = mine.route.take(np.flatnonzero(steered))
-                px, py, direction = at(path, travelled[steered])
-                shift = beside[steered] * max(0.0, 1.0 - step / STEPS)
-                at_x[steered], at_y[steered] = px - shift * np.sin(direction), py + shift * np.cos(direction)
-                at_heading[steered] = direction
-        them = _led_on(world, step * DECISION_INTERVAL, prospects)
+                at_x[steered], at_y[steered], at_heading[steered] = _along(kept, travelled[steered], step)
+        them = _led_on(world, step, everybody)
         # Whose circles do not meet under any mode need not be compared box by box.
         spread = np.hypot(at_x[ego] - them[other, None, 0], at_y[ego] - them[other, None, 1]).min(axis=1)
         close = spread < 0.5 * (reach[rows[ego]] + reach[other]) + 2 * MARGIN
@@ -204,14 +200,12 @@ def _on_route(mine: Prospects, me: WorldState, after: list[tuple[Floats, Floats,
     steer = np.abs(wrap_angle(heading - direction + aim))
     first = after[0][3]
     stopping = mine.able.stop_from(first, me.type)
-    stop = kept_clear(route, mine.leaders, me.length)[:, None] - SPARE
+    stop, room = (way[:, None] for way in _ways_left(mine, me))
     brake = strain(stopping, stop - first * DECISION_INTERVAL)
     leading = mine.leaders.speed[:, None]
-    room = mine.leaders.gap[:, None] - GAP + leading**2 / (2.0 * LEADER_BRAKES)
     follow = strain(stopping, room + (leading - (1.0 + HEADWAY / DECISION_INTERVAL) * first) * DECISION_INTERVAL)
-    follow = np.where((me.type != RoadUserType.PEDESTRIAN)[:, None], follow, 0.0)
     covered = (first + speed) * DECISION_INTERVAL
-    room = np.where((me.type != RoadUserType.PEDESTRIAN)[:, None], room + 2.0 * leading * DECISION_INTERVAL, np.inf)
+    room = room + 2.0 * leading * DECISION_INTERVAL
     allowed = mine.able.speed_within(CALM * (np.minimum(stop, room - HEADWAY * speed) - covered), me.type)
     allowed = np.minimum(allowed, route.desired[:, None])
     pace = np.clip((speed - allowed) / np.maximum(allowed, 1.0), -1.0, 1.0)
@@ -227,12 +221,18 @@ def follows(beside: Floats, askew: Floats) -> NDArray[np.bool_]:
 
 def allowed_speed(prospects: Prospects, users: WorldState) -> Floats:
     """m/s at which each of n road users with a route may go on: desired, and low enough to stop where it must, (n,)."""
-    route, driving = prospects.route, users.type != RoadUserType.PEDESTRIAN
-    stop = kept_clear(route, prospects.leaders, users.length) - SPARE
-    room = prospects.leaders.gap - GAP + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
-    distance = np.minimum(stop, np.where(driving, room - HEADWAY * users.speed, np.inf))
+    stop, room = _ways_left(prospects, users)
+    distance = np.minimum(stop, room - HEADWAY * users.speed)
     within = prospects.able.speed_within(CALM * np.maximum(distance, 0.0)[:, None], users.type)[:, 0]
-    return np.minimum(within, route.desired)
+    return np.minimum(within, prospects.route.desired)
+
+
+def _ways_left(prospects: Prospects, users: WorldState) -> tuple[Floats, Floats]:
+    """m to where n road users must stop, and m in which vehicles must be able to stop behind their leaders (inf for
+    pedestrians, who walk round them), (n,) each."""
+    stop = kept_clear(prospects.route, prospects.leaders, users.length) - SPARE
+    room = prospects.leaders.gap - GAP + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
+    return stop, np.where(users.type != RoadUserType.PEDESTRIAN, room, np.inf)
 
 
 def strain(stopping: Floats, distance: Floats) -> Floats:
@@ -264,25 +264,45 @@ def with_ahead(
     return replace(observation, ahead=np.stack(columns, axis=-1).astype(np.float32))
 
 
-def _led_on(world: WorldState, seconds: float, prospects: Prospects | None = None) -> Floats:
-    """Boxes (m, 5), MARGIN larger, after some seconds at constant speed and yaw rate.
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """Vehicles that keep to their paths: their rows, their paths, and m beside them now, (k,)."""
 
-    Vehicles whose routes are known follow them, up to lines at which they must stop.
+    rows: NDArray[np.intp]
+    path: RouteAhead
+    beside: Floats
+
+
+def _paths_kept(route: RouteAhead, users: WorldState) -> _Kept:
+    """Who of the first road users of `users`, those of `route`, keeps to its path."""
+    n = len(route)
+    rows = np.flatnonzero(route.known & (users.type[:n] != RoadUserType.PEDESTRIAN))
+    _, beside, direction = (c[:, 0] for c in on_path(route.take(rows), users.x[rows, None], users.y[rows, None]))
+    keeps = follows(beside, users.heading[rows] - direction)
+    return _Kept(rows[keeps], route.take(rows[keeps]), beside[keeps])
+
+
+def _along(kept: _Kept, way: Floats, step: int) -> tuple[Floats, Floats, Floats]:
+    """Positions (m) and headings (rad) `way` (k, m) metres along the paths, after `step` intervals, in which who is
+    beside its path comes back to it: (k, m) each."""
+    x, y, direction = at(kept.path, way)
+    shift = kept.beside[:, None] * max(0.0, 1.0 - step / STEPS)
+    return x - shift * np.sin(direction), y + shift * np.cos(direction), direction
+
+
+def _led_on(world: WorldState, step: int, kept: _Kept | None) -> Floats:
+    """Boxes (m, 5), MARGIN larger, after `step` intervals at constant speed and yaw rate.
+
+    Vehicles that keep to their paths follow them, up to lines at which they must stop.
     """
+    seconds = step * DECISION_INTERVAL
     turn = world.yaw_rate * seconds
     middle = world.heading + 0.5 * turn
     x = world.x + world.speed * seconds * np.cos(middle)
     y = world.y + world.speed * seconds * np.sin(middle)
     heading = world.heading + turn
-    if prospects is not None:
-        n = len(prospects.route)
-        rows = np.flatnonzero(prospects.route.known & (world.type[:n] != RoadUserType.PEDESTRIAN))
-        path = prospects.route.take(rows)
-        way = np.minimum(world.speed[rows] * seconds, np.maximum(path.stop, 0.0))
-        px, py, direction = (column[:, 0] for column in at(path, way[:, None]))
-        _, beside, now = (column[:, 0] for column in on_path(path, world.x[rows, None], world.y[rows, None]))
-        right = follows(beside, world.heading[rows] - now)
-        shift = beside * max(0.0, 1.0 - seconds / (STEPS * DECISION_INTERVAL))
-        px, py = px - shift * np.sin(direction), py + shift * np.cos(direction)
-        x[rows[right]], y[rows[right]], heading[rows[right]] = px[right], py[right], direction[right]
+    if kept is not None:
+        rows = kept.rows
+        way = np.minimum(world.speed[rows] * seconds, np.maximum(kept.path.stop, 0.0))
+        x[rows], y[rows], heading[rows] = (column[:, 0] for column in _along(kept, way[:, None], step))
     return np.column_stack([x, y, heading, world.length + MARGIN, world.width + MARGIN])

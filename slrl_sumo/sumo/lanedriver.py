@@ -17,6 +17,7 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.obstacles import Approach, slowed
 from slrl_sumo.sumo.pace import Pace
 from slrl_sumo.sumo.paths import SPACING
+from slrl_sumo.sumo.routes import near_end
 from slrl_sumo.sumo.stroll import Strolls
 from slrl_sumo.sumo.ways import LaneGraph
 from slrl_sumo.world.geometry import wrap_angle
@@ -28,8 +29,6 @@ SIDEWAYS = 1.5
 SLANT = 0.3
 SIDEWAYS_ACCELERATION = 1.0
 """m/s² with which a move across the lane ends."""
-NEAR_END = 15.0
-"""m before its destination at which SUMO should finish a trip."""
 OFF_END = 12.0
 """m beyond the end of its way that a road user without a destination goes on."""
 IMPATIENCE = 6.0
@@ -82,8 +81,7 @@ class LaneDriver:
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Who of n driven road users has so little way left that SUMO should finish the trip, (n,)."""
-        left = [min(self._drives.left(road_user), self._strolls.left(road_user)) for road_user in ids]
-        return np.array(left, np.float64) < NEAR_END
+        return near_end(self._drives, self._strolls, ids)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop what is known of road users that are no longer driven."""

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.sumo.drives import Drive, Drives
+from slrl_sumo.sumo.drives import Drives
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.pace import Pace
 from slrl_sumo.sumo.stroll import Strolls
 from slrl_sumo.sumo.ways import LaneGraph, Line
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import AHEAD, BEHIND, POINTS, RouteAhead
+from slrl_sumo.world.route import AHEAD, BEHIND, POINTS, RouteAhead, slopes
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -39,7 +38,6 @@ class Routes:
 
     def __init__(self, api: Any, network: Network) -> None:
         graph = LaneGraph(api, network)
-        self._graph = graph
         self._drives = Drives(api, network, graph)
         self._pace = Pace(api, graph, self._drives, trusting=False)
         self._strolls = Strolls(api, network)
@@ -61,8 +59,7 @@ class Routes:
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Who of n road users has so little way left that SUMO should finish the trip, (n,)."""
-        left = [min(self._drives.left(road_user), self._strolls.left(road_user)) for road_user in ids]
-        return np.array(left, np.float64) < NEAR_END
+        return near_end(self._drives, self._strolls, ids)
 
     def astray(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Who of n road users stands where no lane leads on along its route, (n,): it has turned off the wrong way."""
@@ -87,14 +84,10 @@ class Routes:
             route.line[i], route.out[i] = line, gate.out - drive.s
             route.signal[i] = shown = self._pace.signal(gate)
             route.closed[i] = shown >= 2 and stop <= line
-        route.left[i] = self._left(world.ids[i], drive)
+        route.left[i] = self._drives.left(world.ids[i])
         if drive.stood > STUCK and not self._pace.leads_on(drive):
             self._astray.add(world.ids[i])
         return drive.way.line, drive.s - 0.5 * float(world.length[i]), 0.0
-
-    def _left(self, road_user: str, drive: Drive) -> float:
-        drive.held = False
-        return self._drives.left(road_user)
 
     def _walk(self, route: RouteAhead, world: WorldState, i: int) -> tuple[Line, float, float] | None:
         """As `_drive`; None for who goes nowhere. Persons keep their place across the way that they walk on."""
@@ -109,6 +102,11 @@ class Routes:
             route.signal[i], route.closed[i] = 3 if red else 1, red
         route.left[i] = self._strolls.left(road_user)
         return stroll.walk.line, stroll.s, stroll.beside
+
+
+def near_end(drives: Drives, strolls: Strolls, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Who of n road users, on one of `drives` or `strolls`, has less than NEAR_END to go, (n,)."""
+    return np.array([min(drives.left(road_user), strolls.left(road_user)) for road_user in ids], np.float64) < NEAR_END
 
 
 def _draw(route: RouteAhead, paths: list[tuple[Line, float, float]]) -> None:
@@ -144,19 +142,11 @@ def _draw(route: RouteAhead, paths: list[tuple[Line, float, float]]) -> None:
     beside = np.array([path[2] for path in paths])
     aside = np.flatnonzero(beside)
     if len(aside):
-        dx, dy = _slopes(px[aside]), _slopes(py[aside])
+        dx, dy = slopes(px[aside]), slopes(py[aside])
         share = beside[aside, None] / np.maximum(np.hypot(dx, dy), 1e-6)
         px[aside] -= share * dy
         py[aside] += share * dx
     route.x[route.known], route.y[route.known] = px, py
-
-
-def _slopes(points: Floats) -> Floats:
-    """Change of coordinates (n, points) along each row; np.gradient, without its overhead."""
-    slopes = np.empty_like(points)
-    slopes[:, 1:-1] = 0.5 * (points[:, 2:] - points[:, :-2])
-    slopes[:, 0], slopes[:, -1] = points[:, 1] - points[:, 0], points[:, -1] - points[:, -2]
-    return slopes
 
 
 def _straight_on(line: Line, end: int, inner: int, beyond: float, x: list[float], y: list[float]) -> None:
