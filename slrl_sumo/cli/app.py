@@ -1,0 +1,33 @@
+"""The application that every command belongs to, and what commands check alike."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slrl_sumo import __version__
+from slrl_sumo.errors import InputError
+
+app = typer.Typer(
+    help="Learned cars, cyclists and pedestrians inside SUMO scenarios.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _root(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False) -> None:
+    pass
+
+
+def check_output(file: Path) -> None:
+    """InputError where the folder of an output does not exist."""
+    if not file.resolve().parent.is_dir():
+        raise InputError(f"{file}: the folder {file.resolve().parent} does not exist; create it or name another")

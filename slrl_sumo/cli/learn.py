@@ -1,0 +1,141 @@
+"""Commands that learn: import, fit, train."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.errors import InputError
+
+
+@app.command("import")
+def import_(
+    format: Annotated[
+        str,
+        typer.Argument(
+            metavar="FORMAT",
+            help="levelx (or inD, rounD, uniD, exiD), sind, interaction, taf-bw, sdd, dut, citr, hc or fcd.",
+        ),
+    ],
+    path: Annotated[Path, typer.Argument(help="A file of one recording, or a folder with any number of them.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="FILE.npz: all recordings in one file, one after another in time, so that they never meet. "
+            "Any other name is a folder: one file per recording."
+        ),
+    ],
+) -> None:
+    """Turn recordings of road users into trajectories of 0.4 s."""
+    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.records.importers.formats import find_recordings, join
+
+    check_output(out)
+    single = out.suffix == ".npz"
+    if out.exists() and out.is_dir() == single:
+        raise InputError(f"{out}: is there and is {'a folder' if single else 'no folder'}; give another --out")
+    found = find_recordings(format, path)
+    parts = []
+    with progress("{task.fields[name]}") as bar:
+        task = bar.add_task("importing", total=len(found), name="")
+        for recording in found:
+            bar.update(task, name=recording.name)
+            trajectories = recording.read()
+            if single:
+                parts.append((recording.name, trajectories))
+            else:
+                out.mkdir(exist_ok=True)
+                file = out / f"{recording.name}.npz"
+                trajectories.save(file)
+                typer.echo(f"{file}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+            bar.advance(task)
+    if single:
+        trajectories = join(parts)
+        trajectories.save(out)
+        count = f"{len(found)} recording{'s' * (len(found) > 1)}"
+        typer.echo(f"{out}: {count}, {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+
+
+@app.command()
+def fit(
+    files: Annotated[list[Path], typer.Argument(help="Trajectories files.")],
+    out: Annotated[Path, typer.Option(help="Bundle folder to write.")],
+    seed: Annotated[int, typer.Option(help="The same seed gives the same bundle.")] = 1,
+    epochs: Annotated[int, typer.Option(help="Passes over the windows.")] = 35,
+    modes: Annotated[
+        str,
+        typer.Option(help="Clusters of: relative (to the own speed), kmeans (the paper's), balanced (more turning)."),
+    ] = "relative",
+    test: Annotated[
+        list[Path] | None,
+        typer.Option(help="Trajectories to measure errors on, not learned from; default: a tenth of the tracks."),
+    ] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for pictures of the modes.")] = None,
+) -> None:
+    """Learn modes, displacement models and prior from trajectories."""
+    from slrl_sumo.learning.fit import fit as learn
+    from slrl_sumo.records.trajectories import load_trajectories
+
+    if report is not None:
+        check_output(report)
+    recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
+    bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
+    bundle.save(out)
+    if report is not None:
+        from slrl_sumo.analysis.modes_report import write_modes
+
+        write_modes(recordings, report, seed)
+    typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
+
+
+@app.command()
+def train(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO|FAMILY",
+            help="intersection, roundabout, shared-space or random, drawn anew; or a scenario; several with commas.",
+        ),
+    ],
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one: its models stay as they are.")],
+    out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
+    steps: Annotated[int, typer.Option(help="Decisions of single road users, in all.")] = 5_000_000,
+    workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
+    device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
+    threads: Annotated[int, typer.Option(help="Threads of the policy's update.")] = 1,
+    recording: Annotated[
+        list[Path] | None,
+        typer.Option(help="Trajectories to imitate first, besides SUMO's own traffic in the networks."),
+    ] = None,
+    episodes: Annotated[int, typer.Option(help="Of the closing evaluation, per selector; 0: none.")] = 8,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+) -> None:
+    """Train the selector of a bundle by reinforcement learning."""
+    from slrl_sumo.analysis.training import train_with_progress
+    from slrl_sumo.learning.train import TrainRequest
+    from slrl_sumo.learning.train_settings import read_settings
+
+    check_output(out)
+    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 1024), ("threads", threads, 1024)):
+        if not 1 <= value <= most:
+            raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
+    if episodes < 0:
+        raise InputError(f"--episodes {episodes}: give a whole number from 0")
+    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()))
+    if not train_with_progress(request, read_settings(config), resume=resume):
+        raise typer.Exit(130)
+    typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
+    if episodes:
+        from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
+        from slrl_sumo.analysis.training import closing_scenario
+
+        where = closing_scenario(scenario)
+        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, workers=workers)
+        interrupted_by = write_evaluation(closing, request.folder / "evaluation")
+        if interrupted_by:
+            raise typer.Exit(128 + interrupted_by)

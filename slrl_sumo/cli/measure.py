@@ -1,0 +1,110 @@
+"""Commands that measure: evaluate."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from slrl_sumo.cli.app import app
+from slrl_sumo.errors import InputError
+
+
+@app.command()
+def evaluate(
+    what: Annotated[
+        str, typer.Argument(metavar="SCENARIO|FILE", help="Scenario as in `run`, or trajectories of a recording, .npz.")
+    ],
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
+    out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv and more.")],
+    selectors: Annotated[
+        str | None, typer.Option(help="Separated by commas; default: all that there are for bundle and input.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of everything that is drawn.")] = 1,
+    agents: Annotated[
+        str | None, typer.Option(help="SCENARIO: learned road users, e.g. 16,32,64. [default: 32]")
+    ] = None,
+    episodes: Annotated[int | None, typer.Option(help="SCENARIO: per selector, agents and seed. [default: 64]")] = None,
+    steps: Annotated[int | None, typer.Option(help="SCENARIO: decisions of 0.4 s. [default: 128]")] = None,
+    seeds: Annotated[int | None, typer.Option(help="SCENARIO: seeds, from --seed on. [default: 1]")] = None,
+    workers: Annotated[int | None, typer.Option(help="SCENARIO: processes. [default: 2]")] = None,
+    recording: Annotated[Path | None, typer.Option(help="SCENARIO: trajectories to count beside.")] = None,
+    starts: Annotated[
+        int | None, typer.Option(help="FILE: a rollout begins at every so manieth frame of 0.4 s. [default: 5]")
+    ] = None,
+    net: Annotated[
+        Path | None, typer.Option(help="FILE: SUMO network in its coordinates; without: everything is road.")
+    ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(help="FILE: or a PNG: white road, yellow sidewalk, black nothing; upper left at 0, 0."),
+    ] = None,
+    metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: of --mask.")] = None,
+) -> None:
+    """Measure selectors in a scenario, or prediction errors over 6.4 s on a recording."""
+    from slrl_sumo.analysis.prediction_report import check_folder
+
+    is_file = what.endswith(".npz")
+    names = None if selectors is None else tuple(name.strip() for name in selectors.split(","))
+    scenario_options = {
+        "episodes": episodes,
+        "steps": steps,
+        "seeds": seeds,
+        "workers": workers,
+        "recording": recording,
+    }
+    file_options = {"starts": starts, "net": net, "mask": mask, "metres-per-pixel": metres_per_pixel}
+    for option, value in ({"agents": agents, **scenario_options} if is_file else file_options).items():
+        if value is not None:
+            kind, other = ("a recording", "a scenario") if is_file else ("a scenario", "a recording (.npz)")
+            raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
+    check_folder(out)
+    if is_file:
+        ground = (net, mask, metres_per_pixel)
+        _evaluate_recording(what, bundle, out, names, 5 if starts is None else starts, seed, ground)
+        return
+    given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
+    if agents is not None:
+        try:
+            given["agents"] = tuple(dict.fromkeys(int(number) for number in agents.split(",")))
+        except ValueError:
+            raise InputError(f"--agents {agents}: give whole numbers separated by commas, e.g. 16,32,64") from None
+    from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
+
+    settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, **given)
+    interrupted_by = write_evaluation(settings, out)
+    if interrupted_by:
+        raise typer.Exit(128 + interrupted_by)
+
+
+def _evaluate_recording(
+    file: str,
+    bundle: str,
+    out: Path,
+    selectors: tuple[str, ...] | None,
+    starts: int,
+    seed: int,
+    ground: tuple[Path | None, Path | None, float | None],
+) -> None:
+    from slrl_sumo.analysis.evaluate import evaluate as measure
+    from slrl_sumo.analysis.ground import given_ground
+    from slrl_sumo.analysis.prediction_report import print_evaluation, write_evaluation
+    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.models.bundle import load_bundle
+    from slrl_sumo.records.trajectories import load_trajectories
+
+    recording, models = load_trajectories(file), load_bundle(bundle)
+    roadmap, surface = given_ground(recording, *ground)
+    with progress() as bar:
+        task = bar.add_task("rollouts", total=1.0)
+        result = measure(
+            recording,
+            models,
+            selectors=selectors,
+            roadmap=roadmap,
+            surface=surface,
+            starts_every=starts,
+            seed=seed,
+            progress=lambda share: bar.update(task, completed=share),
+        )
+    write_evaluation(result, out)
+    print_evaluation(result)

@@ -1,0 +1,155 @@
+"""Commands that run SUMO: scenarios, run, generate, record, doctor."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.errors import InputError
+
+
+@app.command()
+def scenarios() -> None:
+    """List the scenarios that ship with the package."""
+    from slrl_sumo.sumo.scenario import shipped_scenarios
+
+    for name in shipped_scenarios():
+        typer.echo(name)
+
+
+@app.command()
+def run(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    agents: Annotated[int | None, typer.Option(help="Learned road users to spawn.")] = None,
+    mix: Annotated[str | None, typer.Option(help="Shares, e.g. car=0.5,bicycle=0.2,pedestrian=0.3.")] = None,
+    takeover: Annotated[str | None, typer.Option(help="Shares of the scenario's own: car=0.3,pedestrian=1.")] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
+    ] = None,
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
+    selector: Annotated[
+        str | None,
+        typer.Option(
+            help="Who picks the modes: prior, greedy or sampled; or lane: no models. "
+            "Default: greedy where the bundle has a trained selector, else prior."
+        ),
+    ] = None,
+    guard: Annotated[
+        bool, typer.Option("--guard", help="Never choose modes that lead into a conflict, where others are left.")
+    ] = False,
+    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
+    until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
+    seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
+    step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
+    fcd: Annotated[Path | None, typer.Option(help="Trace: .xml, .xml.gz or .csv.")] = None,
+    summary: Annotated[Path | None, typer.Option(help="Summary as JSON.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for pictures.")] = None,
+    no_yield: Annotated[bool, typer.Option("--no-yield", help="Background vehicles do not brake for them.")] = False,
+    sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
+    sumo_options: Annotated[str, typer.Option(help='Options for SUMO, e.g. "--lateral-resolution 0.8".')] = "",
+    quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
+) -> None:
+    """Run learned road users in a scenario and write what happened."""
+    if steps is not None and until is not None:
+        raise InputError("--steps and --until were both given; give one of them")
+    from slrl_sumo.simulation.events import RunSettings
+
+    settings = RunSettings(
+        scenario=scenario,
+        agents=agents,
+        bundle=bundle,
+        selector=selector,
+        mix=mix,
+        takeover=takeover,
+        region=region,
+        guard=guard,
+        steps=steps,
+        until=until,
+        seed=seed,
+        step_length=step_length,
+        yielding=not no_yield,
+        sumo_outputs=sumo_outputs,
+        sumo_options=sumo_options,
+    )
+    from slrl_sumo.analysis.outputs import write_run
+
+    interrupted_by = write_run(settings, fcd=fcd, summary=summary, report=report, quiet=quiet)
+    if interrupted_by:
+        raise typer.Exit(128 + interrupted_by)
+
+
+@app.command()
+def generate(
+    family: Annotated[str, typer.Argument(help="intersection, roundabout, shared-space or random.")],
+    out: Annotated[Path, typer.Option(help="Folder to write.")],
+    seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 1,
+    size: Annotated[int | None, typer.Option(help="Streets of a random network.")] = None,
+) -> None:
+    """Make a network with demand: a folder that plain SUMO runs."""
+    from netgen.errors import NetgenError
+    from netgen.families import generate as make
+
+    try:
+        typer.echo(make(family, seed, out, size))
+    except NetgenError as error:
+        raise InputError(str(error)) from None
+
+
+@app.command()
+def record(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    out: Annotated[Path, typer.Option(help="Trajectories file to write, .npz.")],
+    seconds: Annotated[float, typer.Option(help="Simulated time to record.")] = 600.0,
+    seed: Annotated[int, typer.Option(help="SUMO's seed.")] = 1,
+    step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
+) -> None:
+    """Record plain SUMO traffic as trajectories: teacher data for `fit`."""
+    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.simulation.record import record as play
+    from slrl_sumo.sumo.scenario import find_scenario
+
+    check_output(out)
+    if not 0 < seconds < 1e9:
+        raise InputError(f"--seconds {seconds:g}: give a number above 0")
+    if not 0 <= seed < 2**31:
+        raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
+    with progress() as bar:
+        task = bar.add_task("recording", total=1.0)
+        for item in play(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):
+            if isinstance(item, float):
+                bar.update(task, completed=item)
+            else:
+                trajectories = item
+    trajectories.save(out)
+    typer.echo(f"{out}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+
+
+@app.command()
+def doctor(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    json_file: Annotated[Path | None, typer.Option("--json", help="The findings as JSON.")] = None,
+) -> None:
+    """Say what in a scenario will hurt learned road users, and what to do about it."""
+    import json
+
+    from slrl_sumo.analysis.findings import findings_record, print_findings
+    from slrl_sumo.simulation.doctor import examine
+    from slrl_sumo.sumo.scenario import find_scenario
+
+    if json_file is not None:
+        check_output(json_file)
+    found = find_scenario(scenario)
+    findings = examine(found)
+    if json_file is not None:
+        text = json.dumps(findings_record(found.name, findings), indent=2) + "\n"
+        try:
+            json_file.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{json_file}: cannot be written ({error.strerror}); name another file") from None
+    print_findings(findings)
+    problems = [finding for finding in findings if finding.severity == "problem"]
+    if problems:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InputError(f"{found.config}: cannot be run: {problems[0].what}{more}; {problems[0].fix}")
