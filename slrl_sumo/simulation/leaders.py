@@ -8,9 +8,12 @@ from scipy.spatial import cKDTree
 from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.route import AHEAD, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import RoadUserType
 
-SIDE_GAP = 0.25
-"""m that must stay free beside a box for others to be no leader."""
+SIDE_GAP = np.array([0.25, 0.25, 0.1])
+"""m that must stay free beside a box for others to be no leader, by the type of who follows."""
+NEAREST = np.array([0.5, 0.5, 0.25])
+"""m ahead from which somebody leads: who is beside us is nobody's leader."""
 ALIKE = 1.1
 """rad between the directions of a path and of somebody on it, beyond which that one crosses it, and does not lead."""
 STANDING = 0.5
@@ -47,10 +50,12 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
     length, width = world.length[other], world.width[other]
     beside = np.abs(aside) - 0.5 * (s * length + c * width) - 0.5 * world.width[ego]
     between = along - 0.5 * (c * length + s * width) - 0.5 * world.length[ego]
-    # Who is beside us is nobody's leader, unless it is a little ahead.
-    ahead = (along > 0.5) & (along < AHEAD + 0.5 * length)
-    leads = (np.abs(turn) < ALIKE) | (world.speed[other] < STANDING)
-    rows = np.flatnonzero((beside < SIDE_GAP) & ahead & leads)
+    kind = world.type[ego]
+    ahead = (along > NEAREST[kind]) & (along < AHEAD + 0.5 * length)
+    # People walk round who stands in their way, unless it waits where they want to wait.
+    drives = kind != RoadUserType.PEDESTRIAN
+    leads = (np.abs(turn) < ALIKE) | (drives & (world.speed[other] < STANDING))
+    rows = np.flatnonzero((beside < SIDE_GAP[kind]) & ahead & leads)
     order = rows[np.argsort(-between[rows], kind="stable")]
     # The nearest one is written last.
     gap[ego[order]] = between[order]

@@ -25,8 +25,9 @@ HELD = 5
 """Intervals for which a mode's acceleration and yaw rate are kept up; then speed and heading stay."""
 NEAR = 3
 """Intervals, 1.2 s, in which who has a route must not leave its surface: later it turns with its path."""
-MARGIN = 0.4
-"""m between boxes below which two meet."""
+MARGIN = np.array([0.4, 0.4, 0.15])
+"""m that boxes of each type are enlarged by, half on each side: cars meet below 0.4 m between them, pedestrians
+0.15 m. Without routes 0.4 for all: selectors of the preset `paper` learned with that."""
 REACH = 30.0
 """m within which others are looked at."""
 STEERED = 2
@@ -47,8 +48,10 @@ AT = 0.3
 """m within which somebody is at the place to stop at."""
 TOO_MUCH = 8.0
 """At most so many times as much."""
-GAP, HEADWAY = 1.5, 0.5
-"""m and s that are kept behind a leader."""
+GAP = np.array([1.5, 1.5, 0.4])
+"""m that each type keeps behind a leader."""
+HEADWAY = 0.5
+"""s of it."""
 LEADER_BRAKES = 4.0
 """m/s² with which a leader is expected to brake at most."""
 
@@ -125,7 +128,9 @@ def look_ahead(
     modes = acceleration.shape[1]
     top = bundle.max_speed[me.type, None]
     x, y, heading, speed = (np.repeat(column[:, None], modes, axis=1) for column in (me.x, me.y, me.heading, me.speed))
-    length, width = (np.repeat(column[:, None] + MARGIN, modes, axis=1) for column in (me.length, me.width))
+    margin = np.full_like(MARGIN, MARGIN.max()) if prospects is None else MARGIN
+    room = margin[me.type]
+    length, width = (np.repeat((column + room)[:, None], modes, axis=1) for column in (me.length, me.width))
     own = OWN_SURFACE[me.type]
     everyone = cKDTree(np.column_stack([world.x, world.y]))
     pairs = cKDTree(np.column_stack([me.x, me.y])).sparse_distance_matrix(everyone, REACH, output_type="ndarray")
@@ -172,10 +177,10 @@ def look_ahead(
             if len(kept.rows):
                 at_x, at_y, at_heading = x.copy(), y.copy(), heading.copy()
                 at_x[steered], at_y[steered], at_heading[steered] = _along(kept, travelled[steered], step)
-        them = _led_on(world, step, everybody)
+        them = _led_on(world, step, everybody, margin)
         # Whose circles do not meet under any mode need not be compared box by box.
         spread = np.hypot(at_x[ego] - them[other, None, 0], at_y[ego] - them[other, None, 1]).min(axis=1)
-        close = spread < 0.5 * (reach[rows[ego]] + reach[other]) + 2 * MARGIN
+        close = spread < 0.5 * (reach[rows[ego]] + reach[other]) + 2 * MARGIN.max()
         e, o = ego[close], other[close]
         boxes = np.stack([at_x[e], at_y[e], at_heading[e], length[e], width[e]], axis=-1).reshape(-1, 5)
         hit = boxes_overlap(boxes, np.repeat(them[o], modes, axis=0)).reshape(-1, modes)
@@ -228,11 +233,10 @@ def allowed_speed(prospects: Prospects, users: WorldState) -> Floats:
 
 
 def _ways_left(prospects: Prospects, users: WorldState) -> tuple[Floats, Floats]:
-    """m to where n road users must stop, and m in which vehicles must be able to stop behind their leaders (inf for
-    pedestrians, who walk round them), (n,) each."""
+    """m to where n road users must stop, and m in which they must be able to stop behind their leaders, (n,) each."""
     stop = kept_clear(prospects.route, prospects.leaders, users.length) - SPARE
-    room = prospects.leaders.gap - GAP + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
-    return stop, np.where(users.type != RoadUserType.PEDESTRIAN, room, np.inf)
+    room = prospects.leaders.gap - GAP[users.type] + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
+    return stop, room
 
 
 def strain(stopping: Floats, distance: Floats) -> Floats:
@@ -242,7 +246,9 @@ def strain(stopping: Floats, distance: Floats) -> Floats:
 
 def kept_clear(route: RouteAhead, leaders: Leaders, length: Floats) -> Floats:
     """m to where n road users must stop: as their routes say, and before junctions whose exits are taken."""
-    blocked = (leaders.speed < 1.0) & (leaders.gap > route.line) & (leaders.gap < route.out + length + GAP)
+    blocked = (
+        (leaders.speed < 1.0) & (leaders.gap > route.line) & (leaders.gap < route.out + length + GAP[RoadUserType.CAR])
+    )
     blocked &= (route.line > 1.0) & np.isfinite(route.line) & np.isfinite(route.out)
     return np.where(blocked, np.minimum(route.stop, route.line - 1.0), route.stop)
 
@@ -290,8 +296,8 @@ def _along(kept: _Kept, way: Floats, step: int) -> tuple[Floats, Floats, Floats]
     return x - shift * np.sin(direction), y + shift * np.cos(direction), direction
 
 
-def _led_on(world: WorldState, step: int, kept: _Kept | None) -> Floats:
-    """Boxes (m, 5), MARGIN larger, after `step` intervals at constant speed and yaw rate.
+def _led_on(world: WorldState, step: int, kept: _Kept | None, margin: Floats) -> Floats:
+    """Boxes (m, 5), `margin` of their type larger, after `step` intervals at constant speed and yaw rate.
 
     Vehicles that keep to their paths follow them, up to lines at which they must stop.
     """
@@ -305,4 +311,5 @@ def _led_on(world: WorldState, step: int, kept: _Kept | None) -> Floats:
         rows = kept.rows
         way = np.minimum(world.speed[rows] * seconds, np.maximum(kept.path.stop, 0.0))
         x[rows], y[rows], heading[rows] = (column[:, 0] for column in _along(kept, way[:, None], step))
-    return np.column_stack([x, y, heading, world.length + MARGIN, world.width + MARGIN])
+    room = margin[world.type]
+    return np.column_stack([x, y, heading, world.length + room, world.width + room])
