@@ -77,7 +77,7 @@ def _near(route: RouteAhead, world: WorldState) -> tuple[NDArray[np.intp], NDArr
 
 
 def _outside_corners(route: RouteAhead) -> Floats:
-    """How many times as far from a path as beside it somebody may be, on the outer side of its sharpest corner, (n,)."""
+    """How many times as far from a path as beside it somebody may be, outside its sharpest corner, (n,)."""
     dx, dy = np.diff(route.x), np.diff(route.y)
     length = np.hypot(dx, dy)
     both = length[:, 1:] * length[:, :-1]
@@ -85,4 +85,4 @@ def _outside_corners(route: RouteAhead) -> Floats:
         dx[:, 1:] * dx[:, :-1] + dy[:, 1:] * dy[:, :-1], both, out=np.full_like(both, -1.0), where=both > 0
     )
     # Who lies behind the piece after the corner counts as ahead of the one before it.
-    return 1.0 / np.maximum(turn.min(axis=1), 1e-6)
+    return np.asarray(1.0 / np.maximum(turn.min(axis=1), 1e-6))
