@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.world.advance import HALT, INTENT
-from slrl_sumo.world.geometry import Floats, boxes_overlap, to_ego
+from slrl_sumo.world.geometry import Floats, boxes_overlap, cos_sin, to_ego
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
 
@@ -53,12 +53,8 @@ def courses(users: WorldState, acceleration: Floats, yaw_rate: Floats, top: Floa
     middle = heading[:, : HELD + 1] - 0.5 * turn
     middle[:, HELD] = heading[:, HELD]
     distance = speed * DECISION_INTERVAL
-    along = [distance[:, :HELD] * f(middle[:, :HELD]) for f in (np.cos, np.sin)]
-    beyond = [distance[:, HELD:] * f(middle[:, HELD:]) for f in (np.cos, np.sin)]
-    x, y = (np.concatenate(parts, axis=1).cumsum(axis=1) for parts in zip(along, beyond, strict=True))
-    x += users.x[:, None, None]
-    y += users.y[:, None, None]
-    return Courses(x, y, heading, speed, distance.cumsum(axis=1))
+    x, y = (_places(begin, distance, c) for begin, c in zip((users.x, users.y), cos_sin(middle), strict=True))
+    return Courses(x, y, heading, speed, _running_sum(distance))
 
 
 def meeting(
@@ -75,39 +71,65 @@ def meeting(
     of all road users after each interval, MARGIN larger, (m, STEPS, 5); `ego`, `other`: the pairs that are looked at.
     Who is `excused`, (n,), is not to blame where it stands by then, or is met from behind or beside its rear.
     """
-    met = np.zeros((len(size), mine.x.shape[2]))
+    n, modes = len(size), mine.x.shape[2]
+    met = np.zeros(n * modes)
     # What is near enough is found by circles, in ever smaller ones: round all of a course, round the places of all
     # modes after one interval, round the box of a mode. Few boxes remain to be compared.
-    reach = 0.5 * np.hypot(size[:, 0], size[:, 1]) + 2 * MARGIN
-    contact = reach[ego] + 0.5 * np.hypot(theirs[other, 0, 3], theirs[other, 0, 4])
     low_x, high_x, low_y, high_y = (f(c, axis=2) for c in (mine.x, mine.y) for f in (np.min, np.max))
-    middle_x, middle_y = 0.5 * (low_x + high_x), 0.5 * (low_y + high_y)
-    radius = 0.5 * np.hypot(high_x - low_x, high_y - low_y)
-    all_x, all_y, all_radius = _circle(low_x.min(1), high_x.max(1), low_y.min(1), high_y.max(1))
-    path_x, path_y = theirs[..., 0], theirs[..., 1]
-    their_x, their_y, their_radius = _circle(path_x.min(1), path_x.max(1), path_y.min(1), path_y.max(1))
+    all_x, all_y, all_reach = _circles(low_x.min(1), high_x.max(1), low_y.min(1), high_y.max(1))
+    path_x, path_y = np.ascontiguousarray(theirs[..., 0]), np.ascontiguousarray(theirs[..., 1])
+    their_x, their_y, their_reach = _circles(path_x.min(1), path_x.max(1), path_y.min(1), path_y.max(1))
+    corner, their_corner = (0.5 * np.hypot(x[:, 0], x[:, 1]) + 1e-6 for x in (size + MARGIN, theirs[:, 0, 3:]))
+    all_reach, their_reach = all_reach + corner, their_reach + their_corner
     dx, dy = all_x[ego] - their_x[other], all_y[ego] - their_y[other]
-    near = np.flatnonzero(dx * dx + dy * dy < (all_radius[ego] + their_radius[other] + contact) ** 2)
-    ego, other, contact = ego[near], other[near], contact[near]
+    near = np.flatnonzero(dx * dx + dy * dy < (all_reach[ego] + their_reach[other]) ** 2)
+    ego, other = ego[near], other[near]
+    middle_x, middle_y, reach = _circles(low_x, high_x, low_y, high_y)
+    reach += corner[:, None]
     dx, dy = middle_x[ego] - path_x[other], middle_y[ego] - path_y[other]
-    pair, step = np.nonzero(dx * dx + dy * dy < (radius[ego] + contact[:, None]) ** 2)
-    ego, other, contact = ego[pair], other[pair], contact[pair]
-    dx, dy = mine.x[ego, step] - path_x[other, step, None], mine.y[ego, step] - path_y[other, step, None]
-    row, mode = np.nonzero(dx * dx + dy * dy < (contact * contact)[:, None])
-    ego, other, step = ego[row], other[row], step[row]
-    boxes = np.empty((len(row), 5))
-    here = (ego, step, mode)
-    boxes[:, 0], boxes[:, 1], boxes[:, 2] = mine.x[here], mine.y[here], mine.heading[here]
-    boxes[:, 3:] = size[ego] + MARGIN
-    hit = np.flatnonzero(boxes_overlap(boxes, theirs[other, step]))
-    ego, other, step, mode, boxes = ego[hit], other[hit], step[hit], mode[hit], boxes[hit]
-    to_blame = ~excused[ego]
-    ahead, _ = to_ego(path_x[other, step] - boxes[:, 0], path_y[other, step] - boxes[:, 1], boxes[:, 2])
-    to_blame |= (mine.speed[ego, step, mode] > STANDING) & (ahead > 0.0)
-    np.maximum.at(met, (ego[to_blame], mode[to_blame]), 1.0 - step[to_blame] / STEPS)
-    return met
+    pair, step = np.nonzero(dx * dx + dy * dy < (reach[ego] + their_corner[other, None]) ** 2)
+    # From here on rows of all road users and intervals laid end to end.
+    touching = (corner[ego] + their_corner[other])[pair, None]
+    here, there = ego[pair] * STEPS + step, other[pair] * STEPS + step
+    dx = mine.x.reshape(-1, modes).take(here, axis=0) - path_x.ravel().take(there)[:, None]
+    dy = mine.y.reshape(-1, modes).take(here, axis=0) - path_y.ravel().take(there)[:, None]
+    dx *= dx
+    dy *= dy
+    dx += dy
+    row, mode = np.divmod(np.flatnonzero(dx < touching * touching), modes)
+    place, there = here.take(row) * modes + mode, there.take(row)
+    boxes, their_boxes = np.empty((len(row), 5)), theirs.reshape(-1, 5).take(there, axis=0)
+    user, after = np.divmod(place // modes, STEPS)
+    for column, values in enumerate((mine.x, mine.y, mine.heading)):
+        boxes[:, column] = values.ravel().take(place)
+    boxes[:, 3], boxes[:, 4] = (size[:, 0] + MARGIN).take(user), (size[:, 1] + MARGIN).take(user)
+    to_blame = ~excused.take(user) | (mine.speed.ravel().take(place) > STANDING)
+    to_blame &= boxes_overlap(boxes, their_boxes)
+    hit = np.flatnonzero(to_blame)
+    user, mode, after, boxes, their_boxes = user[hit], mode[hit], after[hit], boxes[hit], their_boxes[hit]
+    ahead, _ = to_ego(their_boxes[:, 0] - boxes[:, 0], their_boxes[:, 1] - boxes[:, 1], boxes[:, 2])
+    blamed = ~excused[user] | (ahead > 0.0)
+    np.maximum.at(met, (user * modes + mode)[blamed], 1.0 - after[blamed] / STEPS)
+    return met.reshape(n, modes)
 
 
-def _circle(x0: Floats, x1: Floats, y0: Floats, y1: Floats) -> tuple[Floats, Floats, Floats]:
+def _places(begin: Floats, distance: Floats, direction: Floats) -> Floats:
+    """One coordinate after each interval, (n, STEPS, modes): from `begin` (n,) on by `distance` (n, STEPS, modes), in
+    directions whose cosines or sines are given, (n, HELD + 1, modes); the last one is that of all that follow."""
+    steps = distance.copy()
+    steps[:, :HELD] *= direction[:, :HELD]
+    steps[:, HELD:] *= direction[:, HELD:]
+    steps[:, 0] += begin[:, None]
+    return _running_sum(steps)
+
+
+def _running_sum(steps: Floats) -> Floats:
+    """Sums of `steps` (n, STEPS, modes) up to each interval, in place: quicker than np.cumsum for so few of them."""
+    for step in range(1, STEPS):
+        steps[:, step] += steps[:, step - 1]
+    return steps
+
+
+def _circles(x0: Floats, x1: Floats, y0: Floats, y1: Floats) -> tuple[Floats, Floats, Floats]:
     """Centres and radii of circles round upright boxes."""
     return 0.5 * (x0 + x1), 0.5 * (y0 + y1), 0.5 * np.hypot(x1 - x0, y1 - y0)

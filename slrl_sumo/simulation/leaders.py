@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
 from slrl_sumo.world.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
 
@@ -40,7 +40,8 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
         return Leaders(gap, speed)
     along, aside, direction = (c[:, 0] for c in on_path(route, world.x[other, None], world.y[other, None], ego))
     turn = wrap_angle(world.heading[other] - direction)
-    c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    same, across = cos_sin(turn)
+    c, s = np.abs(same), np.abs(across)
     length, width = world.length[other], world.width[other]
     beside = np.abs(aside) - 0.5 * (s * length + c * width) - 0.5 * world.width[ego]
     between = along - 0.5 * (c * length + s * width) - 0.5 * world.length[ego]
@@ -51,7 +52,7 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
     order = rows[np.argsort(-between[rows], kind="stable")]
     # The nearest one is written last.
     gap[ego[order]] = between[order]
-    speed[ego[order]] = np.maximum(world.speed[other[order]] * np.cos(turn[order]), 0.0)
+    speed[ego[order]] = np.maximum(world.speed[other[order]] * same[order], 0.0)
     return Leaders(gap, speed)
 
 

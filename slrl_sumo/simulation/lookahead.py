@@ -14,7 +14,7 @@ from slrl_sumo.simulation.agility import Agility
 from slrl_sumo.simulation.courses import HELD, MARGIN, STEPS, Courses, courses, meeting
 from slrl_sumo.simulation.leaders import Leaders
 from slrl_sumo.simulation.tally import OWN_SURFACE
-from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead, at, on_path
 from slrl_sumo.world.state import WorldState
@@ -282,7 +282,8 @@ def _along(kept: _Kept, way: Floats) -> tuple[Floats, Floats, Floats]:
     row = math.prod(way.shape[1:])
     x, y, direction = (column.reshape(way.shape) for column in at(kept.path, way.reshape(len(way), row)))
     shift = kept.beside[:, None, None] * _BACK
-    return x - shift * np.sin(direction), y + shift * np.cos(direction), direction
+    c, s = cos_sin(direction)
+    return x - shift * s, y + shift * c, direction
 
 
 def _led_on(world: WorldState, kept: _Kept | None) -> Floats:
@@ -293,9 +294,9 @@ def _led_on(world: WorldState, kept: _Kept | None) -> Floats:
     seconds = DECISION_INTERVAL * np.arange(1, STEPS + 1)
     boxes = np.empty((len(world), STEPS, 5))
     turn, way = world.yaw_rate[:, None] * seconds, world.speed[:, None] * seconds
-    middle = world.heading[:, None] + 0.5 * turn
-    boxes[..., 0] = world.x[:, None] + way * np.cos(middle)
-    boxes[..., 1] = world.y[:, None] + way * np.sin(middle)
+    c, s = cos_sin(world.heading[:, None] + 0.5 * turn)
+    boxes[..., 0] = world.x[:, None] + way * c
+    boxes[..., 1] = world.y[:, None] + way * s
     boxes[..., 2] = world.heading[:, None] + turn
     boxes[..., 3], boxes[..., 4] = world.length[:, None] + MARGIN, world.width[:, None] + MARGIN
     if kept is not None:
