@@ -59,10 +59,11 @@ class Run:
 def play(common: ComparedScenario, run: Run) -> Record:
     """Do a run in this process. It depends on its arguments alone.
 
-    `trips`: by road user the fields of `trips.Trip`; `conduct`: of everybody, see `conduct.Conduct`; `collisions`: pairs
-    whose centres came closer than 0.5 m; `passages`: of signals, by type; `conflicts`: by measure (ttc, pet) one list
-    for each encounter with a vehicle, see `conflict_rows`; `emissions`: g of all vehicles, and m that those drove which
-    emit; `histograms`: by quantity and type, the shares over `distributions.EDGES`; `learned`: how many came and went.
+    `trips`: by road user the fields of `trips.Trip`; `conduct`: of everybody, see `conduct.Conduct`; `collisions`:
+    pairs whose centres came closer than 0.5 m; `passages`: of signals, by type; `conflicts`: by measure (ttc, pet) a
+    list for each encounter with a vehicle, see `conflict_rows`; `emissions`: g of all vehicles, and m that those
+    drove which emit; `histograms`: by quantity and type, the shares over `distributions.EDGES`; `learned`:
+    how many came and went.
     Raises InputError where scenario or bundle cannot be used, SumoError where SUMO gives up.
     """
     # The models are so small that more threads only wait for each other.
@@ -100,7 +101,7 @@ def play(common: ComparedScenario, run: Run) -> Record:
             comings["strayed"] += len(decision.strayed)
             comings["lost"] += int(decision.lost.sum())
             conduct.add(world, frozenset(world.ids))
-            collided |= {tuple(sorted((world.ids[i], world.ids[j]))) for i, j in colliding_pairs(world).tolist()}  # type: ignore[misc]
+            collided |= {tuple(sorted((world.ids[i], world.ids[j]))) for i, j in colliding_pairs(world).tolist()}
             builder.append(world, jumped(before, world) if before is not None else ())
             exhaust.add(loop.world)
             before = world
@@ -141,10 +142,7 @@ def conflict_rows(found: Conflicts, tracks: Trajectories) -> list[list[Any]]:
         [
             *(tracks.ids[k] for k in (found.a[n], found.b[n])),
             *(TYPE_NAMES[tracks.type[k]] for k in (found.a[n], found.b[n])),
-            *(
-                round(float(getattr(found, name)[n]), 3)
-                for name in ("time", "x", "y", "value", "closing", "angle")
-            ),
+            *(round(float(getattr(found, name)[n]), 3) for name in ("time", "x", "y", "value", "closing", "angle")),
         ]
         for n in range(len(found))
     ]
@@ -185,4 +183,8 @@ class Exhaust:
                 grams[pollutant] += float(rate.sum()) * DECISION_INTERVAL / 1000.0
             if rates["co2"].any():
                 metres += float(speed.sum()) * DECISION_INTERVAL
-        return {**{name: round(value, 3) for name, value in grams.items()}, "metres": round(metres, 1), "unknown": unknown}
+        return {
+            **{name: round(value, 3) for name, value in grams.items()},
+            "metres": round(metres, 1),
+            "unknown": unknown,
+        }

@@ -1,5 +1,6 @@
 """Distributions of motion, by road user type, and how far apart two of them are."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -49,10 +50,7 @@ def jensen_shannon_distance(*, a: Floats, b: Floats, edges: Floats) -> float:
     """
     if not len(a) or not len(b):
         raise ValueError("a distribution of nothing has no distance")
-    p, q = histogram(a, edges), histogram(b, edges)
-    middle = 0.5 * (p + q)
-    divergence = 0.5 * (_relative_entropy(p, middle) + _relative_entropy(q, middle))
-    return float(np.sqrt(min(max(divergence, 0.0), 1.0)))
+    return math.sqrt(divergence(histogram(a, edges), histogram(b, edges)))
 
 
 def kinematic_distances(trajectories: Trajectories, reference: Trajectories) -> dict[str, dict[str, float | None]]:
@@ -73,6 +71,12 @@ def histogram(values: Floats, edges: Floats) -> Floats:
     """Share of the values in each bin, (k,); those beyond the edges (k + 1,) count in the outer bins."""
     counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     return np.asarray(counts / max(len(values), 1), np.float64)
+
+
+def divergence(p: Floats, q: Floats) -> float:
+    """Jensen-Shannon divergence of two histograms (k,) that each add up to 1, in bits: from 0 to 1."""
+    middle = 0.5 * (p + q)
+    return min(max(0.5 * (_relative_entropy(p, middle) + _relative_entropy(q, middle)), 0.0), 1.0)
 
 
 def _relative_entropy(p: Floats, q: Floats) -> float:

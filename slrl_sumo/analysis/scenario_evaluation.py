@@ -104,7 +104,7 @@ def evaluate_scenario(
 def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
     """Evaluate with a progress bar, and write and print the tables. Returns 0, or the number of the signal (SIGINT or
     SIGTERM) that interrupted it; what was finished by then is in `folder`/episodes.jsonl."""
-    with _interruptible() as caught, progress_bar("{task.fields[rate]:.1f} episodes/s") as bar:
+    with interruptible() as caught, progress_bar("{task.fields[rate]:.1f} episodes/s") as bar:
         task = bar.add_task(settings.scenario, total=None, rate=0.0)
         try:
             result = evaluate_scenario(
@@ -122,7 +122,7 @@ def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
 
 
 @contextmanager
-def _interruptible() -> Iterator[list[int]]:
+def interruptible() -> Iterator[list[int]]:
     """SIGINT and SIGTERM raise KeyboardInterrupt; the list then holds the signal's number."""
     caught: list[int] = []
 

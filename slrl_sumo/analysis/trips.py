@@ -24,7 +24,8 @@ class Trip:
     departure_delay: float
     """How long a vehicle had to wait until there was room for it on its first lane; 0 for persons."""
     arrived: float | None = None
-    """None where it was still under way, or lost, at the end."""
+    """The begin of the SUMO step in which it arrived, as in SUMO's tripinfo. None where it had not arrived at the
+    end."""
     time_loss: float = 0.0
     """Time beyond what the same way takes at the speed wanted: the sum of dt (1 - v / v_wanted), as SUMO's tripinfo has
     it. A vehicle wants the lane's limit times its speed factor, at most its own; a person its own walking speed."""
@@ -48,7 +49,7 @@ class Trips:
         api, dt = self._api, self._step
         for road_user in (*api.simulation.getArrivedIDList(), *api.simulation.getArrivedPersonIDList()):
             if road_user in self.all:
-                self.all[road_user].arrived = now
+                self.all[road_user].arrived = now - dt
         known = {*api.vehicle.getIDList(), *api.person.getIDList()}
         for road_user, kind, speed in zip(world.ids, world.type.tolist(), world.speed.tolist(), strict=True):
             if road_user not in known:  # it has arrived with this step

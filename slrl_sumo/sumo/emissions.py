@@ -19,8 +19,8 @@ def emission_rates(emission_class: str, *, speed: Floats, acceleration: Floats) 
     """Emissions and fuel of vehicles of a SUMO emission class in mg/s, (n,) each, by the names of POLLUTANTS.
 
     `speed`: m/s, `acceleration`: m/s², (n,), on level ground. From SUMO's tool emissionsDrivingCycle
-    (https://sumo.dlr.de/docs/Tools/Emissions.html), which computes as a running SUMO does. None for a class for which
-    it lacks the data (PHEMlight). Raises SumoError where the tool is not there.
+    (https://sumo.dlr.de/docs/Tools/Emissions.html), which computes as a running SUMO does. None for a class that it
+    does not know or lacks the data for (PHEMlight). Raises SumoError where the tool is not there.
     """
     if not len(speed):
         return {name: np.zeros(0) for name in POLLUTANTS}
