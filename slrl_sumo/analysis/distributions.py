@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slrl_sumo.records.trajectories import Trajectories
 from slrl_sumo.world.geometry import Floats
@@ -21,18 +22,22 @@ bins. 0 lies in the middle of a bin, or at the end of the first one, so that rou
 Values beyond count in the outer bins."""
 
 
-def kinematics(trajectories: Trajectories) -> dict[str, tuple[Floats, ...]]:
+Kinematics = Mapping[str, tuple[Floats, ...]]
+"""Values by quantity and RoadUserType."""
+
+
+def kinematics(trajectories: Trajectories, tracks: NDArray[np.bool_] | None = None) -> Kinematics:
     """Speed (m/s), acceleration (m/s²) and yaw rate (rad/s) of all moments at which they are known, by RoadUserType.
 
     They are backward differences over dt, so a track has a speed and a yaw rate from its second row on, and an
-    acceleration from its third. Parked road users are left out.
+    acceleration from its third. Parked road users are left out, and those not among `tracks`, (T,), if given.
     """
     t = trajectories
     since = t.frame - t.frame[t.starts[t.track]]
-    moving = ~t.parked[t.track]
+    counted = (~t.parked if tracks is None else tracks & ~t.parked)[t.track]
     kind = t.type[t.track]
     return {
-        name: tuple(values[moving & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
+        name: tuple(values[counted & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
         for name, values, known in (
             ("speed", t.speed, 1),
             ("acceleration", t.acceleration, 2),
@@ -53,9 +58,8 @@ def jensen_shannon_distance(*, a: Floats, b: Floats, edges: Floats) -> float:
     return math.sqrt(divergence(histogram(a, edges), histogram(b, edges)))
 
 
-def kinematic_distances(trajectories: Trajectories, reference: Trajectories) -> dict[str, dict[str, float | None]]:
+def kinematic_distances(ours: Kinematics, theirs: Kinematics) -> dict[str, dict[str, float | None]]:
     """Jensen-Shannon distances over EDGES by type name and quantity; None where one of the two has nobody of a type."""
-    ours, theirs = kinematics(trajectories), kinematics(reference)
     return {
         name: {
             quantity: jensen_shannon_distance(a=ours[quantity][k], b=theirs[quantity][k], edges=EDGES[quantity][k])

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slrl_sumo.analysis.conflicts import boxes, velocities
@@ -68,6 +69,8 @@ def realism(
     *,
     simulated: Trajectories,
     reference: Trajectories,
+    tracks: NDArray[np.bool_] | None = None,
+    reference_tracks: NDArray[np.bool_] | None = None,
     shapes: SurfaceShapes | None = None,
     reference_shapes: SurfaceShapes | None = None,
 ) -> dict[str, Realism]:
@@ -80,11 +83,13 @@ def realism(
     under its own distribution, so that 1 can be reached: it is exp(-KL(reference || simulated)); and the time to
     collision is that of boxes in the plane, towards whomever. They do not compare with the challenge's figures.
 
+    With `tracks` and `reference_tracks`, (T,), only those road users count; the others are still seen by them.
+
     Map features need the ground, in m and in the coordinates of the tracks, of both: `shapes`, and `reference_shapes`
     where the reference was recorded somewhere else.
     """
     grounds = (None, None) if shapes is None else (shapes, reference_shapes or shapes)
-    ours, theirs = features(simulated, grounds[0]), features(reference, grounds[1])
+    ours, theirs = features(simulated, grounds[0], tracks), features(reference, grounds[1], reference_tracks)
     result = {}
     for k, name in enumerate(TYPE_NAMES):
         scores = {
@@ -102,11 +107,13 @@ def realism(
     return result
 
 
-def features(trajectories: Trajectories, shapes: SurfaceShapes | None) -> dict[str, tuple[Floats, ...]]:
+def features(
+    trajectories: Trajectories, shapes: SurfaceShapes | None, tracks: NDArray[np.bool_] | None = None
+) -> dict[str, tuple[Floats, ...]]:
     """The features at all moments at which they are known, by name and RoadUserType, in the units of FEATURES."""
     t = trajectories
     since = t.frame - t.frame[t.starts[t.track]]
-    moving = ~t.parked[t.track]
+    counted = (~t.parked if tracks is None else tracks & ~t.parked)[t.track]
     kind = t.type[t.track]
     change = np.diff(t.yaw_rate, prepend=0.0) / t.dt
     nearest = nearest_distance(t)
@@ -123,7 +130,7 @@ def features(trajectories: Trajectories, shapes: SurfaceShapes | None) -> dict[s
         edge = edge_distance(shapes=shapes, x=t.x, y=t.y, kind=kind)
         values |= {"road_edge": (edge, 0), "off_surface": ((edge > 0.0).astype(np.float64), 0)}
     return {
-        name: tuple(v[moving & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
+        name: tuple(v[counted & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
         for name, (v, known) in values.items()
     }
 

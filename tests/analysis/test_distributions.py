@@ -53,9 +53,10 @@ def test_only_what_is_known_counts_and_parked_ones_do_not() -> None:
     assert found["speed"][2] == pytest.approx(np.full(9, 1.5))
     assert len(found["speed"][0]) == 0
     assert len(kinematics(walker(1.5, parked=True))["speed"][2]) == 0
+    assert len(kinematics(walker(1.5), np.array([False]))["speed"][2]) == 0
 
 
 def test_distances_by_type() -> None:
-    found = kinematic_distances(walker(1.5), walker(0.5))
+    found = kinematic_distances(kinematics(walker(1.5)), kinematics(walker(0.5)))
     assert found["pedestrian"] == {"speed": pytest.approx(1.0), "acceleration": 0.0, "yaw_rate": 0.0}
     assert found["car"] == dict.fromkeys(("speed", "acceleration", "yaw_rate"))

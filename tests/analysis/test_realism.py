@@ -103,3 +103,13 @@ def test_off_surface_lowers_the_map_score_only() -> None:
 
 def test_features_without_the_ground() -> None:
     assert set(features(cars([(0, 0, 5)]), None)) == set(FEATURES) - {"road_edge", "off_surface"}
+
+
+def test_who_does_not_count_is_still_seen() -> None:
+    t = cars([(0, 0, 8), (20, 0, 3)])
+    whole, first = features(t, None), features(t, None, np.array([True, False]))
+    assert len(first["ttc"][0]) == 11
+    assert first["ttc"][0].tolist() == whole["ttc"][0][:11].tolist()
+    apart = realism(simulated=t, reference=t, tracks=np.array([True, False]), reference_tracks=np.array([False, True]))
+    assert apart["car"].features["speed"] < 0.1
+    assert apart["car"].features["ttc"] == pytest.approx(1.0)
