@@ -18,8 +18,8 @@ from slrl_sumo.analysis.comparison_tables import distances, rows
 from slrl_sumo.analysis.episode_log import log_header
 from slrl_sumo.analysis.episode_workers import run_jobs
 from slrl_sumo.analysis.episodes import EpisodeSettings
+from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
-from slrl_sumo.analysis.scenario_evaluation import interruptible
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.selector import PolicySelector

@@ -1,13 +1,11 @@
 """Selectors measured in a scenario: many episodes, one table (paper, section 4.1)."""
 
-import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from slrl_sumo.analysis.episode_log import EpisodeLog, Outcome, log_header
@@ -15,6 +13,7 @@ from slrl_sumo.analysis.episode_report import print_episodes, write_episodes
 from slrl_sumo.analysis.episode_tables import table_rows
 from slrl_sumo.analysis.episode_workers import Played, play_all
 from slrl_sumo.analysis.episodes import SUMO, WARM_UP, Episode, EpisodeSettings, recorded
+from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
 from slrl_sumo.analysis.published import published_rows
 from slrl_sumo.errors import InputError, SumoError
@@ -119,23 +118,6 @@ def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
     write_episodes(result, folder)
     print_episodes(result)
     return 0
-
-
-@contextmanager
-def interruptible() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt; the list then holds the signal's number."""
-    caught: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        caught.append(number)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield caught
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _selectors_of(bundle: ModelBundle) -> tuple[str, ...]:
