@@ -7,15 +7,17 @@ import signal
 import tempfile
 import traceback
 from collections import deque
-from collections.abc import Generator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Hashable, Sequence
+from contextlib import closing, suppress
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
-from slrl_sumo.analysis.episodes import Episode, EpisodeSettings
+from slrl_sumo.analysis.episodes import Episode, EpisodeSettings, play
 from slrl_sumo.analysis.outcomes import TypeOutcome
 from slrl_sumo.errors import InputError, SumoError
 
@@ -24,6 +26,19 @@ ATTEMPTS = 3
 
 HOPELESS = 3
 """Episodes left out before the first success, after which the evaluation gives up."""
+
+
+Job = TypeVar("Job", bound=Hashable)
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class Finished(Generic[Job, Record]):
+    """A job and what came of it; None where it could not be done, with the `reason`."""
+
+    job: Job
+    record: Record | None
+    reason: str = ""
 
 
 @dataclass(frozen=True)
@@ -36,34 +51,43 @@ class Played:
 
 
 class _Death(str):
-    """How the process of an episode died."""
+    """How the process of a job died."""
 
 
 @dataclass(frozen=True)
 class _Worker:
     process: BaseProcess
     pipe: Connection
-    episode: Episode
+    job: Any
     folder: str
     """Its temporary files: what SUMO leaves behind when it dies is removed with it."""
 
 
 def play_all(settings: EpisodeSettings, episodes: Sequence[Episode], workers: int) -> Generator[Played, None, None]:
-    """Play `episodes` in so many processes and yield each when it is done, in any order.
+    """Play `episodes` in so many processes and yield each when it is done, in any order; see `run_jobs`."""
+    with closing(run_jobs(partial(play, settings), episodes, workers)) as results:
+        for finished in results:
+            yield Played(finished.job, finished.record, finished.reason)
 
-    An episode whose process dies is begun again in a fresh process, ATTEMPTS times in all; one in which SUMO gives up
-    is not, because it would again. Raises InputError where the input is wrong, SumoError where the first HOPELESS
-    episodes all fail, RuntimeError with the traceback of a bug. Closing the generator ends the processes, and so does
-    the death of this one.
+
+def run_jobs(
+    work: Callable[[Job], Record], jobs: Sequence[Job], workers: int
+) -> Generator[Finished[Job, Record], None, None]:
+    """Do `work` on each of `jobs` in so many processes and yield each when it is done, in any order.
+
+    `work`, jobs and records are pickled. A job whose process dies is begun again in a fresh process, ATTEMPTS times in
+    all; one in which SUMO gives up is not, because it would again. Raises InputError where the input is wrong,
+    SumoError where the first HOPELESS jobs all fail, RuntimeError with the traceback of a bug. Closing the generator
+    ends the processes, and so does the death of this one.
     """
-    waiting = deque(episodes)
-    failed = dict.fromkeys(episodes, 0)
+    waiting = deque(jobs)
+    failed = dict.fromkeys(jobs, 0)
     crew: list[_Worker] = []
     succeeded = left_out = 0
     try:
         while waiting or crew:
             while waiting and len(crew) < workers:
-                crew.append(_hire(settings, waiting.popleft()))
+                crew.append(_hire(work, waiting.popleft()))
             ready = wait([worker.pipe for worker in crew])
             for worker in [worker for worker in crew if worker.pipe in ready]:
                 crew.remove(worker)
@@ -73,14 +97,14 @@ def play_all(settings: EpisodeSettings, episodes: Sequence[Episode], workers: in
                     raise message
                 if isinstance(message, SumoError | _Death):
                     _dismiss(worker)
-                    failed[worker.episode] += 1
-                    if isinstance(message, _Death) and failed[worker.episode] < ATTEMPTS:
-                        waiting.append(worker.episode)
+                    failed[worker.job] += 1
+                    if isinstance(message, _Death) and failed[worker.job] < ATTEMPTS:
+                        waiting.append(worker.job)
                         continue
                     left_out += 1
                     if not succeeded and left_out == HOPELESS:
                         raise SumoError(f"the first {HOPELESS} episodes all failed: {message}")
-                    yield Played(worker.episode, None, str(message))
+                    yield Finished(worker.job, None, str(message))
                     continue
                 succeeded += 1
                 if waiting:
@@ -89,21 +113,21 @@ def play_all(settings: EpisodeSettings, episodes: Sequence[Episode], workers: in
                     _send(following)
                 else:
                     _dismiss(worker)
-                yield Played(worker.episode, message)
+                yield Finished(worker.job, message)
     finally:
         for worker in crew:
             _dismiss(worker)
 
 
-def _hire(settings: EpisodeSettings, episode: Episode) -> _Worker:
-    """A fresh process that plays `episode`."""
+def _hire(work: Callable[[Any], Any], job: Hashable) -> _Worker:
+    """A fresh process that does `job`."""
     context = multiprocessing.get_context("spawn")
     mine, its = context.Pipe()
     try:
         folder = tempfile.mkdtemp(prefix="slrl_sumo_")
     except OSError as error:
         raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
-    process = context.Process(target=_serve, args=(its, settings, folder), daemon=True)
+    process = context.Process(target=_serve, args=(its, work, folder), daemon=True)
     # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask; the
     # tracker that comes with the first child would lift it again.
     resource_tracker.ensure_running()
@@ -113,19 +137,20 @@ def _hire(settings: EpisodeSettings, episode: Episode) -> _Worker:
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
     its.close()
-    worker = _Worker(process, mine, episode, folder)
+    worker = _Worker(process, mine, job, folder)
     _send(worker)
     return worker
 
 
 def _send(worker: _Worker) -> None:
     with suppress(OSError):  # it is dead: that shows when its answer is received
-        worker.pipe.send(worker.episode)
+        worker.pipe.send(worker.job)
 
 
-def _receive(worker: _Worker) -> tuple[TypeOutcome, ...] | InputError | SumoError | RuntimeError | _Death:
+def _receive(worker: _Worker) -> Any:
+    """The record of its job, or how it failed: InputError, SumoError, RuntimeError or _Death."""
     try:
-        message: tuple[TypeOutcome, ...] | InputError | SumoError | str = worker.pipe.recv()
+        message = worker.pipe.recv()
     except (EOFError, OSError):
         worker.process.join()
         code = worker.process.exitcode or 0
@@ -140,8 +165,8 @@ def _dismiss(worker: _Worker) -> None:
     shutil.rmtree(worker.folder, ignore_errors=True)
 
 
-def _serve(pipe: Connection, settings: EpisodeSettings, folder: str) -> None:
-    """The worker: plays what it is sent until the other side is closed; it stays alive because torch loads slowly."""
+def _serve(pipe: Connection, work: Callable[[Any], Any], folder: str) -> None:
+    """The worker: does what it is sent until the other side is closed; it stays alive because torch loads slowly."""
     tempfile.tempdir = folder
     # What SUMO's C++ code prints would tear the parent's progress bar apart.
     descriptor = os.open(Path(folder) / "printed", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -150,17 +175,15 @@ def _serve(pipe: Connection, settings: EpisodeSettings, folder: str) -> None:
     os.close(descriptor)
     try:
         while True:
-            pipe.send(_answer(settings, pipe.recv()))
+            pipe.send(_answer(work, pipe.recv()))
     except (EOFError, OSError):
         # The parent has gone; if it was killed, nobody else clears up.
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _answer(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...] | InputError | SumoError | str:
+def _answer(work: Callable[[Any], Any], job: Any) -> Any:
     try:
-        from slrl_sumo.analysis.episodes import play
-
-        return play(settings, episode)
+        return work(job)
     except (InputError, SumoError) as error:
         return error
     except Exception:
