@@ -11,7 +11,12 @@ from lxml import etree
 
 from slrl_sumo.errors import InputError
 
-_CSV_FIELDS = ("id", "type", "x", "y", "angle", "lane", "edge")
+_CSV_FIELDS = ("id", "type", "x", "y", "angle", "lane", "edge", "speed", "mode", "learned")
+
+LEARNED_NOTE = "slrl_sumo"
+"""The processing instruction that says who is learned in a time step of an XML file, because SUMO's schema has no
+attribute for it: <?slrl_sumo vehicles="3 . -" persons="7"?> has a word for each of the first vehicles and persons of
+the step: the mode, "-" for a learned one without modes, "." for one that is not learned, as are all further ones."""
 
 
 class FcdRow(NamedTuple):
@@ -24,6 +29,9 @@ class FcdRow(NamedTuple):
     y: str
     angle: str
     line: int
+    speed: str = ""
+    mode: str = ""
+    learned: bool = False
 
 
 class FcdStep(NamedTuple):
@@ -43,14 +51,18 @@ def xml_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
         file.seek(0)
         for _, element in etree.iterparse(file, tag="timestep", resolve_entities=False, huge_tree=True):
             rows = []
+            modes = _noted_modes(element)
             for user in element.iterchildren("vehicle", "person"):
+                word = next(modes[user.tag], ".") if modes else "."
                 get, line = user.attrib.get, user.sourceline or 0
                 identity, x, y, angle = get("id"), get("x"), get("y"), get("angle")
                 if identity is None or x is None or y is None or angle is None:
                     raise InputError(f"{name}, line {line}: <{user.tag}> needs the attributes id, x, y and angle")
                 person = user.tag == "person"
                 if not (person and get("vehicle")):
-                    rows.append(FcdRow(identity, get("type", ""), person, x, y, angle, line))
+                    motion = (x, y, angle, line, get("speed", ""))
+                    mode = word if word not in ".-" else ""
+                    rows.append(FcdRow(identity, get("type", ""), person, *motion, mode, word != "."))
             yield FcdStep(element.get("time", ""), element.sourceline or 0, rows)
             complete += 1
             element.clear()
@@ -63,6 +75,14 @@ def xml_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     except (EOFError, gzip.BadGzipFile, zlib.error) as e:
         what = "is cut off" if isinstance(e, EOFError) else f"is not a sound gzip file ({e})"
         raise InputError(f"{name} {what}; {complete} complete time steps could be read") from e
+
+
+def _noted_modes(step: etree._Element) -> dict[str, Iterator[str]]:
+    """By tag, the words of a step's LEARNED_NOTE, in the order of its road users; nothing where it has none."""
+    note = next(step.iterchildren(etree.ProcessingInstruction), None)
+    if not isinstance(note, etree._ProcessingInstruction) or note.target != LEARNED_NOTE:
+        return {}
+    return {tag: iter((note.get(f"{tag}s") or "").split()) for tag in ("vehicle", "person")}
 
 
 def _check_root(name: str, root: etree._Element) -> None:
@@ -121,10 +141,11 @@ def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
                     complete += 1
                 step = FcdStep(time, lines.line_num, [])
             kind = kinds[0] if len(kinds) == 1 or fields[columns["vehicle_id"]] else "person"
-            identity, vtype, x, y, angle, lane, edge = (fields[i] for i in at[kind])
+            identity, vtype, x, y, angle, lane, edge, speed, mode, learned = (fields[i] for i in at[kind])
             if identity:  # a time step without road users
                 person = kind == "person" if len(kinds) == 2 else bool(edge) and not lane
-                step.rows.append(FcdRow(identity, vtype, person, x, y, angle, lines.line_num))
+                motion = (x, y, angle, lines.line_num, speed)
+                step.rows.append(FcdRow(identity, vtype, person, *motion, mode, learned in ("1", "true", "True")))
         if step.rows:
             yield step
     except (csv.Error, UnicodeDecodeError) as e:
