@@ -33,7 +33,9 @@ MOST_CONFLICTS = 2000
 """In the page's list: collisions first, then the near misses with the smallest times to collision."""
 SAMPLE = 20_000
 """Positions that are looked up in the network."""
-FOREIGN, ODD = 0.5, 0.1
+BESIDE = 2.0
+"""m from a surface in which a position still belongs to the network: SUMO's own walkers are there at ends of streets."""
+FOREIGN, ODD = 0.4, 0.05
 """Shares of positions off the network from which it is another trace's, and from which that is worth a note."""
 SCRIPTS = ("unpack.js", "ground.js", "scene.js", "controls.js")
 """Of the page, in their order (slrl_sumo/analysis/replay_page)."""
@@ -128,7 +130,11 @@ def check_place(network: Network, rows: Rows, fcd: Path, net: str) -> list[str]:
         raise InputError(f"--net {net}: there are no lanes in it; give the network that {fcd} was made on")
     roadmap = RoadMap(SurfaceShapes(shapes))
     some = np.unique(np.linspace(0, len(rows.x) - 1, SAMPLE).astype(np.int64))
-    off = float((roadmap.surface_at(rows.x[some], rows.y[some]) == Surface.NONE).mean())
+    beside = [
+        roadmap.surface_at(rows.x[some] + dx, rows.y[some] + dy) == Surface.NONE
+        for dx, dy in ((0.0, 0.0), (BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE))
+    ]
+    off = float(np.all(beside, axis=0).mean())
     x0, y0, x1, y1 = roadmap.bounds
     where = (
         f"{off:.0%} of the positions in {fcd} lie off the network {net}, which reaches from ({x0:.0f}, {y0:.0f}) to "

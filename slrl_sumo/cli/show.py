@@ -27,4 +27,5 @@ def replay(
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out {out}: browsers want a name that ends in .html")
     write_replay(fcd, net, out)
-    typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB; open it in a browser")
+    size = out.stat().st_size
+    typer.echo(f"{out}: {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}; open it in a browser")

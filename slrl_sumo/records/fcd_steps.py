@@ -136,7 +136,7 @@ def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
             fields.append("")
             time = fields[columns["timestep_time"]]
             if time != step.time:
-                if step.rows:
+                if step.line:
                     yield step
                     complete += 1
                 step = FcdStep(time, lines.line_num, [])
@@ -146,7 +146,7 @@ def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
                 person = kind == "person" if len(kinds) == 2 else bool(edge) and not lane
                 motion = (x, y, angle, lines.line_num, speed)
                 step.rows.append(FcdRow(identity, vtype, person, *motion, mode, learned in ("1", "true", "True")))
-        if step.rows:
+        if step.line:
             yield step
     except (csv.Error, UnicodeDecodeError) as e:
         raise InputError(

@@ -74,7 +74,7 @@ class Scene {
       on.fill(boxes[kind]);
       if (scale > 3) on.stroke(boxes[kind]);
     });
-    on.lineWidth = Math.min(2, 0.8 + scale / 8) * pixel;
+    on.lineWidth = Math.min(2, 0.7 + scale / 12) * pixel;
     on.strokeStyle = colours.outline;
     on.stroke(learned);
     this.drawMarks(on, colours, options, scale);
