@@ -34,7 +34,7 @@ MOST_CONFLICTS = 2000
 SAMPLE = 20_000
 """Positions that are looked up in the network."""
 BESIDE = 2.0
-"""m from a surface in which a position still belongs to the network: SUMO's own walkers are there at ends of streets."""
+"""m from a surface in which a position belongs to the network: SUMO's own walkers are there at ends of streets."""
 FOREIGN, ODD = 0.4, 0.05
 """Shares of positions off the network from which it is another trace's, and from which that is worth a note."""
 SCRIPTS = ("unpack.js", "ground.js", "scene.js", "controls.js")
@@ -77,8 +77,7 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
         for number, (world, keys) in enumerate(worlds(rows, users, times)):
             finder.look(world, keys)
             bar.update(task, completed=(number + 1) / len(times))
-    conflicts = finder.conflicts()
-    page = build_page(network, users, rows, times, conflicts, title=fcd.name, notes=notes)
+    page = build_page(network, users, rows, times, finder.conflicts(), title=fcd.name, notes=notes, told=table.told)
     try:
         out.write_bytes(page)
     except OSError as error:
@@ -184,8 +183,12 @@ def build_page(
     *,
     title: str,
     notes: list[str],
+    told: bool,
 ) -> bytes:
-    """The page as UTF-8. What comes from the trace is in the packed data only, which the page shows as text."""
+    """The page as UTF-8. `told`: whether the trace says who is not learned.
+
+    What comes from the trace is in the packed data only, which the page shows as text.
+    """
     streams = pack(rows, times)
     vtypes = sorted(set(users.vtypes))
     number = {vtype: i for i, vtype in enumerate(vtypes)}
@@ -194,6 +197,7 @@ def build_page(
     header: dict[str, Any] = {
         "title": title,
         "notes": notes,
+        "told": told,
         "units": {"metre": METRE, "turn": TURN, "speed": SPEED},
         "times": np.diff(times, prepend=0).tolist(),
         "types": TYPE_NAMES,

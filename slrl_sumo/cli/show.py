@@ -11,7 +11,7 @@ from slrl_sumo.errors import InputError
 
 @app.command()
 def replay(
-    fcd: Annotated[Path, typer.Argument(help="Trace (FCD), ours or SUMO's: .xml, .xml.gz or .csv.")],
+    fcd: Annotated[Path, typer.Argument(help="Trace (FCD), ours or SUMO's: .xml, .xml.gz, .csv or .parquet.")],
     net: Annotated[
         str,
         typer.Option(help="Its network: .net.xml(.gz), .sumocfg or shipped name. Scenarios tell the vehicles' sizes."),

@@ -16,16 +16,17 @@ _INTERVAL_MS = round(1000 * DECISION_INTERVAL)
 
 
 def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = None) -> Trajectories:
-    """Read an FCD file (.xml, .xml.gz, .csv) of any constant step as Trajectories of 0.4 s from its first time step on.
+    """Read an FCD file (.xml, .xml.gz, .csv, .parquet) of any constant step as Trajectories of 0.4 s.
 
-    Rows at multiples of 0.4 s are taken as they are, others are interpolated linearly between two neighbouring steps
-    of the file; a road user that is absent for a step goes on in a new track (`id#1`). Front bumpers become centres.
+    Rows at multiples of 0.4 s from its first time step on are taken as they are, others are interpolated linearly
+    between two neighbouring steps of the file; a road user that is absent for a step goes on in a new track (`id#1`).
+    Front bumpers become centres.
 
     `types` says which road user type ('car', 'bicycle', 'pedestrian') a vehicle type id is. Those it does not name:
-    persons are pedestrians, ids with "bike" or "cycl" and without "motor" bicycles, the rest cars. In CSV, where
-    SUMO does not tag persons, a person is who has an edge and no lane, or whose type id says "pedestrian". Lengths
-    and widths are the defaults of the types. Containers, and persons at exactly the place of a vehicle (riding in it),
-    are left out.
+    persons are pedestrians, ids with "bike" or "cycl" and without "motor" bicycles, the rest cars. In CSV and Parquet,
+    where SUMO does not tag persons, a person is who has an edge and no lane, or whose type id says "pedestrian".
+    Lengths and widths are the defaults of the types. Containers, and persons at exactly the place of a vehicle (riding
+    in it), are left out.
 
     Raises InputError, with file and line, where the file is missing, empty, malformed, cut off (and after how many
     complete time steps), of an irregular step or in geographic coordinates.

@@ -43,6 +43,8 @@ class FcdTable:
     """1 + mode of learned road users, 0 where the file has none."""
     learned: "array[int]" = field(default_factory=lambda: array("b"))
     """1 where the file says that the road user is a learned one."""
+    told: bool = False
+    """Whether the file says who is learned, and who is not."""
     users: list[tuple[str, str]] = field(default_factory=list)
     """id and vehicle type id of each road user."""
     persons: set[int] = field(default_factory=set)
@@ -66,14 +68,20 @@ def read_table(
     """
     name = os.fspath(path)
     suffix = check_fcd_path(path)
-    table = FcdTable(untagged=suffix == ".csv")
+    table = FcdTable(untagged=suffix in (".csv", ".parquet"))
     try:
         size = os.path.getsize(name)
         if size == 0:
             raise InputError(f"{name} is empty; give it a whole FCD file")
         with open(name, "rb") as raw:
             file = gzip.GzipFile(fileobj=raw) if suffix == ".xml.gz" else raw
-            for _ in _collect(name, csv_steps(name, file) if suffix == ".csv" else xml_steps(name, file), table):
+            if suffix == ".parquet":
+                from slrl_sumo.records.fcd_parquet import parquet_steps  # pyarrow is an extra
+
+                steps = parquet_steps(name)
+            else:
+                steps = csv_steps(name, file) if suffix == ".csv" else xml_steps(name, file)
+            for _ in _collect(name, steps, table):
                 progress(raw.tell() / size)
     except (OSError, EOFError, zlib.error) as e:
         raise InputError(f"cannot read {name}: {getattr(e, 'strerror', None) or e}") from e
@@ -127,7 +135,8 @@ def _append(name: str, step: FcdStep, table: FcdTable, index: dict[tuple[str, bo
         table.angle.append(angle)
         table.speed.append(speed)
         table.mode.append(mode)
-        table.learned.append(row.learned)
+        table.learned.append(bool(row.learned))
+        table.told |= row.learned is not None
 
 
 def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
@@ -142,8 +151,9 @@ def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
             f"they are {row.x!r}, {row.y!r}, {row.angle!r}"
         )
     try:
-        speed = float(row.speed) if row.speed else np.nan
-        mode = 1 + int(row.mode) if row.mode else 0
+        speed = np.nan if row.speed == "" else float(row.speed)
+        # A column with gaps that pandas has written holds 3.0 for 3.
+        mode = 0 if row.mode == "" else 1 + int(float(row.mode))
         if not 0 <= mode <= 100:
             raise ValueError
     except ValueError:

@@ -78,7 +78,9 @@ class Ground {
         stroke(group, colour, group.width);
         on.setLineDash([]);
       } else {
+        on.globalAlpha = group.layer === "crossing" ? 0.5 : 1; // as bright as its stripes seen from far away
         stroke(group, colour, fine && group.layer === "road" ? group.width - 2 * MARK : group.width);
+        on.globalAlpha = 1;
       }
     }
     this.view = { ...view };

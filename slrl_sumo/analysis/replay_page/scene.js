@@ -182,7 +182,7 @@ class Scene {
     const row = this.row[i], speed = t.speed[row], state = t.state[row];
     lines.push(`${speed.toFixed(1)} m/s (${(3.6 * speed).toFixed(0)} km/h)`);
     if (state > 1) lines.push(`mode ${state - 2}`);
-    lines.push(state ? "learned" : "moved by SUMO");
+    if (state) lines.push("learned"); else if (t.told) lines.push("moved by SUMO");
     return lines;
   }
 }
