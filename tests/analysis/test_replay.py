@@ -40,15 +40,15 @@ def header(page: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def sumo_traces(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """SUMO's own FCD of the same 40 s as XML, XML.gz and CSV, with steps of 0.5 s."""
+    """SUMO's own FCD of the same 40 s in all formats, with steps of 0.5 s."""
     folder = tmp_path_factory.mktemp("traces")
-    for name in ("own.xml", "own.xml.gz", "own.csv"):
+    for name in ("own.xml", "own.xml.gz", "own.csv", "own.parquet"):
         words = ["-c", CONFIG, "--end", 40, "--step-length", 0.5, "--seed", 3, "--no-step-log", "--fcd-output", name]
         subprocess.run([str(SUMO), *map(str, words)], cwd=folder, check=True, capture_output=True, timeout=60)
     return folder
 
 
-@pytest.mark.parametrize("name", ["own.xml", "own.xml.gz", "own.csv"])
+@pytest.mark.parametrize("name", ["own.xml", "own.xml.gz", "own.csv", "own.parquet"])
 def test_sumos_own_traces_keep_their_steps_ids_types_and_sizes(name: str, sumo_traces: Path) -> None:
     page = sumo_traces / f"{name}.html"
     write_replay(sumo_traces / name, "intersection", page)

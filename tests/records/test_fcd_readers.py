@@ -21,6 +21,7 @@ from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.sumo.scenario import find_scenario
 
 HOME = Path(sumo.SUMO_HOME)
+ROOT = Path(__file__).parent.parent.parent
 NET = find_scenario("intersection").config.with_name("intersection.net.xml")
 STEPS = 60
 TAKEOVER = "car=0.5,pedestrian=0.5"
@@ -203,18 +204,22 @@ def test_sumolib_reads_every_row_of_the_xml(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_commands_of_the_page_run_as_they_stand_there(folder: Path, tmp_path: Path) -> None:
-    page = Path(__file__).parent.parent.parent / "docs" / "traces.md"
-    lines = [
-        line for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL) for line in block.splitlines()
-    ]
-    assert len(lines) == 5
-    (tmp_path / "trace.xml").write_bytes((folder / "trace.xml").read_bytes())
-    for line in lines:
-        line = re.sub("^python", sys.executable, re.sub("^sumo", str(HOME / "bin" / "sumo"), line))
-        line = line.replace("your.net.xml", str(NET)).replace(
-            "your.sumocfg", str(NET.with_name("intersection.sumocfg"))
-        )
-        call("bash", "-c", line.replace("$SUMO_HOME", str(HOME)), cwd=tmp_path)
-    made = {file.name for file in tmp_path.iterdir()}
-    assert made == {"trace.xml", "trace.gpx", "vehicles.png", "persons.png", "types.add.xml"}
+def test_the_commands_of_the_page_run_as_they_stand_there(tmp_path: Path) -> None:
+    """Shell commands and Python scripts of docs/traces.md, one after another, in a folder of their own."""
+    page = (ROOT / "docs" / "traces.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL)
+    assert [kind for kind, _ in blocks] == ["sh", "python", "sh", "sh", "python"]
+    (tmp_path / "out").mkdir()
+    for kind, block in blocks:
+        block = block.replace("path/to/your.net.xml", str(NET))
+        block = block.replace("path/to/your.sumocfg", str(NET.with_name("intersection.sumocfg")))
+        if kind == "python":
+            call(sys.executable, "-c", block, cwd=tmp_path)
+            continue
+        block = block.replace(".venv/bin/slrl-sumo ", f"{sys.executable} -m slrl_sumo.cli ")
+        for line in block.replace(".venv/bin/python ", f"{sys.executable} ").splitlines():
+            call("bash", "-c", line, cwd=tmp_path)
+    made = {file.name for file in (tmp_path / "out").iterdir()}
+    assert made == {
+        *("trace.parquet", "replay.html", "trace.xml", "trace.gpx", "vehicles.png", "persons.png", "types.add.xml"),
+    }

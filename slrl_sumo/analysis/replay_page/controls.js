@@ -87,8 +87,8 @@ class Page {
       c.button.className = c.kind === "collision" ? "collision" : "near";
       const kinds = [c.a, c.b].map((user) => types[users.kind[user]]).join(" × ");
       const figure = c.kind === "collision"
-        ? (c.value > 0.05 ? `closing at ${c.value.toFixed(1)} m/s` : "side by side or parting")
-        : `time to collision ${c.value.toFixed(2)} s`;
+        ? (c.value > 0.05 ? `closing at ${c.value.toFixed(1)}\u00a0m/s` : "side by side or parting")
+        : `time to collision ${c.value.toFixed(2)}\u00a0s`;
       element("small", `${kinds}, ${figure}`, c.button);
       element("small", `${users.id[c.a]} × ${users.id[c.b]}`, c.button);
       c.button.addEventListener("click", () => this.jump(c));
