@@ -1,7 +1,8 @@
 """How smoothly a replay page plays in headless Chromium: python tools/replay_bench.py PAGE [--view fit|close]
 
 Needs the dev extra and Debian's chromium and chromium-driver. Prints the size of the page, the time until it can be
-used, and the frames per second of 10 s of play, counted by requestAnimationFrame, with the longest time between two frames.
+used, and the frames per second of 10 s of play, counted by requestAnimationFrame, with the longest time between two
+frames.
 """
 
 import argparse
