@@ -290,6 +290,26 @@ def test_a_click_on_a_conflict_goes_to_its_time_and_place(page: Driver) -> None:
     assert text(page, "conflicts") == "none"
 
 
+def test_on_a_narrow_screen_the_list_opens_over_the_scene_and_gives_way(page: Driver) -> None:
+    page.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": 420, "height": 800, "deviceScaleFactor": 2, "mobile": True}
+    )
+    try:
+        page.refresh()
+        WebDriverWait(page, 30).until(lambda b: b.execute_script("return document.documentElement.dataset.ready"))
+        assert not page.find_element(By.ID, "side").is_displayed()
+        page.find_element(By.ID, "panel").click()
+        page.find_element(By.CSS_SELECTOR, "#conflicts button").click()
+        assert not page.find_element(By.ID, "side").is_displayed()
+        settle(page)
+        assert time_of(page) == 110.0
+        assert page.execute_script("return page.ratio") == 2
+        middle = page.execute_script("return [page.canvas.clientWidth / 2, page.canvas.clientHeight / 2]")
+        assert on_screen(page, 100, 93.4) == pytest.approx(middle, abs=1)
+    finally:
+        page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
 def test_definitions_are_one_click_away(page: Driver) -> None:
     assert not page.find_element(By.ID, "definitions").is_displayed()
     page.find_element(By.ID, "explain").click()
