@@ -1,8 +1,7 @@
-"""How smoothly a replay page plays in headless Chromium: python tools/replay_bench.py PAGE [--view fit|close]
+"""How smoothly a replay page plays in headless Chromium: python tools/replay_bench.py PAGE
 
 Needs the dev extra and Debian's chromium and chromium-driver. Prints the size of the page, the time until it can be
-used, and the frames per second of 10 s of play, counted by requestAnimationFrame, with the longest time between two
-frames.
+used, and the frames per second of 10 s of play, counted by requestAnimationFrame, with the longest time between two.
 """
 
 import argparse
@@ -52,7 +51,7 @@ def main() -> None:
         ready = time.perf_counter() - start
         rows, users = driver.execute_script("return [page.trace.rows.length, page.scene.row.length]")
         size = words.page.stat().st_size
-        print(f"{size / 1e3:.0f} kB, {rows} rows, {size / rows:.2f} bytes a row, {users} at once")
+        print(f"{size / 1e3:.0f} kB, {rows} rows, {size / rows:.2f} bytes a row, {users} at once", end=", ")
         print(f"ready in {ready:.1f} s")
         views = {
             "whole network": "page.fit(); page.seek((page.begin + page.end) / 2)",

@@ -1,5 +1,6 @@
 """Commands that show what a run left behind: replay."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,8 @@ def replay(
     from slrl_sumo.analysis.replay import write_replay
 
     check_output(out)
+    if not os.access(out if out.exists() else out.resolve().parent, os.W_OK):
+        raise InputError(f"{out}: cannot be written; name a place where you may write")
     if out.is_dir():
         raise InputError(f"{out}: is a folder; name a file, e.g. {out / 'replay.html'}")
     if out.suffix.lower() not in (".html", ".htm"):

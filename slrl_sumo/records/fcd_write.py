@@ -137,22 +137,23 @@ class FcdWriter:
             *(speed.tolist(), position.tolist(), escape(places.lane)),
         ]
         stamp = f"{time + 0.0:.2f}" if abs(round(time, 2) - time) < 1e-6 else f"{time:.3f}"
-        person = places.person.tolist()
         if self._csv:
             with_lane, with_edge, nowhere = (f"{stamp};{form}" for form in (_CSV_VEHICLE, _CSV_PERSON, _CSV_NOWHERE))
-            lines = [
-                (with_edge if walks else with_lane) % row if row[7] else nowhere % (row[:6] + row[8:])
-                for walks, row in zip(person, zip(*columns, _own_fields(world, modes), strict=True), strict=True)
-            ]
+            person_nowhere = nowhere
+            columns.append(_own_fields(world, modes))
         else:
-            lines = [
-                ((_PERSON if walks else _VEHICLE) % row)
-                if row[7]
-                else (_PERSON_NOWHERE if walks else _VEHICLE_NOWHERE) % row[:6]
-                for walks, row in zip(person, zip(*columns, strict=True), strict=True)
-            ]
-        if any(person):
-            lines = [lines[i] for i in np.argsort(places.person, kind="stable").tolist()]
+            with_lane, with_edge, nowhere, person_nowhere = _VEHICLE, _PERSON, _VEHICLE_NOWHERE, _PERSON_NOWHERE
+        rows = zip(*columns, strict=True)
+        if places.person.any():
+            vehicles, persons = [], []
+            for person, row in zip(places.person.tolist(), rows, strict=True):
+                if person:
+                    persons.append(with_edge % row if row[7] else person_nowhere % (row[:6] + row[8:]))
+                else:
+                    vehicles.append(with_lane % row if row[7] else nowhere % (row[:6] + row[8:]))
+            lines = vehicles + persons
+        else:
+            lines = [with_lane % row if row[7] else nowhere % (row[:6] + row[8:]) for row in rows]
         text = "".join(lines)
         if not self._csv:
             text = (

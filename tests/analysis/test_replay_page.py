@@ -1,5 +1,6 @@
 """The replay page in a real browser: a headless Chromium that plays, seeks, hovers, zooms and clicks."""
 
+import csv
 import math
 import os
 import shutil
@@ -26,7 +27,6 @@ from slrl_sumo.sumo.scenario import find_scenario
 
 NET = find_scenario("intersection").config.with_name("intersection.net.xml")
 EVIL = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>\"&'"
-EVIL_XML = "&lt;/script>&lt;script>window.hacked = 1&lt;/script>&lt;img src=x onerror='window.hacked = 1'>&quot;&amp;'"
 SECONDS, STEP = 20.0, 0.4
 MODE = 13
 
@@ -65,22 +65,23 @@ def browser() -> Iterator[Driver]:
 
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A car that drives east into a standing one at 10 s and goes on, a learned bicycle with a mode, a walker; one with
-    a hostile name at the same place as nobody else."""
-    steps = []
-    for k in range(round(SECONDS / STEP) + 1):
-        t = k * STEP
-        rows = [
-            f'<vehicle id="runner" x="{20 + 8 * t:.2f}" y="93.4" angle="90" type="passenger" speed="8"/>',
-            '<vehicle id="parked" x="105" y="93.4" angle="90" type="passenger" speed="0" pos="0" lane="a"/>',
-            f'<vehicle id="rider" x="100" y="{20 + 4 * t:.2f}" angle="0" type="learned_bicycle" speed="4"/>',
-            f'<vehicle id="{EVIL_XML}" x="60" y="88" angle="45" type="{EVIL_XML}" speed="1.25"/>',
-            f'<person id="walker" x="{30 + t:.2f}" y="88.5" angle="90" type="" speed="1" pos="0" edge="b"/>',
-        ]
-        note = f'<?slrl_sumo vehicles=". . {MODE}" persons=""?>'
-        steps.append(f'<timestep time="{100 + t:.2f}">\n{note}\n' + "\n".join(rows) + "\n</timestep>\n")
-    file = tmp_path_factory.mktemp("page") / "tr<b>ace.xml"
-    file.write_text(f"<fcd-export>\n{''.join(steps)}</fcd-export>\n")
+    """A car that drives east into a standing one at 10 s and goes on, a learned bicycle with a mode, a walker, and one
+    with a hostile name. A page lies beside it."""
+    names = ("id", "x", "y", "angle", "type", "speed", "lane", "edge")
+    file = tmp_path_factory.mktemp("page") / "tr<b>ace.csv"
+    with open(file, "w", encoding="utf-8", newline="") as text:
+        writer = csv.writer(text, delimiter=";")
+        writer.writerow(["timestep_time", *(f"vehicle_{name}" for name in names), "mode", "learned"])
+        for k in range(round(SECONDS / STEP) + 1):
+            t = k * STEP
+            for row in (
+                ("runner", 20 + 8 * t, 93.4, 90, "passenger", 8, "a_0", "", "", 0),
+                ("parked", 105, 93.4, 90, "passenger", 0, "a_0", "", "", 0),
+                ("rider", 100, 20 + 4 * t, 0, "learned_bicycle", 4, "", "", MODE, 1),
+                (EVIL, 60, 88, 45, EVIL, 1.25, "", "", "", 0),
+                ("walker", 30 + t, 88.5, 90, "", 1, "", "b", "", 0),
+            ):
+                writer.writerow([round(100 + t, 2), *row])
     write_replay(file, str(NET), file.with_name("page.html"))
     return file
 
@@ -150,7 +151,7 @@ def test_names_of_a_trace_stay_text(page: Driver) -> None:
     assert page.execute_script("return window.hacked ?? null") is None
     assert page.find_elements(By.TAG_NAME, "img") == []
     assert page.execute_script("return document.scripts.length") == 1  # the data have been taken out
-    assert text(page, "name") == "tr<b>ace.xml"
+    assert text(page, "name") == "tr<b>ace.csv"
     to_pointer(page, 60 - 1.8, 88 - 1.8).perform()
     settle(page)
     name, kind, *_ = page.execute_script("return document.getElementById('tooltip').textContent").split("\n")
@@ -202,6 +203,7 @@ def test_play_and_pause(page: Driver) -> None:
     play.click()
     WebDriverWait(page, 20).until(lambda b: play.text == "play")
     assert time_of(page) == 100 + SECONDS
+    Select(page.find_element(By.ID, "speed")).select_by_visible_text("0.25×")
     play.click()
     play.click()
     assert time_of(page) < 100 + SECONDS
@@ -286,6 +288,26 @@ def test_a_click_on_a_conflict_goes_to_its_time_and_place(page: Driver) -> None:
     for box in page.find_elements(By.CSS_SELECTOR, "#filters input")[:2]:
         box.click()
     assert text(page, "conflicts") == "none"
+
+
+def test_on_a_narrow_screen_the_list_opens_over_the_scene_and_gives_way(page: Driver) -> None:
+    page.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", {"width": 420, "height": 800, "deviceScaleFactor": 2, "mobile": True}
+    )
+    try:
+        page.refresh()
+        WebDriverWait(page, 30).until(lambda b: b.execute_script("return document.documentElement.dataset.ready"))
+        assert not page.find_element(By.ID, "side").is_displayed()
+        page.find_element(By.ID, "panel").click()
+        page.find_element(By.CSS_SELECTOR, "#conflicts button").click()
+        assert not page.find_element(By.ID, "side").is_displayed()
+        settle(page)
+        assert time_of(page) == 110.0
+        assert page.execute_script("return page.ratio") == 2
+        middle = page.execute_script("return [page.canvas.clientWidth / 2, page.canvas.clientHeight / 2]")
+        assert on_screen(page, 100, 93.4) == pytest.approx(middle, abs=1)
+    finally:
+        page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_definitions_are_one_click_away(page: Driver) -> None:

@@ -31,6 +31,7 @@ class Page {
     this.pointer = null; // where the mouse is, px
     this.moved = 0; // when the view was last moved, ms
     this.frames = 0;
+    $("side").hidden = this.narrow(); // there the list covers the scene
     this.fillBar();
     this.fillSide();
     this.listen();
@@ -219,6 +220,7 @@ class Page {
     conflict.button.classList.add("current");
     const near = Math.min(this.canvas.width, this.canvas.height) / CLOSE_UP;
     this.view = { x: conflict.x, y: conflict.y, scale: Math.max(this.view.scale, near) };
+    if (this.narrow()) $("side").hidden = true;
     this.touch();
   }
 
@@ -298,6 +300,10 @@ class Page {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.readColours());
     document.addEventListener("keydown", (e) => this.key(e));
     this.listenToPointers();
+  }
+
+  narrow() {
+    return matchMedia("(max-width: 760px)").matches;
   }
 
   togglePanel() {
