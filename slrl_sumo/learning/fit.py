@@ -13,7 +13,7 @@ from torch.nn import functional
 import slrl_sumo
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.card import model_card
-from slrl_sumo.learning.modes import assign, cluster, curved
+from slrl_sumo.learning.modes import AT_ONCE, assign, cluster, curved
 from slrl_sumo.learning.supervised import HEADING, rolled, train_displacement, train_prior
 from slrl_sumo.learning.windows import FUTURE, Windows, joined, mirrored, windows
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle
@@ -34,8 +34,9 @@ a few road users cannot show how they differ; and on held-out recordings of HC a
 MODES_BY = ("relative", "kmeans", "balanced", "curved")
 """How modes are found: K-Means over destinations relative to the own speed (Windows.relative), the default because it
 predicted held-out recordings of HC and SDD best (docs/prediction.md); over destinations as in the paper; the same
-balanced between turning and going straight (slrl_sumo.learning.modes.balance); or, for vehicles, balanced over distance
-and curvature of the way there (slrl_sumo.learning.modes.curved), so that there are modes that slow down in a turn."""
+balanced between turning and going straight (slrl_sumo.learning.modes.balance); or, for vehicles, balanced over that
+distance and the curvature of the first 2 s (slrl_sumo.learning.modes.curved), so that there are modes that slow down in
+a turn; their models learn those 2 s."""
 
 BALANCED = ("balanced", "curved")
 
@@ -133,7 +134,9 @@ def _fit(
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train)
     generator = torch.Generator().manual_seed(seed)
-    train_displacement(models, train, mode, epochs, generator, forget)
+    # Modes that say how to turn at once would go round in circles if they were held for longer than they say.
+    horizon = AT_ONCE if modes == "curved" else FUTURE
+    train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
     train_prior(prior, train, mode, epochs, generator)
 
     training: dict[str, Any] = {
@@ -200,7 +203,7 @@ def goals(every: Windows, modes: str) -> Floats:
         goal = every.destination.copy()
         for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
             mine = every.type == kind
-            goal[mine] = curved(goal[mine], kind)
+            goal[mine] = curved(goal[mine], every.path[mine, AT_ONCE - 1], kind)
         return goal
     return every.destination
 

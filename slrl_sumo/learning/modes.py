@@ -23,10 +23,13 @@ SPEED_CELLS = 6
 GENTLE = {RoadUserType.CAR: 0.75, RoadUserType.BICYCLE: 0.5}
 """Power of the distance with which curvature counts: cars go far in 4.8 s, where a gentle curve is a lane's width."""
 
-BEND = {RoadUserType.CAR: 0.17, RoadUserType.BICYCLE: 0.1}
+BEND = {RoadUserType.CAR: 0.22, RoadUserType.BICYCLE: 0.13}
 """Curvature (1/m) times that power of the distance (m) that counts as much as from 4 m to 9 m does."""
 
-SHORT = 4.0
+AT_ONCE = 5
+"""Intervals, 2 s, over which it is seen how they turn."""
+
+SHORT = 2.0
 """m below which a way says little about its curvature."""
 
 
@@ -45,16 +48,17 @@ def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
     return np.asarray(counts * np.bincount(cell, counts)[cell] ** -BALANCE, np.float64)
 
 
-def curved(destinations: Floats, kind: RoadUserType) -> Floats:
-    """Destinations (N, 2) m, ego frame, as root of the distance and curvature of the way there, (N, 2).
+def curved(destinations: Floats, near: Floats, kind: RoadUserType) -> Floats:
+    """What cars or bicycles (`kind`) do next, as root of the distance and curvature, (N, 2).
 
-    `kind`: car or bicycle. The way is the circle from the road user's heading through its destination. In the plane,
-    ways of 5 m to the left, to the right and straight on are near one another, so that K-Means makes one mode of them,
-    which slows down straight on: such modes know no way to slow down in a turn. Roots, because 2 m and 5 m differ as
-    much as 40 m and 50 m.
+    `destinations`: where they are after 4.8 s, (N, 2) m, ego frame; `near`: the same after the first AT_ONCE intervals.
+    The curvature is that of the circle from the heading through `near`. In the plane, ways of 5 m to the left, to the
+    right and straight on are near one another, so that K-Means makes one mode of them, which slows down straight on:
+    such modes know no way to slow down in a turn. And of 4.8 s a turn at a junction takes half. Roots, because 2 m and
+    5 m differ as much as 40 m and 50 m.
     """
-    distance = np.hypot(destinations[:, 0], destinations[:, 1])
-    curvature = 2.0 * np.sin(np.arctan2(destinations[:, 1], destinations[:, 0])) / np.maximum(distance, SHORT)
+    distance, first = (np.hypot(place[:, 0], place[:, 1]) for place in (destinations, near))
+    curvature = 2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(first, SHORT)
     return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND[kind]], -1)
 
 

@@ -89,36 +89,43 @@ def train_displacement(
     mode: Longs,
     epochs: int,
     generator: torch.Generator,
+    *,
     forget: float = 0.0,
+    horizon: int = FUTURE,
 ) -> None:
     """Train all displacement models at once, each on the windows of its type and mode (N,).
 
-    A model is rolled out over the 4.8 s to the destination, fed with its own speed and acceleration as in a run, and
-    all positions on the way count: a model that is trained on single steps drifts where errors add up.
-    `forget`: share of the windows in which they are not told the acceleration. Who accelerates goes on accelerating, so
-    models that always know it wait for what they are to begin: a mode must say by itself what to do.
+    A model is rolled out over `horizon` intervals, usually the 4.8 s to the destination, fed with its own speed and
+    acceleration as in a run, and all positions on the way count: a model that is trained on single steps drifts where
+    errors add up. `forget`: share of the windows in which they are not told the acceleration. Who accelerates goes on
+    accelerating, so models that always know it wait for what they are to begin: a mode must say by itself what to do.
     They start as constant velocity, then all modes of a type learn the same for TYPE_EPOCHS, then each its own.
     """
     networks = models.networks
     networks.initialise(generator)
-    _train_paths(models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "paths of types", generator, forget)
+    _train_paths(
+        models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "paths of types", generator, forget, horizon
+    )
     with torch.no_grad():
         for parameter in networks.parameters():
             parameter.copy_(parameter[:, :1].expand_as(parameter))
-    _train_paths(models, train, mode, epochs, "paths of modes", generator, forget)
+    _train_paths(models, train, mode, epochs, "paths of modes", generator, forget, horizon)
 
 
-def rolled(models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tensor) -> tuple[Tensor, Tensor]:
-    """What becomes of road users that follow one mode for 12 intervals while their surroundings stay as they are.
+def rolled(
+    models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tensor, horizon: int = FUTURE
+) -> tuple[Tensor, Tensor]:
+    """What becomes of road users that follow one mode for `horizon` intervals, their surroundings staying as they are.
 
     `vector` (n, rows, 12), `kind` and `mode` (n,) as in `DisplacementModels.motion_blocks`. Returns the positions
-    (n, rows, 12, 2) in m, in the ego frame of the start, and acceleration and yaw rate (n, rows, 2) of the first step.
+    (n, rows, horizon, 2) in m, in the ego frame of the start, and acceleration and yaw rate (n, rows, 2) of the first
+    step.
     """
     top = models.max_speed[kind][:, None]
     speed, rest = vector[..., SPEED], vector[..., ACCELERATION + 1 :]
     x = y = heading = torch.zeros_like(speed)
     positions, first = [], torch.zeros(0)
-    for step in range(FUTURE):
+    for step in range(horizon):
         acceleration, yaw_rate = models.motion_blocks(vector, kind, mode)
         if step == 0:
             first = torch.stack([acceleration, yaw_rate], -1)
@@ -141,20 +148,21 @@ def _train_paths(
     what: str,
     generator: torch.Generator,
     forget: float,
+    horizon: int,
 ) -> None:
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
-    target = torch.from_numpy(train.path.astype(np.float32))
+    target = torch.from_numpy(train.path[:, :horizon].astype(np.float32))
     # What is beyond the bounds cannot be learned; the position errors still count it.
     bounds = torch.stack([models.acceleration_bounds, models.yaw_rate_bounds], -1)[kind]
     kinematics = torch.from_numpy(np.stack([train.acceleration, train.yaw_rate], -1)).float()
     kinematics = kinematics.clamp(bounds[:, 0], bounds[:, 1])
     # Errors count relative to those of constant velocity at that time, so that walking and driving, and the first
     # step and the last, weigh alike.
-    ahead = torch.arange(1, FUTURE + 1) * DECISION_INTERVAL
+    ahead = torch.arange(1, horizon + 1) * DECISION_INTERVAL
     usual, unit = [], []
     for t in RoadUserType:
         mine = kind == int(t)
-        straight = torch.stack([vector[mine, SPEED, None] * ahead, torch.zeros(int(mine.sum()), FUTURE)], -1)
+        straight = torch.stack([vector[mine, SPEED, None] * ahead, torch.zeros(int(mine.sum()), horizon)], -1)
         usual.append((straight - target[mine]).square().mean((0, 2)).sqrt().clamp_min(1e-2))
         unit.append(kinematics[mine].square().mean(0).sqrt().clamp_min(1e-3))
     path_scale, kinematic_scale = torch.stack(usual), torch.stack(unit)
@@ -170,7 +178,7 @@ def _train_paths(
             seen = turned(vector[rows], generator)
             if forget:
                 seen[..., ACCELERATION] *= torch.rand(rows.shape, generator=generator) >= forget
-            path, first = rolled(models, seen, of, chosen[rows[:, 0]])
+            path, first = rolled(models, seen, of, chosen[rows[:, 0]], horizon)
             error = _huber((path - target[rows]) / path_scale[of][:, None, :, None])
             error = error + KINEMATIC_WEIGHT * _huber((first - kinematics[rows]) / kinematic_scale[of][:, None])
             apart = [(w - c).square().sum() for w, c in zip(models.networks.weight, common, strict=True)]

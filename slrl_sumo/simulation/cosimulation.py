@@ -28,12 +28,14 @@ from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
+WALKING = 0.1
+"""m/s from which persons are taken over."""
 HYSTERESIS = 5.0
 """m that a road user may be outside the region before it is handed back."""
 
 BEYOND = 1.2
 """Times its top speed that a lane's limit may be for a learned car to be there."""
-RIM = 5.0
+RIM = 8.0
 """m outside the network's bounding box that a road user of the scenario may be."""
 
 
@@ -268,6 +270,8 @@ class CoSimulation:
             wanted &= rule.region.inside(everybody.x, everybody.y)
             wanted &= np.array([road_user not in skip for road_user in everybody.ids], np.bool_)
             wanted &= everybody.length <= self._driver.max_length
+            # SUMO turns a person into its way with its first step: until then it may face the other way.
+            wanted &= (everybody.type != RoadUserType.PEDESTRIAN) | (everybody.speed > WALKING)
             if self._fast:
                 wanted &= ~self._on_fast_lane(everybody.ids)
             rows = np.flatnonzero(wanted)
