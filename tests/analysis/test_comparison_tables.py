@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from slrl_sumo.analysis.comparison_measures import MEASURES
 from slrl_sumo.analysis.comparison_run import Record, Run
-from slrl_sumo.analysis.comparison_tables import MEASURES, confidence_interval, distances, rows
+from slrl_sumo.analysis.comparison_tables import confidence_interval, distances, rows
 
 CAR, WALKER = 0, 2
 KINDS = ("car", "bicycle", "pedestrian", "all")
