@@ -112,6 +112,7 @@ MEASURES = (
         _trip_mean(lambda trip: (trip.arrived or 0.0) - trip.departed),
         f"from the departure to the arrival; {SAME}",
     ),
+    Measure("way", "way", "m/trip", 0, TYPE_NAMES, _trip_mean(lambda trip: trip.distance), f"distance covered; {SAME}"),
     Measure(
         "time_loss",
         "time loss",

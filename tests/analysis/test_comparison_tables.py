@@ -65,6 +65,7 @@ def test_travel_times_are_of_those_that_arrived_in_both_arms() -> None:
 def test_delay_is_the_loss_and_the_wait_to_depart() -> None:
     assert row(two_seeds(), "time_loss", "car")["learned"] == 8.5
     assert row(two_seeds(), "delay", "car")["learned"] == 9.0
+    assert row(two_seeds(), "way", "car")["learned"] == 100.0
     assert row(two_seeds(), "stops", "car")["difference"] == -0.5
     assert row(two_seeds(), "standing", "car")["difference"] == -1.0
 
