@@ -22,7 +22,7 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.records.importers.hc import read_hc
 
 FAMILIES = {
-    "intersection": "intersection,random,roundabout",
+    "intersection": "intersection,random,roundabout,shared-space",
     "shared-space": "shared-space",
     "intersection-paper": "intersection,random",
     "shared-space-paper": "shared-space",

@@ -1,8 +1,6 @@
 """The ground under a recording: a SUMO network's, a mask drawn by hand (as in the paper), or road everywhere."""
 
-import tempfile
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import cv2
 import numpy as np
@@ -10,8 +8,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.records.trajectories import Trajectories
-from slrl_sumo.sumo.scenario import read_scenario
-from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.netfile import read_net_file
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.surfaces import Area, Surface, SurfaceShapes
 
@@ -30,19 +27,7 @@ def everywhere_road(recording: Trajectories) -> RoadMap:
 
 def ground_of_net(net: Path) -> RoadMap:
     """The surfaces of a SUMO network, in its own coordinates. Raises InputError where SUMO cannot read it."""
-    if not net.is_file():
-        raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
-    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
-        config = Path(folder) / "net.sumocfg"
-        config.write_text(
-            f"<configuration><input><net-file value={quoteattr(str(net.resolve()))}/></input></configuration>",
-            encoding="utf-8",
-        )
-        try:
-            with SumoSession(read_scenario(config)) as session:
-                return RoadMap(session.network.surfaces())
-        except InputError as error:
-            raise InputError(f"--net {net}: {str(error).removeprefix(f'{config}: ')}") from None
+    return RoadMap(read_net_file(net).surfaces())
 
 
 def ground_of_mask(mask: Path, metres_per_pixel: float) -> RoadMap:

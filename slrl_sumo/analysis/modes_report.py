@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.analysis.prediction_plots import draw_modes
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.fit import MODES_BY, goals
+from slrl_sumo.learning.fit import BALANCED, MODES_BY, goals
 from slrl_sumo.learning.modes import assign, cluster
 from slrl_sumo.learning.windows import windows
 from slrl_sumo.models.displacement import MODES
@@ -30,7 +30,7 @@ def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> 
             modes = {}
             for name in MODES_BY:
                 goal = goals(mine, name)
-                centres = cluster(goal, MODES, seed, TYPE_NAMES[t], balanced=name == "balanced")
+                centres = cluster(goal, MODES, seed, TYPE_NAMES[t], balanced=name in BALANCED)
                 modes[name] = assign(goal, centres)
                 counts = np.bincount(modes[name], minlength=MODES)
                 rows += [(name, TYPE_NAMES[t], mode, *centres[mode], counts[mode]) for mode in range(MODES)]

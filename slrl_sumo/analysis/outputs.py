@@ -19,7 +19,7 @@ from rich.table import Table
 
 from slrl_sumo.analysis.progress import progress
 from slrl_sumo.errors import InputError, SlrlError
-from slrl_sumo.records.fcd_write import FcdWriter, check_fcd_path
+from slrl_sumo.records.fcd_write import check_fcd_path, open_fcd
 from slrl_sumo.records.trajectories import Trajectories, load_trajectories
 from slrl_sumo.simulation.contained import run_contained
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
@@ -76,7 +76,9 @@ def write_run(
                 print(f"note: {notice}", file=sys.stderr)
         tally = Tally(started.step.world)
         pictures = _pictures(started, truth) if report is not None else None
-        writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
+        writer = open_fcd(fcd) if fcd is not None else None
+        if writer is not None:
+            stack.enter_context(writer)
         with _collected(failures), suppress(KeyboardInterrupt):
             if writer is not None:
                 writer.write(started.step.time, started.step.world, started.step.places)
@@ -84,7 +86,7 @@ def write_run(
                 if isinstance(event, Decision):
                     if writer is not None:
                         for step in event.steps:
-                            writer.write(step.time, step.world, step.places)
+                            writer.write(step.time, step.world, step.places, event.modes)
                     tally.add(event)
                     elapsed = time.perf_counter() - begin
                     bar.update(task, advance=1, factor=tally.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))

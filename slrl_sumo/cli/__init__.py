@@ -4,7 +4,7 @@ import shlex
 import sys
 
 # Commands register themselves: the order here is that of --help.
-from slrl_sumo.cli import simulate, measure, learn  # noqa: F401  # isort: skip
+from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app
 from slrl_sumo.errors import InputError, SlrlError, SumoError
 

@@ -65,7 +65,10 @@ def fit(
     epochs: Annotated[int, typer.Option(help="Passes over the windows.")] = 35,
     modes: Annotated[
         str,
-        typer.Option(help="Clusters of: relative (to the own speed), kmeans (the paper's), balanced (more turning)."),
+        typer.Option(
+            help="Clusters of: relative (to the own speed), kmeans (the paper's), balanced (more turning), "
+            "curved (vehicles: distance and curvature)."
+        ),
     ] = "relative",
     test: Annotated[
         list[Path] | None,

@@ -1,11 +1,11 @@
-"""Commands that measure: evaluate, compare."""
+"""Commands that measure: evaluate, compare, bench."""
 
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import app
+from slrl_sumo.cli.app import app, check_output
 from slrl_sumo.errors import InputError
 
 
@@ -64,16 +64,20 @@ def evaluate(
         return
     given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
     if agents is not None:
-        try:
-            given["agents"] = tuple(dict.fromkeys(int(number) for number in agents.split(",")))
-        except ValueError:
-            raise InputError(f"--agents {agents}: give whole numbers separated by commas, e.g. 16,32,64") from None
+        given["agents"] = _numbers("agents", agents)
     from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
 
     settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, **given)
     interrupted_by = write_evaluation(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
+
+
+def _numbers(option: str, text: str) -> tuple[int, ...]:
+    try:
+        return tuple(dict.fromkeys(int(number) for number in text.split(",")))
+    except ValueError:
+        raise InputError(f"--{option} {text}: give whole numbers separated by commas, e.g. 16,32,64") from None
 
 
 @app.command()
@@ -159,3 +163,39 @@ def _evaluate_recording(
         )
     write_evaluation(result, out)
     print_evaluation(result)
+
+
+@app.command()
+def bench(
+    json_file: Annotated[Path | None, typer.Option("--json", help="The table as JSON.")] = None,
+    scenarios: Annotated[
+        str, typer.Option(help="Shipped names, folders or .sumocfg, separated by commas.")
+    ] = "intersection,shared-space,district",
+    agents: Annotated[str, typer.Option(help="Learned road users, separated by commas.")] = "16,64,256,1024",
+    cores: Annotated[
+        str | None, typer.Option(help="So many simulations side by side, e.g. 1,4. [default: 1 and all cores]")
+    ] = None,
+    steps: Annotated[int, typer.Option(help="Decisions that count, of each measurement.")] = 60,
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
+    selector: Annotated[str | None, typer.Option(help="As in `run`. [default: the bundle's usual one]")] = None,
+    mix: Annotated[str, typer.Option(help="Shares of types, as in `run`.")] = "car=0.3,bicycle=0.3,pedestrian=0.4",
+    seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
+) -> None:
+    """Measure throughput on this machine, beside plain SUMO and the bare library calls."""
+    from slrl_sumo.analysis.bench import BenchSettings, write_bench
+
+    if json_file is not None:
+        check_output(json_file)
+    settings = BenchSettings(
+        scenarios=tuple(dict.fromkeys(name.strip() for name in scenarios.split(","))),
+        agents=_numbers("agents", agents),
+        cores=() if cores is None else _numbers("cores", cores),
+        steps=steps,
+        bundle=bundle,
+        selector=selector,
+        mix=mix,
+        seed=seed,
+    )
+    interrupted_by = write_bench(settings, json_file)
+    if interrupted_by:
+        raise typer.Exit(128 + interrupted_by)

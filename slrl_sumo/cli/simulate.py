@@ -43,7 +43,9 @@ def run(
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
-    fcd: Annotated[Path | None, typer.Option(help="Trace: .xml, .xml.gz or .csv.")] = None,
+    fcd: Annotated[
+        Path | None, typer.Option(help="Trace: .xml, .xml.gz, .csv or .parquet; the last two have modes.")
+    ] = None,
     summary: Annotated[Path | None, typer.Option(help="Summary as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html and its pictures.")] = None,
     recording: Annotated[

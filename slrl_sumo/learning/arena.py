@@ -31,7 +31,7 @@ from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.route import on_path
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 EPISODE_STEPS = 128
 """Decisions of an episode (paper, section 4.1)."""
@@ -330,6 +330,11 @@ def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
 
     In motion is who comes farther than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
     """
+    types = bundle.training.get("types", {})
+    recorded = [types.get(name, {}).get("moving_speed_mps") for name in TYPE_NAMES]
+    if all(recorded):
+        return recorded[0], recorded[1], recorded[2]
+    # Bundles that were fitted before this was written down: their modes are clusters of positions.
     distance = np.hypot(bundle.mode_centres[..., 0], bundle.mode_centres[..., 1])
     count = np.where(distance > MOVING_DISTANCE, bundle.mode_counts, 0)
     car, bicycle, pedestrian = (distance * count).sum(1) / np.maximum(count.sum(1), 1) / HORIZON

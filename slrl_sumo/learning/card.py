@@ -12,6 +12,8 @@ MODES_BY_TEXT = {
     "constant velocity leads are taken out)",
     "kmeans": "K-Means of the position after 4.8 s",
     "balanced": "K-Means of the position after 4.8 s, balanced between turning and going straight",
+    "curved": "K-Means of distance and curvature of the way of the next 4.8 s (pedestrians: of the position after it), "
+    "balanced between turning and going straight",
 }
 """How modes are found, by the names that `slrl-sumo fit --modes` knows."""
 

@@ -13,9 +13,9 @@ from torch.nn import functional
 import slrl_sumo
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.card import model_card
-from slrl_sumo.learning.modes import assign, cluster
+from slrl_sumo.learning.modes import assign, cluster, curved
 from slrl_sumo.learning.supervised import HEADING, rolled, train_displacement, train_prior
-from slrl_sumo.learning.windows import Windows, joined, mirrored, windows
+from slrl_sumo.learning.windows import FUTURE, Windows, joined, mirrored, windows
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
 from slrl_sumo.models.prior import Prior
@@ -31,13 +31,19 @@ MIRROR_BELOW = 20_000
 """A type with fewer windows than this is taught by its mirrored ones too. Left and right are not alike in traffic, but
 a few road users cannot show how they differ; and on held-out recordings of HC and SDD the mirror paid for all types."""
 
-MODES_BY = ("relative", "kmeans", "balanced")
+MODES_BY = ("relative", "kmeans", "balanced", "curved")
 """How modes are found: K-Means over destinations relative to the own speed (Windows.relative), the default because it
 predicted held-out recordings of HC and SDD best (docs/prediction.md); over destinations as in the paper; the same
-balanced between turning and going straight (slrl_sumo.learning.modes.balance)."""
+balanced between turning and going straight (slrl_sumo.learning.modes.balance); or, for vehicles, balanced over distance
+and curvature of the way there (slrl_sumo.learning.modes.curved), so that there are modes that slow down in a turn."""
+
+BALANCED = ("balanced", "curved")
 
 TURNING = 0.02
 """rad/s; a road user with a higher yaw rate is turning."""
+
+MOVING_DISTANCE = 2.4
+"""m in the 4.8 s of a window from which somebody is in motion: 0.5 m/s, the paper's r3."""
 
 FREE_TURNING = 0.5
 """m/s from which on pedestrians turn as quickly as they ever do; below it the less the slower they are."""
@@ -55,14 +61,17 @@ def fit(
     modes: str = "relative",
     tests: Sequence[Trajectories] = (),
     notice: str = "",
+    mirror: bool = False,
+    forget: float = 0.0,
 ) -> ModelBundle:
     """Learn a bundle called `name` from recordings of all three road user types.
 
     Errors are measured on `tests`, recordings of all three types that nothing is learned from; without them on
     HELD_OUT of the tracks of each type, which are kept out of training. `stride` > 1 uses every stride-th frame only;
-    `modes` is one of MODES_BY; `notice` is what the licence of the data wants said in the model card. The same seed
-    and recordings give the same weights on one machine, whatever the number of threads. Raises InputError where the
-    recordings have another interval or too little of a type.
+    `modes` is one of MODES_BY; `mirror` teaches every type by its mirrored windows too, not only those with few;
+    `forget` is that of train_displacement; `notice` is what the licence of the data wants said in the model card. The
+    same seed and recordings give the same weights on one machine, whatever the number of threads. Raises InputError
+    where the recordings have another interval or too little of a type.
     """
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
@@ -75,7 +84,7 @@ def fit(
     if modes not in MODES_BY:
         raise InputError(f"--modes {modes}: there is no such clustering; use {', '.join(MODES_BY)}")
     with one_thread():
-        return _fit(recordings, tests, name, seed, epochs, stride, modes, notice)
+        return _fit(recordings, tests, name, seed, epochs, stride, modes, notice, mirror, forget)
 
 
 @contextmanager
@@ -98,19 +107,20 @@ def _fit(
     stride: int,
     modes: str,
     notice: str,
+    mirror: bool,
+    forget: float,
 ) -> ModelBundle:
     every = windows([*recordings, *tests], stride)
     held_out = every.recording >= len(recordings) if tests else _hold_out(every, seed)
     _check_types(every, held_out)
     train = every.take(~held_out)
     few = np.bincount(train.type, minlength=len(RoadUserType)) < MIRROR_BELOW
+    few |= mirror
     train = joined([train, mirrored(train.take(few[train.type]))])
     config = BundleConfig()
     centres = np.stack(
         [
-            cluster(
-                goals(train, modes)[train.type == t], config.modes, seed, TYPE_NAMES[t], balanced=modes == "balanced"
-            )
+            cluster(goals(train, modes)[train.type == t], config.modes, seed, TYPE_NAMES[t], balanced=modes in BALANCED)
             for t in RoadUserType
         ]
     )
@@ -123,7 +133,7 @@ def _fit(
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train)
     generator = torch.Generator().manual_seed(seed)
-    train_displacement(models, train, mode, epochs, generator)
+    train_displacement(models, train, mode, epochs, generator, forget)
     train_prior(prior, train, mode, epochs, generator)
 
     training: dict[str, Any] = {
@@ -134,6 +144,7 @@ def _fit(
         "epochs": epochs,
         "modes": config.modes,
         "modes_by": modes,
+        "forget": forget,
         "mirrored": [TYPE_NAMES[t] for t in RoadUserType if few[t]],
         "held_out_share": None if tests else HELD_OUT,
         "tests": [recording.source for recording in tests],
@@ -182,8 +193,16 @@ def _check_types(every: Windows, held_out: NDArray[np.bool_]) -> None:
 
 
 def goals(every: Windows, modes: str) -> Floats:
-    """What modes of this kind (one of MODES_BY) are clusters of, (N, 2) m."""
-    return every.relative if modes == "relative" else every.destination
+    """What modes of this kind (one of MODES_BY) are clusters of, (N, 2): m, or what `curved` gives."""
+    if modes == "relative":
+        return every.relative
+    if modes == "curved":
+        goal = every.destination.copy()
+        for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
+            mine = every.type == kind
+            goal[mine] = curved(goal[mine], kind)
+        return goal
+    return every.destination
 
 
 def _modes_of(every: Windows, modes: str, centres: Floats) -> Longs:
@@ -255,6 +274,8 @@ def _measured(
     arrived = rolled(models, vector[:, None], kind, true)[0][:, 0, -1]
     arrival_error = (arrived - torch.from_numpy(test.destination).float()).norm(dim=-1)
     seen = torch.bincount(true, minlength=len(counts))
+    way = np.hypot(train.destination[:, 0], train.destination[:, 1])
+    moving = way > MOVING_DISTANCE
 
     def by_mode(values: torch.Tensor) -> list[float]:
         return (torch.bincount(true, values.double(), len(counts)) / seen.clamp_min(1)).tolist()
@@ -280,6 +301,7 @@ def _measured(
         "frequency_cross_entropy_nats": float(-frequency[true].log().mean()),
         "prior_accuracy": float((logits.argmax(-1) == true).float().mean()),
         "most_frequent_accuracy": float((true == int(counts.argmax())).float().mean()),
+        "moving_speed_mps": float(way[moving].mean() / (FUTURE * DECISION_INTERVAL)) if moving.any() else None,
         "speed_percentiles_mps": np.percentile(train.vector[:, SPEED], (1, 99)).tolist(),
         "acceleration_percentiles_mps2": np.percentile(train.acceleration, (1, 99)).tolist(),
         "acceleration_bounds_mps2": models.acceleration_bounds[t].tolist(),

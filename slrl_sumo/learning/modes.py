@@ -6,6 +6,7 @@ from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.types import RoadUserType
 
 ENOUGH = 200_000
 """Distinct destinations beyond which K-Means sees a random share: 20 centres in the plane need no more."""
@@ -18,6 +19,15 @@ TURNS = np.radians([-75.0, -45.0, -20.0, -7.0, 7.0, 20.0, 45.0, 75.0])
 """Bounds between the cells of bearings, rad."""
 
 SPEED_CELLS = 6
+
+GENTLE = {RoadUserType.CAR: 0.75, RoadUserType.BICYCLE: 0.5}
+"""Power of the distance with which curvature counts: cars go far in 4.8 s, where a gentle curve is a lane's width."""
+
+BEND = {RoadUserType.CAR: 0.17, RoadUserType.BICYCLE: 0.1}
+"""Curvature (1/m) times that power of the distance (m) that counts as much as from 4 m to 9 m does."""
+
+SHORT = 4.0
+"""m below which a way says little about its curvature."""
 
 
 def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
@@ -33,6 +43,19 @@ def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
     turn = np.searchsorted(TURNS, np.arctan2(destinations[:, 1], destinations[:, 0]))
     cell = ring * (len(TURNS) + 1) + turn
     return np.asarray(counts * np.bincount(cell, counts)[cell] ** -BALANCE, np.float64)
+
+
+def curved(destinations: Floats, kind: RoadUserType) -> Floats:
+    """Destinations (N, 2) m, ego frame, as root of the distance and curvature of the way there, (N, 2).
+
+    `kind`: car or bicycle. The way is the circle from the road user's heading through its destination. In the plane,
+    ways of 5 m to the left, to the right and straight on are near one another, so that K-Means makes one mode of them,
+    which slows down straight on: such modes know no way to slow down in a turn. Roots, because 2 m and 5 m differ as
+    much as 40 m and 50 m.
+    """
+    distance = np.hypot(destinations[:, 0], destinations[:, 1])
+    curvature = 2.0 * np.sin(np.arctan2(destinations[:, 1], destinations[:, 0])) / np.maximum(distance, SHORT)
+    return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND[kind]], -1)
 
 
 def cluster(destinations: Floats, k: int, seed: int, name: str = "road user", *, balanced: bool = False) -> Floats:

@@ -32,7 +32,8 @@ say nothing about the turn, and nothing about how hard a stopped road user brake
 
 EPOCH_PATHS = 120_000
 """Windows an epoch of paths draws at most: those of successive moments share 11 of 12 intervals, so of a million any
-eighth says as much."""
+eighth says as much. Each group of a model gets the same share, or all that it has: modes for rare manoeuvres have a few
+hundred windows of a million, and would hardly learn."""
 
 PRIOR_PENALTY = 1.0
 """Of the sum of squared weights of the mode classifiers, beside the sum of the windows' cross-entropies. Found on HC:
@@ -83,21 +84,28 @@ def _batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) 
 
 
 def train_displacement(
-    models: DisplacementModels, train: Windows, mode: Longs, epochs: int, generator: torch.Generator
+    models: DisplacementModels,
+    train: Windows,
+    mode: Longs,
+    epochs: int,
+    generator: torch.Generator,
+    forget: float = 0.0,
 ) -> None:
     """Train all displacement models at once, each on the windows of its type and mode (N,).
 
     A model is rolled out over the 4.8 s to the destination, fed with its own speed and acceleration as in a run, and
     all positions on the way count: a model that is trained on single steps drifts where errors add up.
+    `forget`: share of the windows in which they are not told the acceleration. Who accelerates goes on accelerating, so
+    models that always know it wait for what they are to begin: a mode must say by itself what to do.
     They start as constant velocity, then all modes of a type learn the same for TYPE_EPOCHS, then each its own.
     """
     networks = models.networks
     networks.initialise(generator)
-    _train_paths(models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "paths of types", generator)
+    _train_paths(models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "paths of types", generator, forget)
     with torch.no_grad():
         for parameter in networks.parameters():
             parameter.copy_(parameter[:, :1].expand_as(parameter))
-    _train_paths(models, train, mode, epochs, "paths of modes", generator)
+    _train_paths(models, train, mode, epochs, "paths of modes", generator, forget)
 
 
 def rolled(models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tensor) -> tuple[Tensor, Tensor]:
@@ -126,7 +134,13 @@ def rolled(models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tenso
 
 
 def _train_paths(
-    models: DisplacementModels, train: Windows, mode: Longs, epochs: int, what: str, generator: torch.Generator
+    models: DisplacementModels,
+    train: Windows,
+    mode: Longs,
+    epochs: int,
+    what: str,
+    generator: torch.Generator,
+    forget: float,
 ) -> None:
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
     target = torch.from_numpy(train.path.astype(np.float32))
@@ -149,11 +163,14 @@ def _train_paths(
     common = [weight.detach().clone() for weight in models.networks.weight]
     optimizer = torch.optim.Adam(models.parameters())
     for _ in _epochs(epochs, what, optimizer):
-        some = random.permutation(len(train))[:EPOCH_PATHS]
+        some = _some(group, random)
         for rows in _batches(group[some], 64, 120, random):
             rows = torch.from_numpy(some)[rows]
             of = kind[rows[:, 0]]
-            path, first = rolled(models, turned(vector[rows], generator), of, chosen[rows[:, 0]])
+            seen = turned(vector[rows], generator)
+            if forget:
+                seen[..., ACCELERATION] *= torch.rand(rows.shape, generator=generator) >= forget
+            path, first = rolled(models, seen, of, chosen[rows[:, 0]])
             error = _huber((path - target[rows]) / path_scale[of][:, None, :, None])
             error = error + KINEMATIC_WEIGHT * _huber((first - kinematics[rows]) / kinematic_scale[of][:, None])
             apart = [(w - c).square().sum() for w, c in zip(models.networks.weight, common, strict=True)]
@@ -161,6 +178,20 @@ def _train_paths(
             optimizer.zero_grad()
             torch.autograd.backward(error)
             optimizer.step()
+
+
+def _some(group: Longs, random: np.random.Generator) -> Longs:
+    """Windows of one epoch, int64 indices in a random order; `group` (N,) as in `_batches`."""
+    order = random.permutation(len(group))
+    if len(group) <= EPOCH_PATHS:
+        return order
+    # The same number of each group, as far as it goes.
+    share = EPOCH_PATHS // len(np.unique(group))
+    grouped = order[np.argsort(group[order], kind="stable")]
+    first = np.searchsorted(group[grouped], group[grouped])
+    chosen = np.zeros(len(group), np.bool_)
+    chosen[grouped[np.arange(len(group)) - first < share]] = True
+    return order[chosen[order]]
 
 
 def _huber(error: Tensor) -> Tensor:

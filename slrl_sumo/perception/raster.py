@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slrl_sumo.world.geometry import Floats, to_ego
+from slrl_sumo.world.geometry import Floats, cos_sin, to_ego
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.route import HERE, RouteAhead
 from slrl_sumo.world.state import WorldState
@@ -119,7 +119,7 @@ def _draw_road_users(
     canvas: NDArray[np.uint8], world: WorldState, rows: NDArray[np.intp], everyone: cKDTree, reach: Floats
 ) -> None:
     """Draw all that the road users `rows` see, each into its own view of the canvas."""
-    cos, sin = np.cos(world.heading), np.sin(world.heading)
+    cos, sin = cos_sin(world.heading)
     # Search round the middle of the views, not round the egos: a third of the area.
     middle = (AHEAD - BEHIND) / 2
     centres = np.stack([world.x[rows] + middle * cos[rows], world.y[rows] + middle * sin[rows]], axis=1)

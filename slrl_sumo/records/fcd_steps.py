@@ -1,29 +1,38 @@
-"""The time steps of FCD files in XML and CSV, one after the other, as text."""
+"""The time steps of FCD files in XML and CSV, and of tables like the CSV, one after the other."""
 
 import csv
 import gzip
 import re
 import zlib
-from collections.abc import Iterator
-from typing import IO, NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 from lxml import etree
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.records.fcd_write import OWN_COLUMNS
 
-_CSV_FIELDS = ("id", "type", "x", "y", "angle", "lane", "edge")
+if TYPE_CHECKING:
+    import _csv
+
+_FIELDS = ("id", "type", "x", "y", "angle", "lane", "edge", "speed", *OWN_COLUMNS)
 
 
 class FcdRow(NamedTuple):
-    """One road user in one time step, as text."""
+    """One road user in one time step; figures as text or, from binary formats, as numbers."""
 
     id: str
     vtype: str
     person: bool
-    x: str
-    y: str
-    angle: str
+    x: str | float
+    y: str | float
+    angle: str | float
     line: int
+    speed: str | float = ""
+    """'' where the file has none; so is `mode`."""
+    mode: str | float = ""
+    learned: bool | None = None
+    """None where the file does not say."""
 
 
 class FcdStep(NamedTuple):
@@ -50,7 +59,7 @@ def xml_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
                     raise InputError(f"{name}, line {line}: <{user.tag}> needs the attributes id, x, y and angle")
                 person = user.tag == "person"
                 if not (person and get("vehicle")):
-                    rows.append(FcdRow(identity, get("type", ""), person, x, y, angle, line))
+                    rows.append(FcdRow(identity, get("type", ""), person, x, y, angle, line, get("speed", "")))
             yield FcdStep(element.get("time", ""), element.sourceline or 0, rows)
             complete += 1
             element.clear()
@@ -85,6 +94,10 @@ def _is_cut_off(name: str) -> bool:
     return not end.rstrip().endswith(b"</fcd-export>")
 
 
+class _RaggedError(ValueError):
+    """A line of CSV with too many or too few fields."""
+
+
 def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     """The time steps of the CSV text of `file`, called `name` in messages; memory holds one step at a time.
 
@@ -94,40 +107,65 @@ def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     lines = csv.reader((line.decode() for line in file), delimiter=";", strict=True)
     complete = 0
     try:
-        columns = {column: i for i, column in enumerate(next(lines, []))}
-        # SUMO names the columns of all rows after the first row's element, its xml2csv.py those of each element apart.
-        kinds = [kind for kind in ("vehicle", "person") if f"{kind}_id" in columns]
-        needed = ["timestep_time", *(f"{kind}_{c}" for kind in kinds for c in ("x", "y", "angle"))]
-        if not kinds or not all(c in columns for c in needed):
+        columns = next(lines, [])
+        if not is_fcd(columns):
             wanted = "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_angle"
             raise InputError(f"{name}, line 1: an FCD file in CSV has at least the columns {wanted}, this one has not")
-        empty = len(columns)  # an absent column is read as an empty field behind the others
-        at = {kind: [columns.get(f"{kind}_{c}", empty) for c in _CSV_FIELDS] for kind in kinds}
-        step = FcdStep("", 0, [])
-        for fields in lines:
-            if not fields:
-                continue
-            if len(fields) != empty:
-                what = f"has {len(fields)} fields, not {empty}"
-                raise InputError(
-                    f"{name}, line {lines.line_num}: {what}; is the file cut off? {complete} complete time steps "
-                    "could be read"
-                )
-            fields.append("")
-            time = fields[columns["timestep_time"]]
-            if time != step.time:
-                if step.rows:
-                    yield step
-                    complete += 1
-                step = FcdStep(time, lines.line_num, [])
-            kind = kinds[0] if len(kinds) == 1 or fields[columns["vehicle_id"]] else "person"
-            identity, vtype, x, y, angle, lane, edge = (fields[i] for i in at[kind])
-            if identity:  # a time step without road users
-                person = kind == "person" if len(kinds) == 2 else bool(edge) and not lane
-                step.rows.append(FcdRow(identity, vtype, person, x, y, angle, lines.line_num))
-        if step.rows:
+        for step in steps_of_rows(columns, _whole_lines(lines, len(columns))):
             yield step
+            complete += 1
+    except _RaggedError as e:
+        raise InputError(
+            f"{name}, line {lines.line_num}: {e}; is the file cut off? {complete} complete time steps could be read"
+        ) from None
     except (csv.Error, UnicodeDecodeError) as e:
         raise InputError(
             f"{name}, line {lines.line_num + 1}: not CSV text ({e}); {complete} complete time steps could be read"
         ) from e
+
+
+def _whole_lines(lines: "_csv.Reader", width: int) -> Iterator[tuple[int, list[str]]]:
+    """Line number and fields of each line that is not empty."""
+    for fields in lines:
+        if not fields:
+            continue
+        if len(fields) != width:
+            raise _RaggedError(f"has {len(fields)} fields, not {width}")
+        yield lines.line_num, fields
+
+
+def _kinds(columns: Sequence[str]) -> list[str]:
+    """SUMO names the columns of all rows after the first row's element, its xml2csv.py those of each element apart."""
+    return [kind for kind in ("vehicle", "person") if f"{kind}_id" in columns]
+
+
+def is_fcd(columns: Sequence[str]) -> bool:
+    """Whether a table with these columns can be FCD."""
+    kinds = _kinds(columns)
+    return bool(kinds) and {"timestep_time", *(f"{kind}_{c}" for kind in kinds for c in ("x", "y", "angle"))} <= {
+        *columns
+    }
+
+
+def steps_of_rows(columns: Sequence[str], rows: Iterable[tuple[int, list[Any]]]) -> Iterator[FcdStep]:
+    """The time steps of a table for which `is_fcd`: `rows` are line numbers and fields, '' where there is nothing."""
+    kinds, empty = _kinds(columns), len(columns)  # an absent column is read as an empty field behind the others
+    place = {column: i for i, column in enumerate(columns)}
+    at = {kind: [place.get(c if c in OWN_COLUMNS else f"{kind}_{c}", empty) for c in _FIELDS] for kind in kinds}
+    when, vehicle = place["timestep_time"], place.get("vehicle_id", empty)
+    step, now = FcdStep("", 0, []), None
+    for line, fields in rows:
+        fields.append("")
+        if fields[when] != now:
+            if now is not None:
+                yield step
+            now = fields[when]
+            step = FcdStep(str(now), line, [])
+        kind = kinds[0] if len(kinds) == 1 or fields[vehicle] else "person"
+        identity, vtype, x, y, angle, lane, edge, speed, mode, learned = [fields[i] for i in at[kind]]
+        if identity:  # else a time step without road users
+            person = kind == "person" if len(kinds) == 2 else bool(edge) and not lane
+            told = None if learned == "" else learned in (True, "1", "true", "True")
+            step.rows.append(FcdRow(identity, vtype, person, x, y, angle, line, speed, mode, told))
+    if now is not None:
+        yield step

@@ -5,9 +5,10 @@ import os
 import re
 from contextlib import suppress
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,20 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.world.state import WorldState
 
-SUFFIXES = (".xml.gz", ".xml", ".csv")
+if TYPE_CHECKING:
+    from slrl_sumo.records.fcd_parquet import ParquetWriter
+
+SUFFIXES = (".xml.gz", ".xml", ".csv", ".parquet")
 """What the name of an FCD file may end in; it decides the format."""
 
 CSV_COLUMNS = (
     *("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"),
     *("vehicle_speed", "vehicle_pos", "vehicle_lane", "vehicle_edge", "vehicle_slope"),
 )
-"""Columns of SUMO 1.28's own CSV. Persons use the same columns: they have an edge and no lane."""
+"""Columns of SUMO 1.28's own CSV and Parquet. Persons use the same columns: they have an edge and no lane."""
+OWN_COLUMNS = ("mode", "learned")
+"""Columns that follow them: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0.
+SUMO's schema of the XML has no place for either."""
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>\n\n'
@@ -38,9 +45,9 @@ _PERSON = f'        <person{_POSE} pos="%.3f" edge="%s" slope="0.00"/>\n'
 _VEHICLE_NOWHERE = f'        <vehicle{_POSE} slope="0.00"/>\n'
 _PERSON_NOWHERE = f'        <person{_POSE} slope="0.00"/>\n'
 _CSV_POSE = "%s;%.3f;%.3f;%.2f;%s;%.3f"
-_CSV_VEHICLE = f"{_CSV_POSE};%.3f;%s;;0.00\n"
-_CSV_PERSON = f"{_CSV_POSE};%.3f;;%s;0.00\n"
-_CSV_NOWHERE = f"{_CSV_POSE};;;;0.00\n"
+_CSV_VEHICLE = f"{_CSV_POSE};%.3f;%s;;0.00;%s\n"
+_CSV_PERSON = f"{_CSV_POSE};%.3f;;%s;0.00;%s\n"
+_CSV_NOWHERE = f"{_CSV_POSE};;;;0.00;%s\n"
 
 _ESCAPES = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
@@ -67,15 +74,29 @@ class Places:
 
 
 def check_fcd_path(path: str | os.PathLike[str]) -> str:
-    """The suffix (one of SUFFIXES) of an FCD file's name; InputError where there is none."""
+    """The suffix (one of SUFFIXES) of an FCD file's name; InputError where there is none, or pyarrow is missing."""
     for suffix in SUFFIXES:
         if os.fspath(path).lower().endswith(suffix):
+            if suffix == ".parquet" and find_spec("pyarrow") is None:
+                raise InputError(
+                    f"{os.fspath(path)}: Parquet needs pyarrow, which is not installed; "
+                    "pip install 'slrl-sumo[parquet]', or name a .csv"
+                )
             return suffix
-    raise InputError(f"{os.fspath(path)}: FCD files end in .xml, .xml.gz or .csv; give it one of these names")
+    raise InputError(f"{os.fspath(path)}: FCD files end in .xml, .xml.gz, .csv or .parquet; give it one of these names")
+
+
+def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
+    """A writer of the format that the file's name asks for. Raises InputError as FcdWriter does."""
+    if check_fcd_path(path) != ".parquet":
+        return FcdWriter(path)
+    from slrl_sumo.records.fcd_parquet import ParquetWriter  # pyarrow is an extra
+
+    return ParquetWriter(path)
 
 
 class FcdWriter:
-    """Writes an FCD file, one whole time step after the other; a context manager.
+    """Writes an FCD file as XML or CSV, one whole time step after the other; a context manager.
 
     The same worlds give the same bytes. The file on disk is valid at any time, even where the process dies, and after
     `close` it holds every time step up to the last one that could be written whole. A pipe is written straight on, and
@@ -99,49 +120,41 @@ class FcdWriter:
         except OSError as e:
             raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
         self._seekable = self._file.seekable()
-        self._put([";".join(CSV_COLUMNS) + "\n" if self._csv else _HEAD])
+        self._put([";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n" if self._csv else _HEAD])
 
-    def write(self, time: float, world: WorldState, places: Places) -> None:
+    def write(self, time: float, world: WorldState, places: Places, modes: NDArray[np.integer] | None = None) -> None:
         """Add the time step `time` (s): first the vehicles, then the persons, each in the order of `world`.
 
-        Positions become those of front bumpers, headings SUMO's angles. Raises ValueError where a figure is not finite.
+        Positions become those of front bumpers, headings SUMO's angles. `modes`: of the learned road users, in their
+        order; None where they have none. Raises ValueError where a figure is not finite.
         """
         if self._file.closed:
             raise ValueError(f"{self.path} is closed")
-        x, y = front_from_centre(world.x, world.y, world.heading, world.length)
-        position = places.lane_position
-        if not np.isfinite(position).all():
-            position = np.where(np.array(places.lane) == "", 0.0, position)
-        numbers = np.stack([x, y, world.speed, position])
-        angle = np.round(heading_to_sumo(world.heading), 2) % 360.0  # 359.996 would print as 360.00
-        if not (np.isfinite(numbers).all() and np.isfinite(angle).all()):
-            raise ValueError(f"world at {time} s: positions, headings and speeds must be finite")
-        numbers = np.round(numbers, 3)
-        numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
-        x, y, speed, position = numbers + 0.0  # no "-0.000"
+        x, y, angle, speed, position = figures(time, world, places)
         escape = _quoted if self._csv else _escaped
-        rows = zip(
+        columns = [
             *(escape(world.ids), x.tolist(), y.tolist(), angle.tolist(), escape(places.sumo_type)),
             *(speed.tolist(), position.tolist(), escape(places.lane)),
-            strict=True,
-        )
+        ]
         stamp = f"{time + 0.0:.2f}" if abs(round(time, 2) - time) < 1e-6 else f"{time:.3f}"
         if self._csv:
-            with_lane, nowhere = stamp + ";" + _CSV_VEHICLE, stamp + ";" + _CSV_NOWHERE
-            with_edge, person_nowhere = stamp + ";" + _CSV_PERSON, nowhere
+            with_lane, with_edge, nowhere = (f"{stamp};{form}" for form in (_CSV_VEHICLE, _CSV_PERSON, _CSV_NOWHERE))
+            person_nowhere = nowhere
+            columns.append(_own_fields(world, modes))
         else:
-            with_lane, nowhere = _VEHICLE, _VEHICLE_NOWHERE
-            with_edge, person_nowhere = _PERSON, _PERSON_NOWHERE
+            with_lane, with_edge, nowhere, person_nowhere = _VEHICLE, _PERSON, _VEHICLE_NOWHERE, _PERSON_NOWHERE
+        rows = zip(*columns, strict=True)
         if places.person.any():
             vehicles, persons = [], []
             for person, row in zip(places.person.tolist(), rows, strict=True):
                 if person:
-                    persons.append(with_edge % row if row[7] else person_nowhere % row[:6])
+                    persons.append(with_edge % row if row[7] else person_nowhere % (row[:6] + row[8:]))
                 else:
-                    vehicles.append(with_lane % row if row[7] else nowhere % row[:6])
-            text = "".join(vehicles) + "".join(persons)
+                    vehicles.append(with_lane % row if row[7] else nowhere % (row[:6] + row[8:]))
+            lines = vehicles + persons
         else:
-            text = "".join([with_lane % row if row[7] else nowhere % row[:6] for row in rows])
+            lines = [with_lane % row if row[7] else nowhere % (row[:6] + row[8:]) for row in rows]
+        text = "".join(lines)
         if not self._csv:
             text = (
                 f'    <timestep time="{stamp}">\n{text}    </timestep>\n'
@@ -212,6 +225,46 @@ class FcdWriter:
         rest = memoryview(data)
         while rest:
             rest = rest[self._file.write(rest) :]
+
+
+def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """x, y (m, of front bumpers), angle (degrees), speed (m/s) and position on the lane (m) as FCD has them, (n,) each.
+
+    Raises ValueError where one is not finite.
+    """
+    x, y = front_from_centre(world.x, world.y, world.heading, world.length)
+    position = places.lane_position
+    if not np.isfinite(position).all():
+        position = np.where(np.array(places.lane) == "", 0.0, position)
+    numbers = np.stack([x, y, world.speed, position])
+    angle = np.round(heading_to_sumo(world.heading), 2) % 360.0  # 359.996 would print as 360.00
+    if not (np.isfinite(numbers).all() and np.isfinite(angle).all()):
+        raise ValueError(f"world at {time} s: positions, headings and speeds must be finite")
+    numbers = np.round(numbers, 3)
+    numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
+    x, y, speed, position = numbers + 0.0  # no "-0.000"
+    return x, y, angle, speed, position
+
+
+def _own_fields(world: WorldState, modes: NDArray[np.integer] | None) -> list[str]:
+    """The OWN_COLUMNS of each road user."""
+    fields = [";0"] * len(world)
+    for row, mode in zip(*learned_modes(world, modes), strict=True):
+        fields[row] = f"{mode};1"
+    return fields
+
+
+def learned_modes(world: WorldState, modes: NDArray[np.integer] | None) -> tuple[list[int], list[int] | list[str]]:
+    """Rows of the learned road users, and their modes; '' where they have none.
+
+    Raises ValueError where there are not as many `modes` as learned road users.
+    """
+    learned: list[int] = np.flatnonzero(world.learned).tolist()
+    if modes is None:
+        return learned, [""] * len(learned)
+    if len(modes) != len(learned):
+        raise ValueError(f"{len(modes)} modes for {len(learned)} learned road users")
+    return learned, modes.tolist()
 
 
 def _escaped(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:

@@ -14,6 +14,7 @@ from slrl_sumo.simulation.looping import bring_back, left_scene, start_anew
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speed
+from slrl_sumo.simulation.stopwatch import Stopwatch
 from slrl_sumo.simulation.takeover import drawn
 from slrl_sumo.sumo.ahead import TrafficAhead, traffic_ahead
 from slrl_sumo.sumo.loans import Loans
@@ -86,7 +87,13 @@ class CoSimulation:
     """
 
     def __init__(
-        self, simulation: Simulation, driver: Driver, *, takeover: Takeover | None = None, yielding: bool = True
+        self,
+        simulation: Simulation,
+        driver: Driver,
+        *,
+        takeover: Takeover | None = None,
+        yielding: bool = True,
+        stopwatch: Stopwatch | None = None,
     ) -> None:
         self.surfaces = simulation.network.surfaces()
         self.roadmap = RoadMap(self.surfaces)
@@ -101,6 +108,7 @@ class CoSimulation:
         self._interval: _Interval | None = None
         self._finished: set[str] = set()
         self._fast = fast_lanes(simulation.network, driver)
+        self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
 
     def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
@@ -174,6 +182,7 @@ class CoSimulation:
             following = bring_back(following, looped, background, self.points, self.roadmap)
         shares = np.arange(1, self._substeps + 1) / self._substeps
         states = [between(learned, following, share, looped) for share in shares]
+        self._stopwatch.lap("advance")
         return _Interval(states, modes, looped, [], set(), 0)
 
     def _play(self, users: WorldState) -> Step:
@@ -182,11 +191,14 @@ class CoSimulation:
         if self._yielding is not None and self._snapshot is not None:
             self._yielding.apply(self._snapshot, users)
         self.population.move(users)
+        self._stopwatch.lap("apply")
         self._simulation.step()
+        self._stopwatch.lap("sumo")
         self._snapshot = self._simulation.reader.read()
         self.population.check(users, frozenset(self._snapshot.ids))
         background = background_world(self._snapshot, self._simulation.time, self.population.ids)
         places = places_of(users, self.population.sumo_types, background, self._snapshot)
+        self._stopwatch.lap("read")
         return Step(time, replace(users, time=time).join(background), places)
 
     def _close(self, interval: _Interval) -> Decision:
@@ -201,6 +213,7 @@ class CoSimulation:
         background = background_world(self._snapshot, self._simulation.time, frozenset())
         taken_over = self._take_over(self._differences.complete(background), handed_back)
         self._driver.forget(handed_back + tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)))
+        self._stopwatch.lap("read")
         return Decision(
             steps=tuple(interval.steps),
             modes=interval.modes,

@@ -14,6 +14,7 @@ from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.leaders import leaders
 from slrl_sumo.simulation.lookahead import Prospects, with_ahead
 from slrl_sumo.simulation.patience import Patience, going
+from slrl_sumo.simulation.stopwatch import Stopwatch
 from slrl_sumo.sumo.lanedriver import LaneDriver
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.routes import Routes
@@ -69,8 +70,15 @@ class ModelDriver:
     """
 
     def __init__(
-        self, bundle: ModelBundle, selector: Selector, routes: Routes | None = None, *, guard: bool = False
+        self,
+        bundle: ModelBundle,
+        selector: Selector,
+        routes: Routes | None = None,
+        *,
+        guard: bool = False,
+        stopwatch: Stopwatch | None = None,
     ) -> None:
+        self._stopwatch = stopwatch or Stopwatch()
         self._bundle, self._selector, self._routes, self._guard = bundle, selector, routes, guard
         self._patience = Patience()
         self.way: Way | None = None
@@ -97,7 +105,9 @@ class ModelDriver:
             observation = routed if extended else observation
         if selector.looks_ahead and observation.ahead is None:
             observation = with_ahead(self._bundle, observation, world, rows, roadmap)
+        self._stopwatch.lap("observe")
         modes = selector.choose(observation, learned.ids, allowed)
+        self._stopwatch.lap("decide")
         acceleration, yaw_rate = self._bundle.motion(observation, modes)
         if prospects is not None:
             acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
@@ -166,12 +176,19 @@ def usual_selector(bundle: ModelBundle) -> str:
 
 
 def make_driver(
-    selector: str, bundle: ModelBundle, api: Any, network: Network, seed: int, *, guard: bool = False
+    selector: str,
+    bundle: ModelBundle,
+    api: Any,
+    network: Network,
+    seed: int,
+    *,
+    guard: bool = False,
+    stopwatch: Stopwatch | None = None,
 ) -> Driver:
     """The driver of one of SELECTORS, in a simulation seen through `api`.
 
-    With `guard` modes that lead into a conflict are not chosen (see simulation.guard). Raises InputError for any other
-    name, and for a guard of `lane`, which has no modes.
+    With `guard` modes that lead into a conflict are not chosen (see simulation.guard); a `stopwatch` is told where
+    the time goes. Raises InputError for any other name, and for a guard of `lane`, which has no modes.
     """
     if selector == "lane":
         if guard:
@@ -185,4 +202,4 @@ def make_driver(
     else:
         raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
     routes = Routes(api, network) if guard or chooser.preset == "extended" else None
-    return ModelDriver(bundle, chooser, routes, guard=guard)
+    return ModelDriver(bundle, chooser, routes, guard=guard, stopwatch=stopwatch)

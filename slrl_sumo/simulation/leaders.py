@@ -3,16 +3,22 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slrl_sumo.world.geometry import Floats, wrap_angle
-from slrl_sumo.world.route import AHEAD, RouteAhead, on_path
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.world.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import RoadUserType
 
-SIDE_GAP = 0.25
-"""m that must stay free beside a box for others to be no leader."""
+SIDE_GAP = np.array([0.25, 0.25, 0.1])
+"""m that must stay free beside a box for others to be no leader, by the type of who follows."""
+NEAREST = np.array([0.5, 0.5, 0.25])
+"""m ahead from which somebody leads: who is beside us is nobody's leader."""
 ALIKE = 1.1
 """rad between the directions of a path and of somebody on it, beyond which that one crosses it, and does not lead."""
+PIECE = 8
+"""Points of a path that one box is laid round."""
 STANDING = 0.5
 """m/s below which whoever is on the path counts, whatever the direction."""
 
@@ -32,27 +38,57 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
     gap, speed = np.full(n, np.inf), np.zeros(n)
     if not route.known.any() or len(world) < 2:
         return Leaders(gap, speed)
-    middle = np.column_stack([route.x[:, route.x.shape[1] // 2], route.y[:, route.y.shape[1] // 2]])
-    everyone = cKDTree(np.column_stack([world.x, world.y]))
-    pairs = cKDTree(middle).sparse_distance_matrix(everyone, 0.75 * AHEAD + 10.0, output_type="ndarray")
-    ego, other = pairs["i"], pairs["j"]
-    chosen = route.known[ego] & (ego != other)
-    ego, other = ego[chosen], other[chosen]
+    ego, other = _near(route, world)
     if not len(ego):
         return Leaders(gap, speed)
-    mine = route.take(ego)
-    along, aside, direction = (c[:, 0] for c in on_path(mine, world.x[other][:, None], world.y[other][:, None]))
+    along, aside, direction = (c[:, 0] for c in on_path(route, world.x[other, None], world.y[other, None], ego))
     turn = wrap_angle(world.heading[other] - direction)
-    c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    same, across = cos_sin(turn)
+    c, s = np.abs(same), np.abs(across)
     length, width = world.length[other], world.width[other]
     beside = np.abs(aside) - 0.5 * (s * length + c * width) - 0.5 * world.width[ego]
     between = along - 0.5 * (c * length + s * width) - 0.5 * world.length[ego]
-    # Who is beside us is nobody's leader, unless it is a little ahead.
-    ahead = (along > 0.5) & (along < AHEAD + 0.5 * length)
-    leads = (np.abs(turn) < ALIKE) | (world.speed[other] < STANDING)
-    rows = np.flatnonzero((beside < SIDE_GAP) & ahead & leads)
+    kind = world.type[ego]
+    ahead = (along > NEAREST[kind]) & (along < AHEAD + 0.5 * length)
+    # People walk round who stands in their way, unless it waits where they want to wait.
+    drives = kind != RoadUserType.PEDESTRIAN
+    leads = (np.abs(turn) < ALIKE) | (drives & (world.speed[other] < STANDING))
+    rows = np.flatnonzero((beside < SIDE_GAP[kind]) & ahead & leads)
     order = rows[np.argsort(-between[rows], kind="stable")]
     # The nearest one is written last.
     gap[ego[order]] = between[order]
-    speed[ego[order]] = np.maximum(world.speed[other[order]] * np.cos(turn[order]), 0.0)
+    speed[ego[order]] = np.maximum(world.speed[other[order]] * same[order], 0.0)
     return Leaders(gap, speed)
+
+
+def _near(route: RouteAhead, world: WorldState) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs that may matter, (p,) each: who has a route, and who may touch its way somewhere ahead."""
+    middle = np.column_stack([route.x[:, POINTS // 2], route.y[:, POINTS // 2]])
+    everyone = cKDTree(np.column_stack([world.x, world.y]))
+    pairs = cKDTree(middle).sparse_distance_matrix(everyone, 0.75 * AHEAD + 10.0, output_type="ndarray")
+    ego, other = pairs["i"], pairs["j"]
+    # Most others that are near are beside every piece of the path: its boxes, one for every PIECE points, say so
+    # without a look at all of its points.
+    first = np.arange(HERE, POINTS - 1, PIECE)
+    last = np.minimum(first + PIECE, POINTS - 1)
+    touching = SIDE_GAP.max() + 0.5 * np.hypot(world.length, world.width)[other] + 0.5 * world.width[ego]
+    beyond = touching * _outside_corners(route)[ego] + 0.5 * world.length[other] + SPACING
+    outside = np.zeros((len(first), len(ego)))
+    for points, here in ((route.x, world.x[other]), (route.y, world.y[other])):
+        pieces = np.stack([points[:, i : j + 1] for i, j in zip(first, last, strict=True)])
+        low, high = pieces.min(axis=2)[:, ego], pieces.max(axis=2)[:, ego]
+        outside = np.maximum(outside, np.maximum(low - here, here - high))
+    chosen = route.known[ego] & (ego != other) & (outside <= beyond).any(axis=0)
+    return ego[chosen], other[chosen]
+
+
+def _outside_corners(route: RouteAhead) -> Floats:
+    """How many times as far from a path as beside it somebody may be, outside its sharpest corner, (n,)."""
+    dx, dy = np.diff(route.x), np.diff(route.y)
+    length = np.hypot(dx, dy)
+    both = length[:, 1:] * length[:, :-1]
+    turn = np.divide(
+        dx[:, 1:] * dx[:, :-1] + dy[:, 1:] * dy[:, :-1], both, out=np.full_like(both, -1.0), where=both > 0
+    )
+    # Who lies behind the piece after the corner counts as ahead of the one before it.
+    return np.asarray(1.0 / np.maximum(turn.min(axis=1), 1e-6))

@@ -1,5 +1,6 @@
 """What each mode of a road user would lead to in the next seconds, if all others went on as they are."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,23 +11,17 @@ from scipy.spatial import cKDTree
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.observation import Observation, Way
 from slrl_sumo.simulation.agility import Agility
+from slrl_sumo.simulation.courses import HELD, MARGIN, STEPS, Courses, courses, meeting
 from slrl_sumo.simulation.leaders import Leaders
 from slrl_sumo.simulation.tally import OWN_SURFACE
-from slrl_sumo.world.advance import halting
-from slrl_sumo.world.geometry import Floats, boxes_overlap, to_ego, wrap_angle
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead, at, on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
-STEPS = 8
-"""Intervals that are looked ahead: 3.2 s."""
-HELD = 5
-"""Intervals for which a mode's acceleration and yaw rate are kept up; then speed and heading stay."""
 NEAR = 3
 """Intervals, 1.2 s, in which who has a route must not leave its surface: later it turns with its path."""
-MARGIN = 0.4
-"""m between boxes below which two meet."""
 REACH = 30.0
 """m within which others are looked at."""
 STEERED = 2
@@ -37,8 +32,6 @@ RETURN = 1.0
 SLOW, AIM = 1.5, 0.4
 BESIDE, ASKEW = 1.0, 0.35
 """m and rad: who is farther off its path in both is led on as it is, not along the path."""
-STANDING = 0.2
-"""m/s."""
 CALM = 0.5
 """Share of the way there is within which it wants to be able to stop."""
 SPARE = 1.5
@@ -47,8 +40,10 @@ AT = 0.3
 """m within which somebody is at the place to stop at."""
 TOO_MUCH = 8.0
 """At most so many times as much."""
-GAP, HEADWAY = 1.5, 0.5
-"""m and s that are kept behind a leader."""
+GAP = np.array([1.5, 1.5, 0.4])
+"""m that each type keeps behind a leader."""
+HEADWAY = 0.5
+"""s of it."""
 LEADER_BRAKES = 4.0
 """m/s² with which a leader is expected to brake at most."""
 
@@ -122,83 +117,70 @@ def look_ahead(
     with torch.inference_mode():
         motions = bundle.displacement.motion_all(*tensors(observation))
         acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
-    modes = acceleration.shape[1]
-    top = bundle.max_speed[me.type, None]
-    x, y, heading, speed = (np.repeat(column[:, None], modes, axis=1) for column in (me.x, me.y, me.heading, me.speed))
-    length, width = (np.repeat(column[:, None] + MARGIN, modes, axis=1) for column in (me.length, me.width))
-    own = OWN_SURFACE[me.type]
+    free = courses(me, acceleration, yaw_rate, bundle.max_speed[me.type, None], halting=prospects is not None)
+    known = steered = np.zeros(n, np.bool_)
+    margin = np.full_like(MARGIN, MARGIN.max()) if prospects is None else MARGIN
+    theirs = _led_on(world, None, margin)
+    on_paths = free
+    mine = fits = None
+    if prospects is not None:
+        mine, known = prospects.take(rows), prospects.route.known[rows]
+        kept = _paths_kept(prospects.route, world)
+        theirs = _led_on(world, kept, margin)
+        own, steered = kept.of(rows)
+        on_paths = _steered(free, own, steered)
+        fits = _on_route(mine, me, free)
+    off = _off_surface(free, me, roadmap, None if mine is None else mine.route)
     everyone = cKDTree(np.column_stack([world.x, world.y]))
     pairs = cKDTree(np.column_stack([me.x, me.y])).sparse_distance_matrix(everyone, REACH, output_type="ndarray")
     ego, other = pairs["i"], pairs["j"]
-    ego, other = ego[rows[ego] != other], other[rows[ego] != other]
-    reach = np.hypot(world.length, world.width)
-    meeting, off = np.zeros((n, modes)), np.zeros((n, modes))
-    final_speed, turned = speed, np.zeros((n, modes))
-    mine = None if prospects is None else prospects.take(rows)
-    steered = known = np.zeros(n, np.bool_)
-    everybody = None if prospects is None else _paths_kept(prospects.route, world)
-    if mine is not None:
-        known = mine.route.known
-        kept = _paths_kept(mine.route, me)
-        steered[kept.rows] = True
-        travelled = np.zeros((n, modes))
-        under = roadmap.surface_at(mine.route.x.ravel(), mine.route.y.ravel()).reshape(n, POINTS)
-        grounded = np.take_along_axis(own, under.astype(np.intp), axis=1) | ~known[:, None]
-        after: list[tuple[Floats, Floats, Floats, Floats]] = []
+    others = rows[ego] != other
+    # A vehicle that stands by then is run into, and could not help it by driving on. Nor can it help who comes from
+    # behind, or stands beside the rear that swings out in a turn. Pedestrians step aside.
+    size = np.column_stack([me.length, me.width]) + margin[me.type, None]
+    met = meeting(on_paths, size, steered, theirs, ego[others], other[others])
     looked = np.where(known, NEAR, STEPS)
-    for step in range(1, STEPS + 1):
-        if step <= HELD:
-            felt = acceleration if prospects is None else halting(speed, acceleration, DECISION_INTERVAL)
-            speed = np.clip(speed + felt * DECISION_INTERVAL, 0.0, top)
-            turn = yaw_rate * DECISION_INTERVAL
-            final_speed, turned = speed, turned + turn
-        else:
-            turn = np.zeros_like(yaw_rate)
-        middle = heading + 0.5 * turn
-        x, y = x + speed * DECISION_INTERVAL * np.cos(middle), y + speed * DECISION_INTERVAL * np.sin(middle)
-        heading = wrap_angle(heading + turn)
-        look = np.flatnonzero(step <= looked)
-        surface = roadmap.surface_at(x[look].ravel(), y[look].ravel()).reshape(len(look), modes)
-        outside = ~np.take_along_axis(own[look], surface.astype(np.intp), axis=1)
-        if mine is not None:
-            # Paths lead off the ground where the network ends: who follows them there is right.
-            place = HERE + np.rint((travelled[look] + speed[look] * DECISION_INTERVAL) / SPACING).astype(np.intp)
-            outside &= np.take_along_axis(grounded[look], np.minimum(place, POINTS - 1), axis=1)
-        off[look] += outside
-        at_x, at_y, at_heading = x, y, heading
-        if mine is not None:
-            travelled = travelled + speed * DECISION_INTERVAL
-            after.append((x, y, heading, speed))
-            if len(kept.rows):
-                at_x, at_y, at_heading = x.copy(), y.copy(), heading.copy()
-                at_x[steered], at_y[steered], at_heading[steered] = _along(kept, travelled[steered], step)
-        them = _led_on(world, step, everybody)
-        # Whose circles do not meet under any mode need not be compared box by box.
-        spread = np.hypot(at_x[ego] - them[other, None, 0], at_y[ego] - them[other, None, 1]).min(axis=1)
-        close = spread < 0.5 * (reach[rows[ego]] + reach[other]) + 2 * MARGIN
-        e, o = ego[close], other[close]
-        boxes = np.stack([at_x[e], at_y[e], at_heading[e], length[e], width[e]], axis=-1).reshape(-1, 5)
-        hit = boxes_overlap(boxes, np.repeat(them[o], modes, axis=0)).reshape(-1, modes)
-        if mine is not None:
-            # A vehicle that stands by then is run into, and could not help it by driving on.
-            # Nor can it help who comes from behind, or stands beside the rear that swings out in a turn. Pedestrians
-            # step aside.
-            ahead, _ = to_ego(them[o, None, 0] - at_x[e], them[o, None, 1] - at_y[e], at_heading[e])
-            hit &= ((speed[e] > STANDING) & (ahead > 0.0)) | ~steered[e, None]
-        weight = 1.0 - (step - 1) / STEPS
-        np.maximum.at(meeting, e, hit * weight)
-    fits = None if mine is None else _on_route(mine, me, after)
-    return Lookahead(meeting, off / looked[:, None], final_speed, turned, fits)
+    turned = HELD * DECISION_INTERVAL * yaw_rate
+    return Lookahead(met, off / looked[:, None], free.speed[:, HELD - 1], turned, fits)
 
 
-def _on_route(mine: Prospects, me: WorldState, after: list[tuple[Floats, Floats, Floats, Floats]]) -> OnRoute:
-    """How the modes of n road users fit their routes; `after`: positions, headings and speeds after each interval."""
+def _off_surface(mine: Courses, me: WorldState, roadmap: RoadMap, route: RouteAhead | None) -> NDArray[np.intp]:
+    """In how many intervals, NEAR for who has a route, each mode is off the own surface, (n, modes)."""
+    off = np.zeros(mine.x.shape, np.bool_)
+    known = np.zeros(len(me), np.bool_) if route is None else route.known
+    user, step = np.nonzero(np.arange(STEPS) < np.where(known, NEAR, STEPS)[:, None])
+    x, y = mine.x[user, step], mine.y[user, step]
+    surface = roadmap.surface_at(x.ravel(), y.ravel()).reshape(x.shape)
+    outside = ~OWN_SURFACE[me.type[user, None], surface]
+    if route is not None:
+        # Paths lead off the ground where the network ends: who follows them there is right.
+        row, mode = np.nonzero(outside & known[user, None])
+        who = user[row]
+        place = HERE + np.rint(mine.way[who, step[row], mode] / SPACING).astype(np.intp)
+        there = who, np.minimum(place, POINTS - 1)
+        under = roadmap.surface_at(route.x[there], route.y[there])
+        outside[row, mode] = OWN_SURFACE[me.type[who], under]
+    off[user, step] = outside
+    return np.asarray(off.sum(axis=1), np.intp)
+
+
+def _steered(free: Courses, kept: "_Kept", steered: NDArray[np.bool_]) -> Courses:
+    """`free`, but along the paths of those that are `steered`, (n,), the rows of `kept`."""
+    if not len(kept.rows):
+        return free
+    x, y, heading = free.x.copy(), free.y.copy(), free.heading.copy()
+    x[steered], y[steered], heading[steered] = _along(kept, free.way[steered])
+    return replace(free, x=x, y=y, heading=heading)
+
+
+def _on_route(mine: Prospects, me: WorldState, free: Courses) -> OnRoute:
+    """How the modes of n road users fit their routes."""
     route, known = mine.route, mine.route.known[:, None]
-    x, y, heading, speed = after[STEERED - 1]
-    _, aside, direction = on_path(route, x, y)
+    speed, heading = free.speed[:, STEERED - 1], free.heading[:, STEERED - 1]
+    _, aside, direction = on_path(route, free.x[:, STEERED - 1], free.y[:, STEERED - 1])
     aim = np.clip(np.arctan2(RETURN * aside, speed + SLOW), -AIM, AIM)
     steer = np.abs(wrap_angle(heading - direction + aim))
-    first = after[0][3]
+    first = free.speed[:, 0]
     stopping = mine.able.stop_from(first, me.type)
     stop, room = (way[:, None] for way in _ways_left(mine, me))
     brake = strain(stopping, stop - first * DECISION_INTERVAL)
@@ -228,11 +210,10 @@ def allowed_speed(prospects: Prospects, users: WorldState) -> Floats:
 
 
 def _ways_left(prospects: Prospects, users: WorldState) -> tuple[Floats, Floats]:
-    """m to where n road users must stop, and m in which vehicles must be able to stop behind their leaders (inf for
-    pedestrians, who walk round them), (n,) each."""
+    """m to where n road users must stop, and m in which they must be able to stop behind their leaders, (n,) each."""
     stop = kept_clear(prospects.route, prospects.leaders, users.length) - SPARE
-    room = prospects.leaders.gap - GAP + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
-    return stop, np.where(users.type != RoadUserType.PEDESTRIAN, room, np.inf)
+    room = prospects.leaders.gap - GAP[users.type] + prospects.leaders.speed**2 / (2.0 * LEADER_BRAKES)
+    return stop, room
 
 
 def strain(stopping: Floats, distance: Floats) -> Floats:
@@ -242,7 +223,9 @@ def strain(stopping: Floats, distance: Floats) -> Floats:
 
 def kept_clear(route: RouteAhead, leaders: Leaders, length: Floats) -> Floats:
     """m to where n road users must stop: as their routes say, and before junctions whose exits are taken."""
-    blocked = (leaders.speed < 1.0) & (leaders.gap > route.line) & (leaders.gap < route.out + length + GAP)
+    blocked = (
+        (leaders.speed < 1.0) & (leaders.gap > route.line) & (leaders.gap < route.out + length + GAP[RoadUserType.CAR])
+    )
     blocked &= (route.line > 1.0) & np.isfinite(route.line) & np.isfinite(route.out)
     return np.where(blocked, np.minimum(route.stop, route.line - 1.0), route.stop)
 
@@ -272,37 +255,58 @@ class _Kept:
     path: RouteAhead
     beside: Floats
 
+    def of(self, rows: NDArray[np.intp]) -> tuple["_Kept", NDArray[np.bool_]]:
+        """Those among the road users `rows` (n,), in that order, and which of `rows` they are, (n,)."""
+        index = np.full(max(rows.max(initial=-1), self.rows.max(initial=-1)) + 1, -1)
+        index[self.rows] = np.arange(len(self.rows))
+        chosen = index[rows]
+        there = chosen >= 0
+        if there.all() and len(rows) == len(self.rows):
+            return self, there
+        some = chosen[there]
+        return _Kept(self.rows[some], self.path.take(some), self.beside[some]), there
+
 
 def _paths_kept(route: RouteAhead, users: WorldState) -> _Kept:
     """Who of the first road users of `users`, those of `route`, keeps to its path."""
     n = len(route)
     rows = np.flatnonzero(route.known & (users.type[:n] != RoadUserType.PEDESTRIAN))
-    _, beside, direction = (c[:, 0] for c in on_path(route.take(rows), users.x[rows, None], users.y[rows, None]))
+    _, beside, direction = (c[:, 0] for c in on_path(route, users.x[rows, None], users.y[rows, None], rows))
     keeps = follows(beside, users.heading[rows] - direction)
     return _Kept(rows[keeps], route.take(rows[keeps]), beside[keeps])
 
 
-def _along(kept: _Kept, way: Floats, step: int) -> tuple[Floats, Floats, Floats]:
-    """Positions (m) and headings (rad) `way` (k, m) metres along the paths, after `step` intervals, in which who is
-    beside its path comes back to it: (k, m) each."""
-    x, y, direction = at(kept.path, way)
-    shift = kept.beside[:, None] * max(0.0, 1.0 - step / STEPS)
-    return x - shift * np.sin(direction), y + shift * np.cos(direction), direction
+_BACK = np.maximum(0.0, 1.0 - np.arange(1, STEPS + 1) / STEPS)[:, None]
+"""How far who is beside its path still is after each interval, (STEPS, 1)."""
 
 
-def _led_on(world: WorldState, step: int, kept: _Kept | None) -> Floats:
-    """Boxes (m, 5), MARGIN larger, after `step` intervals at constant speed and yaw rate.
+def _along(kept: _Kept, way: Floats) -> tuple[Floats, Floats, Floats]:
+    """Positions (m) and headings (rad) `way` (k, STEPS, m) metres along the paths after each interval, in which who is
+    beside its path comes back to it: (k, STEPS, m) each."""
+    row = math.prod(way.shape[1:])
+    x, y, direction = (column.reshape(way.shape) for column in at(kept.path, way.reshape(len(way), row)))
+    shift = kept.beside[:, None, None] * _BACK
+    c, s = cos_sin(direction)
+    return x - shift * s, y + shift * c, direction
+
+
+def _led_on(world: WorldState, kept: _Kept | None, margin: Floats) -> Floats:
+    """Boxes (m, STEPS, 5), `margin` of their type larger, after each interval at constant speed and yaw rate.
 
     Vehicles that keep to their paths follow them, up to lines at which they must stop.
     """
-    seconds = step * DECISION_INTERVAL
-    turn = world.yaw_rate * seconds
-    middle = world.heading + 0.5 * turn
-    x = world.x + world.speed * seconds * np.cos(middle)
-    y = world.y + world.speed * seconds * np.sin(middle)
-    heading = world.heading + turn
+    seconds = DECISION_INTERVAL * np.arange(1, STEPS + 1)
+    boxes = np.empty((len(world), STEPS, 5))
+    turn, way = world.yaw_rate[:, None] * seconds, world.speed[:, None] * seconds
+    c, s = cos_sin(world.heading[:, None] + 0.5 * turn)
+    boxes[..., 0] = world.x[:, None] + way * c
+    boxes[..., 1] = world.y[:, None] + way * s
+    boxes[..., 2] = world.heading[:, None] + turn
+    room = margin[world.type, None]
+    boxes[..., 3], boxes[..., 4] = world.length[:, None] + room, world.width[:, None] + room
     if kept is not None:
         rows = kept.rows
-        way = np.minimum(world.speed[rows] * seconds, np.maximum(kept.path.stop, 0.0))
-        x[rows], y[rows], heading[rows] = (column[:, 0] for column in _along(kept, way[:, None], step))
-    return np.column_stack([x, y, heading, world.length + MARGIN, world.width + MARGIN])
+        driven = np.minimum(way[rows], np.maximum(kept.path.stop, 0.0)[:, None])
+        for column, values in enumerate(_along(kept, driven[..., None])):
+            boxes[rows, :, column] = values[..., 0]
+    return boxes

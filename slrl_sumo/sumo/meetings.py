@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.sumo.paths import SPACING, Sweep
-from slrl_sumo.world.geometry import Floats, boxes_overlap
+from slrl_sumo.world.geometry import Floats, boxes_overlap, cos_sin
 from slrl_sumo.world.state import WorldState
 
 MARGIN = 0.3
@@ -20,10 +20,10 @@ def predicted(learned: WorldState, moments: Floats) -> Floats:
     """
     turn = np.clip(learned.yaw_rate, -SHARPEST_TURN, SHARPEST_TURN)[:, None] * moments
     chord = learned.speed[:, None] * moments * np.sinc(turn / (2.0 * np.pi))
-    towards = learned.heading[:, None] + 0.5 * turn
+    towards_x, towards_y = cos_sin(learned.heading[:, None] + 0.5 * turn)
     boxes = np.empty((*turn.shape, 5))
-    boxes[..., 0] = learned.x[:, None] + chord * np.cos(towards)
-    boxes[..., 1] = learned.y[:, None] + chord * np.sin(towards)
+    boxes[..., 0] = learned.x[:, None] + chord * towards_x
+    boxes[..., 1] = learned.y[:, None] + chord * towards_y
     boxes[..., 2] = learned.heading[:, None] + turn
     boxes[..., 3] = learned.length[:, None]
     boxes[..., 4] = learned.width[:, None]
@@ -68,7 +68,8 @@ def meetings(
     v, theirs = vehicle[pair], boxes[agent[pair], moment]
     nose_x = theirs[:, 0] - ahead.x[v, 0]
     nose_y = theirs[:, 1] - ahead.y[v, 0]
-    before = nose_x * np.cos(ahead.heading[v, 0]) + nose_y * np.sin(ahead.heading[v, 0]) > 0.5 * ahead.length[v]
+    c, s = cos_sin(ahead.heading[v, 0])
+    before = nose_x * c + nose_y * s > 0.5 * ahead.length[v]
     # A margin round predictions would make vehicles brake that are about to pass just in time.
     width = ahead.width[v, place] + np.where(before & (moment == 0), 2.0 * MARGIN, 0.0)
     ours = np.column_stack([ahead.x[v, place], ahead.y[v, place], ahead.heading[v, place], ahead.length[v], width])
@@ -87,4 +88,4 @@ def speed_along(
     """Speed of the road users in the direction in which the vehicles would touch them, at least 0, (p, q) in m/s."""
     place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
     turn = boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place]
-    return np.maximum(speed[agent, None] * np.cos(turn), 0.0)
+    return np.maximum(speed[agent, None] * cos_sin(turn)[0], 0.0)

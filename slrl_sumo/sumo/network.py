@@ -1,6 +1,7 @@
 """The road network as SUMO has loaded it: lanes, who may use them, and the surfaces that they make."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -51,16 +52,25 @@ class Network:
 
         Later shapes lie on earlier ones, so that a cycle lane inside a junction does not cut the carriageway.
         """
-        shapes: list[Area | Ribbon] = sorted(self.junctions, key=lambda a: a.surface == Surface.ROAD, reverse=True)
+        return SurfaceShapes(tuple(shape for shape, _ in self.painted()))
+
+    def painted(self) -> Iterator[tuple[Area | Ribbon, Lane | None]]:
+        """The shapes of `surfaces` with the lane that each of them is; None for outlines of junctions."""
+        for area in sorted(self.junctions, key=lambda a: a.surface == Surface.ROAD, reverse=True):
+            yield area, None
         for surface in (Surface.SIDEWALK, Surface.CYCLEWAY, Surface.ROAD, Surface.CROSSING):
             for lane in self.lanes:
                 if lane.surface != surface:
                     continue
-                if _WALKING_AREA.match(lane.id):
-                    shapes.append(Area(surface, lane.shape))
+                if is_walking_area(lane.id):
+                    yield Area(surface, lane.shape), lane
                 else:
-                    shapes.append(Ribbon(surface, lane.shape, lane.width))
-        return SurfaceShapes(tuple(shapes))
+                    yield Ribbon(surface, lane.shape, lane.width), lane
+
+
+def is_walking_area(lane_id: str) -> bool:
+    """Whether a lane is a walking area: its shape is the outline."""
+    return _WALKING_AREA.match(lane_id) is not None
 
 
 def read_network(api: Any) -> Network:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.sumo.meetings import MARGIN, approaching, meetings, predicted, speed_along
 from slrl_sumo.sumo.paths import SPACING, sweep
 from slrl_sumo.sumo.yielding import MOMENTS, safe_speeds
-from slrl_sumo.world.geometry import Floats, front_from_centre
+from slrl_sumo.world.geometry import Floats, cos_sin, front_from_centre
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
@@ -55,7 +55,7 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
     stands = (world.speed < STANDING) & ~walks
     near &= ~(approach.heedless[:, None] & stands[None, :])
     # Behind us is nobody whom we could meet.
-    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    c, s = cos_sin(heading[:, None])
     near &= -(c * dx + s * dy) > -0.5 * length[:, None] - spread
     safe, standing = np.full(n, np.inf), np.zeros(n, np.bool_)
     boxes = predicted(world, MOMENTS)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.sumo.network import Lane, Network
-from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.geometry import Floats, cos_sin
 
 SPACING = 0.5
 """m between the points of a path."""
@@ -157,7 +157,7 @@ def sweep(
     """
     k = path_x.shape[1]
     s = SPACING * np.arange(k)
-    direction_x, direction_y = np.cos(heading), np.sin(heading)
+    direction_x, direction_y = cos_sin(heading)
     along_x, along_y = np.gradient(path_x, axis=1), np.gradient(path_y, axis=1)
     norm = np.maximum(np.hypot(along_x, along_y), 1e-9)
     along_x, along_y = along_x / norm, along_y / norm
@@ -186,10 +186,10 @@ def sweep(
         before >= 0, np.take_along_axis(fronts_y, back, 1), front_y[:, None] - still_behind * direction_y[:, None]
     )
     turned = np.arctan2(fronts_y - rear_y, fronts_x - rear_x)
-    half = 0.5 * length[:, None]
+    half, (turned_x, turned_y) = 0.5 * length[:, None], cos_sin(turned)
     return Sweep(
-        x=fronts_x - half * np.cos(turned),
-        y=fronts_y - half * np.sin(turned),
+        x=fronts_x - half * turned_x,
+        y=fronts_y - half * turned_y,
         heading=turned,
         width=width,
         length=length,

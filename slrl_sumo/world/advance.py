@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.world.geometry import Floats, wrap_angle
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
 from slrl_sumo.world.state import WorldState
 
 HALT, INTENT = 0.5, 0.15
@@ -21,12 +21,12 @@ def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed
     """
     speed = np.clip(state.speed + acceleration * dt, 0.0, max_speed)
     turn = yaw_rate * dt
-    middle = state.heading + 0.5 * turn
+    c, s = cos_sin(state.heading + 0.5 * turn)
     return replace(
         state,
         time=state.time + dt,
-        x=state.x + speed * dt * np.cos(middle),
-        y=state.y + speed * dt * np.sin(middle),
+        x=state.x + speed * dt * c,
+        y=state.y + speed * dt * s,
         heading=wrap_angle(state.heading + turn),
         speed=speed,
         acceleration=(speed - state.speed) / dt,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.geometry import Floats, cos_sin
 from slrl_sumo.world.shapeindex import index_by_tile, piece_boxes
 from slrl_sumo.world.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, paint
 
@@ -117,7 +117,7 @@ class RoadMap:
         rows, cols = round(2 * side * resolution), round((behind + ahead) * resolution)
         crops = np.empty((len(x), rows, cols), np.uint8) if out is None else out
         scale = self.resolution / resolution
-        c, s = np.cos(heading), np.sin(heading)
+        c, s = cos_sin(heading)
         # Crop pixel -> ego frame -> world -> tile pixel in one affine map, (col, row) to (col, row) as cv2 has it.
         ex, ey = 0.5 / resolution - behind, side - 0.5 / resolution
         matrices = np.empty((len(x), 2, 3))

@@ -1,6 +1,7 @@
 """The way that lies ahead of road users with a route, as plain arrays."""
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -50,6 +51,11 @@ class RouteAhead:
     def __len__(self) -> int:
         return len(self.known)
 
+    @cached_property
+    def headings(self) -> Floats:
+        """Direction of each path (rad) at each of its points, (n, POINTS)."""
+        return np.asarray(np.arctan2(slopes(self.y), slopes(self.x)))
+
     def take(self, rows: NDArray[np.intp]) -> "RouteAhead":
         """The entries of the road users `rows`."""
         return RouteAhead(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
@@ -71,11 +77,6 @@ class RouteAhead:
         )
 
 
-def path_headings(route: RouteAhead) -> Floats:
-    """Direction of each path (rad) at each of its points, (n, POINTS)."""
-    return np.asarray(np.arctan2(slopes(route.y), slopes(route.x)))
-
-
 def slopes(points: Floats) -> Floats:
     """Change of coordinates (n, points) along each row; np.gradient, without its overhead."""
     change = np.empty_like(points)
@@ -84,36 +85,49 @@ def slopes(points: Floats) -> Floats:
     return change
 
 
-def on_path(route: RouteAhead, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:
+def on_path(
+    route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
+) -> tuple[Floats, Floats, Floats]:
     """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
-    direction there (rad), (n, m) each. Beyond its ends a path goes straight on."""
-    gap = (x[:, :, None] - route.x[:, None, :]) ** 2 + (y[:, :, None] - route.y[:, None, :]) ** 2
+    direction there (rad), (n, m) each. Beyond its ends a path goes straight on. With `rows` (n,) those paths are
+    meant, else all."""
+    path_x, path_y = (route.x, route.y) if rows is None else (route.x[rows], route.y[rows])
+    gap, across = x[:, :, None] - path_x[:, None], y[:, :, None] - path_y[:, None]
+    gap *= gap
+    across *= across
+    gap += across
     nearest = np.clip(gap.argmin(axis=2), 1, POINTS - 2)
-    n = np.arange(len(route))[:, None]
+    own = np.arange(len(route))[:, None] if rows is None else rows[:, None]
+    # Of all paths laid end to end: the nearest points.
+    points_x, points_y, nearest = route.x.ravel(), route.y.ravel(), nearest + own * POINTS
     # Two pieces meet at the nearest point: the one that the point lies beside.
-    dx, dy = route.x[n, nearest + 1] - route.x[n, nearest], route.y[n, nearest + 1] - route.y[n, nearest]
-    after = (x - route.x[n, nearest]) * dx + (y - route.y[n, nearest]) * dy > 0.0
-    begin = np.where(after, nearest, nearest - 1)
-    x0, y0 = route.x[n, begin], route.y[n, begin]
-    dx, dy = route.x[n, begin + 1] - x0, route.y[n, begin + 1] - y0
+    near_x, near_y = points_x[nearest], points_y[nearest]
+    dx, dy = points_x[nearest + 1] - near_x, points_y[nearest + 1] - near_y
+    begin = nearest - ~((x - near_x) * dx + (y - near_y) * dy > 0.0)
+    x0, y0 = points_x[begin], points_y[begin]
+    dx, dy = points_x[begin + 1] - x0, points_y[begin + 1] - y0
     length = np.maximum(np.hypot(dx, dy), 1e-6)
     along = ((x - x0) * dx + (y - y0) * dy) / length
     aside = (dx * (y - y0) - dy * (x - x0)) / length
     # Directions change from piece to piece: in between they are blended, so that curves have no corners.
-    heading = path_headings(route)
+    heading = route.headings.ravel()
     share = np.clip(along / length, 0.0, 1.0)
-    turn = wrap_angle(heading[n, begin + 1] - heading[n, begin])
-    return (begin - HERE) * SPACING + along, aside, wrap_angle(heading[n, begin] + share * turn)
+    before = heading[begin]
+    turn = wrap_angle(heading[begin + 1] - before)
+    return (begin - own * POINTS - HERE) * SPACING + along, aside, wrap_angle(before + share * turn)
 
 
 def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Positions (m) and directions (rad) `along` (n, m) metres from the road user's place on its path, (n, m) each."""
-    n = np.arange(len(route))[:, None]
     place = along / SPACING + HERE
     begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
     share = place - begin
-    dx, dy = route.x[n, begin + 1] - route.x[n, begin], route.y[n, begin + 1] - route.y[n, begin]
-    return route.x[n, begin] + share * dx, route.y[n, begin] + share * dy, np.asarray(np.arctan2(dy, dx))
+    begin += np.arange(len(route))[:, None] * POINTS
+    # Of all paths laid end to end: from each point to the next one.
+    points_x, points_y = route.x.ravel(), route.y.ravel()
+    dx, dy = np.diff(points_x, append=0.0), np.diff(points_y, append=0.0)
+    direction = np.arctan2(dy, dx)
+    return points_x[begin] + share * dx[begin], points_y[begin] + share * dy[begin], direction[begin]
 
 
 def curvature(route: RouteAhead) -> Floats:

@@ -87,7 +87,7 @@ def test_pictures_of_modes_for_each_type_and_counts_of_both_clusterings(tmp_path
     }  # fmt: skip
     with open(tmp_path / "modes" / "modes.csv", newline="") as file:
         table = list(csv.DictReader(file))
-    for clustering in ("relative", "kmeans", "balanced"):
+    for clustering in ("relative", "kmeans", "balanced", "curved"):
         mine = [row for row in table if row["clustering"] == clustering and row["type"] == "car"]
         assert sum(int(row["windows"]) for row in mine) == 15 * 6
         assert [int(row["mode"]) for row in mine] == list(range(20))

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.learning import supervised
 from slrl_sumo.learning.fit import fit
 from slrl_sumo.learning.windows import windows
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
@@ -197,6 +198,35 @@ def test_errors_are_measured_on_test_recordings_which_teach_nothing(traffic: lis
     assert "Say **this**." in bundle.card
 
 
+def test_curved_modes_of_mirrored_traffic_turn_alike(traffic: list[Trajectories]) -> None:
+    bundle = fit(traffic, name="a", seed=1, epochs=2, modes="curved", mirror=True, forget=0.5)
+    for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
+        root, bend = bundle.mode_centres[kind].T
+        assert (root >= 0.0).all()
+        # What was seen in the mirror too is as often to the left as to the right.
+        assert np.average(bend, weights=bundle.mode_counts[kind]) == pytest.approx(0.0, abs=0.05)
+        moving = bundle.training["types"][TYPE_NAMES[kind]]["moving_speed_mps"]
+        # Centres are means of roots: their squares are a little less than the mean.
+        far = root**2 > 2.4
+        assert 0.9 * moving < np.average(root[far] ** 2, weights=bundle.mode_counts[kind][far]) / 4.8 < 1.02 * moving
+    assert bundle.training["modes_by"] == "curved"
+    assert (bundle.training["forget"], bundle.training["mirrored"]) == (0.5, list(TYPE_NAMES))
+
+
+def test_every_group_has_its_share_of_an_epoch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervised, "EPOCH_PATHS", 40)
+    group = np.repeat([0, 3, 5, 9], [1000, 4, 100, 12])
+    some = supervised._some(group, np.random.default_rng(0))
+    assert len(set(some.tolist())) == len(some)
+    assert np.bincount(group[some])[[0, 3, 5, 9]].tolist() == [10, 4, 10, 10]
+    again = supervised._some(group, np.random.default_rng(1))
+    assert set(some.tolist()) != set(again.tolist())
+    # In a random order, not one group after another.
+    assert (np.diff(group[some]) < 0).any()
+    # What fits into an epoch is taken whole.
+    assert sorted(supervised._some(group[-30:], np.random.default_rng(0)).tolist()) == list(range(30))
+
+
 @pytest.mark.parametrize("kind", RoadUserType)
 def test_a_type_that_is_missing_is_named(traffic: list[Trajectories], kind: RoadUserType) -> None:
     for keep in (0, 1):
@@ -205,7 +235,7 @@ def test_a_type_that_is_missing_is_named(traffic: list[Trajectories], kind: Road
 
 
 def test_what_cannot_be_learned_from_is_refused(traffic: list[Trajectories], brief_traffic: Trajectories) -> None:
-    with pytest.raises(InputError, match="there is no such clustering; use relative, kmeans, balanced"):
+    with pytest.raises(InputError, match="there is no such clustering; use relative, kmeans, balanced, curved"):
         fit(traffic, name="a", seed=1, modes="k-means")
     with pytest.raises(InputError, match="at least one recording"):
         fit([], name="a", seed=1)

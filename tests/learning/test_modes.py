@@ -4,8 +4,9 @@ from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning import modes
-from slrl_sumo.learning.modes import assign, balance, cluster
+from slrl_sumo.learning.modes import BEND, GENTLE, assign, balance, cluster, curved
 from slrl_sumo.world.geometry import Floats
+from slrl_sumo.world.types import RoadUserType
 
 
 def blobs(random: np.random.Generator, middles: list[tuple[float, float]], each: int = 200) -> Floats:
@@ -45,6 +46,34 @@ def test_balance_weighs_by_what_is_rare() -> None:
     points = np.array([[10.0, 0.0]] * 9 + [[6.0, 8.0]])
     np.testing.assert_allclose(balance(points, np.ones(10, np.int64)), [1 / 3] * 9 + [1])
     np.testing.assert_allclose(balance(points[8:], np.array([9, 1])), [3, 1])
+
+
+@pytest.mark.parametrize("kind", [RoadUserType.CAR, RoadUserType.BICYCLE])
+def test_curved_is_distance_and_curvature_of_the_circle(kind: RoadUserType) -> None:
+    radius, turned = 10.0, np.array([0.5, 1.0])
+    circle = np.stack([radius * np.sin(turned), radius * (1.0 - np.cos(turned))], -1)
+    chord = 2.0 * radius * np.sin(turned / 2)
+    root, bend = curved(circle, kind).T
+    assert root == pytest.approx(np.sqrt(chord))
+    assert bend == pytest.approx(0.1 * chord ** GENTLE[kind] / BEND[kind])
+    # Right is left in a mirror, straight on is no curve, and standing still is neither far nor bent.
+    assert curved(circle * [1.0, -1.0], kind)[:, 1] == pytest.approx(-bend)
+    assert curved(np.array([[25.0, 0.0], [0.0, 0.0]]), kind).tolist() == [[5.0, 0.0], [0.0, 0.0]]
+    assert abs(curved(np.array([[0.001, 0.002]]), kind)[0, 1]) < 0.3
+
+
+def test_curved_modes_tell_slow_turns_apart() -> None:
+    # Mostly straight on at all speeds; some come 5 m far, in turns of 8 m radius to either side.
+    random = np.random.default_rng(0)
+    straight = np.stack([random.uniform(0, 40, 9600), random.normal(0, 0.05, 9600)], -1)
+    turn = random.normal(5.0, 0.2, 400) / 8.0 * random.choice([-1, 1], 400)
+    slow = np.stack([8.0 * np.sin(np.abs(turn)), np.sign(turn) * 8.0 * (1.0 - np.cos(turn))], -1)
+    points = np.concatenate([straight, slow])
+    goals = curved(points, RoadUserType.CAR)
+    for goal, apart in ((points, False), (goals, True)):
+        mode = assign(goal, cluster(goal, 20, 1, balanced=apart))
+        left, right = set(mode[9600:][turn > 0.0].tolist()), set(mode[9600:][turn < 0.0].tolist())
+        assert (not left & right and not (left | right) & set(mode[:9600].tolist())) == apart
 
 
 def test_same_seed_same_centres() -> None:

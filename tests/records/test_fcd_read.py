@@ -10,13 +10,13 @@ from lxml import etree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.records.fcd_read import read_fcd
-from slrl_sumo.records.fcd_write import CSV_COLUMNS, FcdWriter, Places
+from slrl_sumo.records.fcd_write import CSV_COLUMNS, Places, open_fcd
 from slrl_sumo.records.trajectories import Trajectories
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH
 
 HOME = Path(sumo.SUMO_HOME)
-SUFFIXES = [".xml", ".xml.gz", ".csv"]
+SUFFIXES = [".xml", ".xml.gz", ".csv", ".parquet"]
 
 
 def row(name: str, x: float, y: float = 0.0, angle: float = 90.0, vtype: str = "t", tag: str = "vehicle") -> str:
@@ -71,7 +71,7 @@ def worlds(n: int, steps: int) -> list[tuple[WorldState, Places]]:
 def test_what_is_written_is_read(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"t{suffix}"
     series = worlds(24, 30)
-    with FcdWriter(path) as writer:
+    with open_fcd(path) as writer:
         for world, places in series:
             writer.write(world.time, world, places)
     t = read_fcd(path)

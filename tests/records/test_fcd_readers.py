@@ -9,15 +9,22 @@ from collections.abc import Callable
 from pathlib import Path
 
 import cv2
+import pandas as pd
 import pytest
 import sumo
+import sumolib
 from lxml import etree
 
+from slrl_sumo.records.fcd_write import CSV_COLUMNS
+from slrl_sumo.simulation.contained import run_contained
+from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.sumo.scenario import find_scenario
 
 HOME = Path(sumo.SUMO_HOME)
+ROOT = Path(__file__).parent.parent.parent
 NET = find_scenario("intersection").config.with_name("intersection.net.xml")
 STEPS = 60
+TAKEOVER = "car=0.5,pedestrian=0.5"
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 Track = dict[str, list[tuple[float, float, float]]]
@@ -25,10 +32,10 @@ Track = dict[str, list[tuple[float, float, float]]]
 
 @pytest.fixture(scope="module")
 def folder(cli: Cli, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same run as trace.xml and trace.csv: added and lent road users, and SUMO's own."""
+    """The same run as XML, CSV and Parquet: added and lent road users, and SUMO's own."""
     folder = tmp_path_factory.mktemp("readers")
-    for name in ("trace.xml", "trace.csv"):
-        words = ("--agents", 10, "--takeover", "car=0.5,pedestrian=0.5", "--steps", STEPS, "--fcd", folder / name)
+    for suffix in (".xml", ".csv", ".parquet"):
+        words = ("--agents", 10, "--takeover", TAKEOVER, "--steps", STEPS, "--fcd", folder / f"trace{suffix}")
         assert cli("run", "intersection", *words, "--quiet").returncode == 0
     return folder
 
@@ -136,19 +143,83 @@ def test_csv_reads_with_pythons_own_module(folder: Path) -> None:
     assert found == tracks(folder / "trace.xml")
 
 
+def tables(folder: Path) -> list[pd.DataFrame]:
+    """The traces that pandas reads."""
+    csv_options = {"sep": ";", "dtype": {"mode": "Int64"}}
+    return [pd.read_csv(folder / "trace.csv", **csv_options), pd.read_parquet(folder / "trace.parquet")]
+
+
+def test_pandas_reads_the_same_from_csv_and_parquet(folder: Path) -> None:
+    ours = tracks(folder / "trace.xml")
+    for table in tables(folder):
+        found = {
+            name: list(rows[["timestep_time", "vehicle_x", "vehicle_y"]].itertuples(index=False, name=None))
+            for name, rows in table.groupby("vehicle_id")
+        }
+        assert found == ours
+        persons = {
+            e.get("id") for step in etree.parse(str(folder / "trace.xml")).getroot() for e in step.iter("person")
+        }
+        assert set(table.vehicle_id[table.vehicle_edge.notna()]) <= persons
+        assert table.vehicle_lane.notna().sum() > 300
+
+
+def test_modes_and_learned_are_those_of_the_decisions(folder: Path) -> None:
+    learned: dict[tuple[float, str], int | None] = {}
+    everybody: set[tuple[float, str]] = set()
+    settings = RunSettings("intersection", agents=10, takeover=TAKEOVER, steps=STEPS)
+    for event in run_contained(settings):
+        steps = (event.step,) if isinstance(event, Started) else event.steps if isinstance(event, Decision) else ()
+        for step in steps:
+            everybody |= {(round(step.time, 3), name) for name in step.world.ids}
+            names = [name for name, own in zip(step.world.ids, step.world.learned, strict=True) if own]
+            modes = event.modes if isinstance(event, Decision) else None
+            values = [None] * len(names) if modes is None else modes.tolist()
+            learned |= {(round(step.time, 3), name): mode for name, mode in zip(names, values, strict=True)}
+    assert {mode for mode in learned.values() if mode is not None} <= set(range(20))
+    assert any(name.startswith("passenger") for _, name in learned)  # one that was taken over
+    for table in tables(folder):
+        rows = zip(table.timestep_time, table.vehicle_id, table["mode"], table.learned, strict=True)
+        found = {(time, name): (None if pd.isna(mode) else int(mode), bool(own)) for time, name, mode, own in rows}
+        assert {key: mode for key, (mode, own) in found.items() if own} == learned
+        assert found.keys() == everybody
+        assert {mode for mode, own in found.values() if not own} == {None}
+
+
+def test_sumos_own_converter_takes_our_parquet(folder: Path) -> None:
+    tool = HOME / "tools" / "output" / "parquet2csv.py"
+    done = subprocess.run([sys.executable, tool, folder / "trace.parquet"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader(done.stdout.splitlines()))
+    assert len(rows) == sum(map(len, tracks(folder / "trace.xml").values()))
+    assert list(rows[0]) == [*CSV_COLUMNS, "mode", "learned"]
+
+
+def test_sumolib_reads_every_row_of_the_xml(folder: Path) -> None:
+    found: Track = {}
+    for step in sumolib.xml.parse(str(folder / "trace.xml"), "timestep"):
+        for user in [*(step.vehicle or []), *(step.person or [])]:
+            found.setdefault(user.id, []).append((float(step.time), float(user.x), float(user.y)))
+    assert found == tracks(folder / "trace.xml")
+
+
 @pytest.mark.slow
-def test_the_commands_of_the_page_run_as_they_stand_there(folder: Path, tmp_path: Path) -> None:
-    page = Path(__file__).parent.parent.parent / "docs" / "traces.md"
-    lines = [
-        line for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL) for line in block.splitlines()
-    ]
-    assert len(lines) == 5
-    (tmp_path / "trace.xml").write_bytes((folder / "trace.xml").read_bytes())
-    for line in lines:
-        line = re.sub("^python", sys.executable, re.sub("^sumo", str(HOME / "bin" / "sumo"), line))
-        line = line.replace("your.net.xml", str(NET)).replace(
-            "your.sumocfg", str(NET.with_name("intersection.sumocfg"))
-        )
-        call("bash", "-c", line.replace("$SUMO_HOME", str(HOME)), cwd=tmp_path)
-    made = {file.name for file in tmp_path.iterdir()}
-    assert made == {"trace.xml", "trace.gpx", "vehicles.png", "persons.png", "types.add.xml"}
+def test_the_commands_of_the_page_run_as_they_stand_there(tmp_path: Path) -> None:
+    """Shell commands and Python scripts of docs/traces.md, one after another, in a folder of their own."""
+    page = (ROOT / "docs" / "traces.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL)
+    assert [kind for kind, _ in blocks] == ["sh", "python", "sh", "sh", "python"]
+    (tmp_path / "out").mkdir()
+    for kind, block in blocks:
+        block = block.replace("path/to/your.net.xml", str(NET))
+        block = block.replace("path/to/your.sumocfg", str(NET.with_name("intersection.sumocfg")))
+        if kind == "python":
+            call(sys.executable, "-c", block, cwd=tmp_path)
+            continue
+        block = block.replace(".venv/bin/slrl-sumo ", f"{sys.executable} -m slrl_sumo.cli ")
+        for line in block.replace(".venv/bin/python ", f"{sys.executable} ").splitlines():
+            call("bash", "-c", line, cwd=tmp_path)
+    made = {file.name for file in (tmp_path / "out").iterdir()}
+    assert made == {
+        *("trace.parquet", "replay.html", "trace.xml", "trace.gpx", "vehicles.png", "persons.png", "types.add.xml"),
+    }

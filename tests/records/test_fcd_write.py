@@ -11,7 +11,7 @@ import sumolib
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.records.fcd_write import CSV_COLUMNS, FcdWriter, Places
+from slrl_sumo.records.fcd_write import CSV_COLUMNS, FcdWriter, Places, open_fcd
 from slrl_sumo.world.state import WorldState, empty_world
 
 HOME = Path(sumo.SUMO_HOME)
@@ -151,11 +151,25 @@ def test_csv_has_the_columns_of_sumo(tmp_path: Path, cross_fcd: Path) -> None:
         writer.write(0.4, world, places)
     lines = text_of(path).splitlines()
     native = cross_fcd.with_suffix(".csv").read_text().splitlines()
-    assert lines[0] == native[0] == ";".join(CSV_COLUMNS)
-    assert {line.count(";") for line in lines} == {native[1].count(";")}
-    assert lines[1].split(";")[4:] == ["147.30", "passenger", "1.000", "0.000", "edge0_0", "", "0.00"]
-    assert lines[3].split(";")[4:] == ["95.73", "passenger", "4.000", "", "", "", "0.00"]
-    assert lines[4].split(";")[4:] == ["112.92", "pedestrian", "3.000", "10.000", "", "edge2", "0.00"]
+    assert native[0] == ";".join(CSV_COLUMNS)
+    assert lines[0] == f"{native[0]};mode;learned"
+    assert {line.count(";") for line in lines} == {native[1].count(";") + 2}
+    assert lines[1].split(";")[4:] == ["147.30", "passenger", "1.000", "0.000", "edge0_0", "", "0.00", "", "1"]
+    assert lines[3].split(";")[4:] == ["95.73", "passenger", "4.000", "", "", "", "0.00", "", "0"]
+    assert lines[4].split(";")[4:] == ["112.92", "pedestrian", "3.000", "10.000", "", "edge2", "0.00", "", "1"]
+
+
+def test_csv_has_the_modes_of_learned_road_users(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    world, places = scene(0.0, 6)  # 0, 2 and 4 are learned; 2 and 5 are persons, which come last
+    with FcdWriter(path) as writer:
+        writer.write(0.0, world, places, np.array([19, 0, 7]))
+        with pytest.raises(ValueError, match="2 modes for 3 learned road users"):
+            writer.write(0.4, world, places, np.array([1, 2]))
+    fields = [line.split(";") for line in text_of(path).splitlines()[1:]]
+    assert [(f[1], f[-2], f[-1]) for f in fields] == [
+        *(("u0", "19", "1"), ("u1", "", "0"), ("u3", "", "0"), ("u4", "7", "1"), ("u2", "0", "1"), ("u5", "", "0")),
+    ]
 
 
 def test_figures_never_look_odd(tmp_path: Path) -> None:
@@ -274,9 +288,9 @@ def test_after_close_nothing_can_be_written(tmp_path: Path) -> None:
 
 
 def test_a_bad_path_is_reported_before_the_run(tmp_path: Path) -> None:
-    for name in ("t.parquet", "t.txt", "xml", "t.gz"):
-        with pytest.raises(InputError, match=r"FCD files end in \.xml, \.xml\.gz or \.csv"):
-            FcdWriter(tmp_path / name)
+    for name in ("t.parq", "t.txt", "xml", "t.gz"):
+        with pytest.raises(InputError, match=r"FCD files end in \.xml, \.xml\.gz, \.csv or \.parquet"):
+            open_fcd(tmp_path / name)
     with pytest.raises(InputError, match=r"cannot write .*/missing/t\.xml: No such file or directory"):
         FcdWriter(tmp_path / "missing" / "t.xml")
     (tmp_path / "folder.xml").mkdir()

@@ -8,6 +8,7 @@ import pytest
 from slrl_sumo.simulation.leaders import Leaders, leaders
 from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import RoadUserType
 
 S = SPACING * (np.arange(POINTS) - HERE)
 
@@ -79,6 +80,18 @@ def test_the_nearest_one_on_the_path_leads() -> None:
 )
 def test_who_leads(other: Box, leads: bool) -> None:
     assert np.isfinite(of_one(other)[0]) == leads
+
+
+@pytest.mark.parametrize(("heading", "leads"), [(0.0, True), (np.pi, False), (np.pi / 2, False)])
+def test_people_wait_behind_others_and_walk_round_those_who_come(heading: float, leads: bool) -> None:
+    scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, 0.0, 0.2, 0.5))
+    walking = replace(scene, type=np.full(2, RoadUserType.PEDESTRIAN, np.int8))
+    assert np.isfinite(leaders(eastwards(0.0), walking).gap[0]) == leads
+    # Drivers stop for whoever stands in their way.
+    assert np.isfinite(leaders(eastwards(0.0), scene).gap[0])
+    # Who has room to pass has no leader, and people need less than cars.
+    beside = replace(walking, y=np.array([0.0, 0.65]))
+    assert np.isinf(leaders(eastwards(0.0), beside).gap[0])
 
 
 def test_gaps_are_along_the_path() -> None:

@@ -224,17 +224,20 @@ def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading
     first = _speeds(_after(shipped_bundle, world, 1))
     ahead, fits = _on_route(shipped_bundle, world, _prospects(0.0, gap=14.5, leading=leading))
     # It stops where the leader would, if that braked, less the gap, the headway, and what it covers in between.
-    behind = 14.5 - GAP + leading**2 / (2.0 * LEADER_BRAKES) + leading * DECISION_INTERVAL
+    behind = 14.5 - GAP[0] + leading**2 / (2.0 * LEADER_BRAKES) + leading * DECISION_INTERVAL
     room = behind - (DECISION_INTERVAL + HEADWAY) * first
     assert fits.follow[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
     quick = ahead.speed[0] > 7.0
     assert quick.any()
     assert (fits.follow[0, quick] > 1.0).all() == (leading == 0.0)
     assert not fits.brake.any()
-    # Who walks steps aside.
+    # Who walks stands closer.
     walker = replace(world, type=np.array([RoadUserType.PEDESTRIAN], np.int8), speed=np.ones(1))
-    _, walks = _on_route(shipped_bundle, walker, _prospects(0.0, gap=0.5))
-    assert not walks.follow.any()
+    step = _speeds(_after(shipped_bundle, walker, 1))
+    _, walks = _on_route(shipped_bundle, walker, _prospects(0.0, gap=2.0))
+    quickest = step.argmax()
+    room = 2.0 - GAP[2] - (DECISION_INTERVAL + HEADWAY) * step[quickest]
+    assert walks.follow[0, quickest] == pytest.approx(step[quickest] ** 2 / 4.0 / room, rel=0.01)
 
 
 def test_strain() -> None:

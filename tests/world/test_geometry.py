@@ -7,6 +7,7 @@ import pytest
 from slrl_sumo.world.geometry import (
     boxes_overlap,
     centre_from_front,
+    cos_sin,
     from_ego,
     front_from_centre,
     heading_from_sumo,
@@ -111,3 +112,21 @@ _MARGIN = np.array([0.0, 0.0, 0.0, 1e-3, 1e-3])
 def _as_cv2(box: np.ndarray) -> tuple[tuple[float, float], tuple[float, float], float]:
     x, y, heading, length, width = box.tolist()
     return (x, y), (length, width), float(np.degrees(heading))
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (7,), (3, 0), (40, 25)])
+def test_cosines_and_sines_are_those_of_numpy(shape: tuple[int, ...]) -> None:
+    angles = np.random.default_rng(2).uniform(-20.0, 20.0, shape)
+    c, s = cos_sin(angles)
+    assert c.shape == s.shape == shape
+    assert np.allclose(c, np.cos(angles), rtol=0.0, atol=1e-15)
+    assert np.allclose(s, np.sin(angles), rtol=0.0, atol=1e-15)
+    # Also where they do not lie side by side in memory.
+    assert np.array_equal(
+        cos_sin(angles.T[..., ::-1] if angles.ndim else angles)[0], c.T[..., ::-1] if angles.ndim else c
+    )
+
+
+def test_angles_in_range_stay_as_they_are() -> None:
+    angles = np.random.default_rng(3).uniform(-np.pi, np.pi, 1000)
+    assert np.array_equal(wrap_angle(angles), angles)

@@ -17,7 +17,6 @@ from slrl_sumo.world.route import (
     at,
     curvature,
     on_path,
-    path_headings,
 )
 
 S = SPACING * (np.arange(POINTS) - HERE)
@@ -126,7 +125,7 @@ def test_curvatures() -> None:
 
 
 def test_headings_of_points() -> None:
-    headings = path_headings(paths(straight(-2.5), circle(20.0)))
+    headings = paths(straight(-2.5), circle(20.0)).headings
     assert headings[0] == pytest.approx(-2.5)
     assert headings[1, 1:-1] == pytest.approx(S[1:-1] / 20.0, abs=1e-6)
 

@@ -57,7 +57,7 @@ FORMATS = {
     "dut": Format(read_dut, *_CLIPS),
     "citr": Format(read_citr, *_CLIPS),
     "hc": Format(read_hc, ("*.csv",)),
-    "fcd": Format(read_fcd, ("*.xml", "*.xml.gz", "*.csv")),
+    "fcd": Format(read_fcd, ("*.xml", "*.xml.gz", "*.csv", "*.parquet")),
 }
 """By the name that users give, in lower case."""
 

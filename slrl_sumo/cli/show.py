@@ -1,0 +1,34 @@
+"""Commands that show what a run left behind: replay."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.errors import InputError
+
+
+@app.command()
+def replay(
+    fcd: Annotated[Path, typer.Argument(help="Trace (FCD), ours or SUMO's: .xml, .xml.gz, .csv or .parquet.")],
+    net: Annotated[
+        str,
+        typer.Option(help="Its network: .net.xml(.gz), .sumocfg or shipped name. Scenarios tell the vehicles' sizes."),
+    ],
+    out: Annotated[Path, typer.Option(help="Page to write, .html.")],
+) -> None:
+    """Make a page that plays a trace over its network, in any browser and without a connection."""
+    from slrl_sumo.analysis.replay import write_replay
+
+    check_output(out)
+    if not os.access(out if out.exists() else out.resolve().parent, os.W_OK):
+        raise InputError(f"{out}: cannot be written; name a place where you may write")
+    if out.is_dir():
+        raise InputError(f"{out}: is a folder; name a file, e.g. {out / 'replay.html'}")
+    if out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--out {out}: browsers want a name that ends in .html")
+    write_replay(fcd, net, out)
+    size = out.stat().st_size
+    typer.echo(f"{out}: {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}; open it in a browser")

@@ -1,0 +1,47 @@
+"""Networks from files, without a scenario around them."""
+
+import tempfile
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.options import input_files
+from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+
+def read_net_file(net: Path) -> Network:
+    """The network of a .net.xml or .net.xml.gz. Raises InputError, which calls it --net, where SUMO cannot read it."""
+    if not net.is_file():
+        raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
+    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
+        config = Path(folder) / "net.sumocfg"
+        config.write_text(
+            f"<configuration><input><net-file value={quoteattr(str(net.resolve()))}/></input></configuration>",
+            encoding="utf-8",
+        )
+        try:
+            with SumoSession(read_scenario(config)) as session:
+                return session.network
+        except InputError as error:
+            raise InputError(f"--net {net}: {str(error).removeprefix(f'{config}: ')}") from None
+
+
+def find_net(text: str) -> tuple[Path, Scenario | None]:
+    """The network file that `text` names, and the scenario where it names one (shipped, a folder, or a .sumocfg)."""
+    path = Path(text)
+    if path.is_file() and path.suffix != ".sumocfg":
+        return path, None
+    if path.name.endswith((".xml", ".xml.gz")):
+        raise InputError(
+            f"--net {text}: there is no such file; give a SUMO network (.net.xml), .sumocfg or shipped name"
+        )
+    try:
+        scenario = find_scenario(text)
+    except InputError as error:
+        raise InputError(f"--net {error}") from None
+    nets = input_files(scenario, "net-file")
+    if len(nets) != 1:
+        raise InputError(f"--net {text}: {scenario.config} names no network; give its .net.xml")
+    return nets[0], scenario
