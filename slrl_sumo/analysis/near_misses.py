@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.analysis.surrogate import time_to_collision
 from slrl_sumo.world.contacts import close_pairs, overlapping_pairs
-from slrl_sumo.world.geometry import Floats, to_ego
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
@@ -51,31 +52,6 @@ class Conflict:
     """Near miss: the smallest time to collision, s. Collision: the speed at which the two come closer, m/s."""
 
 
-def time_to_contact(a: Floats, b: Floats, velocity_a: Floats, velocity_b: Floats) -> Floats:
-    """s until boxes touch if all keep velocity and heading, pair by pair, (n,): 0 where they do, inf where never.
-
-    `a`, `b`: (n, 5) rows of centre x, centre y (m), heading (rad), length, width (m); velocities (n, 2) in m/s. Exact:
-    boxes that do not turn overlap as long as their shadows overlap on the four axes of their sides, and on each axis
-    that is one interval of time.
-    """
-    offset, velocity = b[:, :2] - a[:, :2], velocity_b - velocity_a
-    turn = b[:, 2] - a[:, 2]
-    c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
-    first, last = np.full(len(a), 0.0), np.full(len(a), np.inf)
-    for p, q in ((a, b), (b, a)):
-        place = to_ego(offset[:, 0], offset[:, 1], p[:, 2])
-        speed = to_ego(velocity[:, 0], velocity[:, 1], p[:, 2])
-        reach = (0.5 * (p[:, 3] + q[:, 3] * c + q[:, 4] * s), 0.5 * (p[:, 4] + q[:, 3] * s + q[:, 4] * c))
-        for d, v, r in zip(place, speed, reach, strict=True):
-            still = np.abs(v) < 1e-9
-            with np.errstate(divide="ignore", invalid="ignore"):
-                one, other = (-r - d) / v, (r - d) / v
-            begin = np.where(still, np.where(np.abs(d) <= r, -np.inf, np.inf), np.minimum(one, other))
-            end = np.where(still, np.inf, np.maximum(one, other))
-            first, last = np.maximum(first, begin), np.minimum(last, end)
-    return np.where(first <= last, first, np.inf)
-
-
 @dataclass
 class ConflictFinder:
     """Looks at one time step after the other."""
@@ -102,7 +78,7 @@ class ConflictFinder:
         closing = _closing_speed(boxes, velocity, pairs)
         pairs = pairs[closing >= CLOSING_LIMIT]
         i, j = pairs.T
-        ttc = time_to_contact(boxes[i], boxes[j], velocity[i], velocity[j])
+        ttc = time_to_collision(a=boxes[i], b=boxes[j], velocity_a=velocity[i], velocity_b=velocity[j])
         near = (ttc < TTC_LIMIT) & (ttc > 0.0)
         self._note("near miss", world, keys, pairs[near], ttc[near])
 

@@ -126,6 +126,7 @@ def test_a_region_that_is_not_there_is_told_by_the_first_run(cli: Cli, tmp_path:
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "slrl_sumo.cli", "compare", *SMALL[:3], "--seeds", "40", "--seconds", "12"]
     process = subprocess.Popen(

@@ -1,52 +1,11 @@
 import numpy as np
 import pytest
 
-from slrl_sumo.analysis.near_misses import Conflict, ConflictFinder, time_to_contact
-from slrl_sumo.world.geometry import boxes_overlap
+from slrl_sumo.analysis.near_misses import Conflict, ConflictFinder
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
-
-
-def ttc(a: tuple[float, ...], b: tuple[float, ...], va: tuple[float, float], vb: tuple[float, float]) -> float:
-    pair = time_to_contact(np.array([a]), np.array([b]), np.array([va]), np.array([vb]))
-    return float(pair[0])
-
-
-def test_times_to_contact_worked_out_by_hand() -> None:
-    car, ahead = (0, 0, 0, 5, 2), (25, 0, 0, 5, 2)
-    assert ttc(car, ahead, (10, 0), (0, 0)) == pytest.approx(2.0)  # 20 m between bumpers
-    assert ttc(car, ahead, (10, 0), (10, 0)) == np.inf
-    assert ttc(car, ahead, (10, 0), (12, 0)) == np.inf
-    assert ttc(car, (25, 2.1, 0, 5, 2), (10, 0), (0, 0)) == np.inf  # passes 0.1 m beside it
-    assert ttc(car, (25, 1.9, 0, 5, 2), (10, 0), (0, 0)) == pytest.approx(2.0)
-    assert ttc(car, (4, 0, 0, 5, 2), (0, 0), (5, 0)) == 0.0
-    # At right angles: one is under the other's way from 1.7 s on, the other over the one's from 2.0 s on.
-    assert ttc(car, (12, -12.5, np.pi / 2, 5, 2), (5, 0), (0, 4.5)) == pytest.approx(2.0)
-
-
-def test_times_to_contact_are_those_of_boxes_moved_in_small_steps() -> None:
-    rng = np.random.default_rng(2)
-    n = 400
-    a, b = (
-        np.column_stack([rng.uniform(-12, 12, (n, 2)), rng.uniform(-4, 4, n), rng.uniform(0.3, 9, (n, 2))])
-        for _ in range(2)
-    )
-    va, vb = rng.uniform(-9, 9, (n, 2)), rng.uniform(-9, 9, (n, 2))
-    found = time_to_contact(a, b, va, vb)
-    stepped = np.full(n, np.inf)
-    for t in np.arange(0, 4.0, 0.01)[::-1]:
-        moved_a, moved_b = a.copy(), b.copy()
-        moved_a[:, :2] += t * va
-        moved_b[:, :2] += t * vb
-        stepped[boxes_overlap(moved_a, moved_b)] = t
-    assert (stepped < np.inf).mean() > 0.2
-    both = (found < 3.9) & (stepped < np.inf)
-    assert (both == (found < 3.9)).mean() > 0.99  # boxes that touch for less than 0.01 s are stepped over
-    late = stepped[both] - found[both]
-    assert late.min() >= -1e-9
-    assert np.quantile(late, 0.95) <= 0.01
 
 
 Way = tuple[RoadUserType, float, float, float, float]
