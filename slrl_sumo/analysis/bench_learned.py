@@ -21,7 +21,7 @@ from slrl_sumo.perception.raster import COLS, FINE, ROWS
 from slrl_sumo.records.fcd_write import FcdWriter
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import make_driver, usual_selector
-from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
+from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.simulation.stopwatch import PARTS, Stopwatch
 from slrl_sumo.simulation.tally import Tally
 from slrl_sumo.sumo.placement import KEEP_ROUTE_PERSON, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD, MATCH_THRESHOLD_PERSON
@@ -68,9 +68,7 @@ def measure_learned(work: Workload, ready: Ready) -> LearnedCost:
         selector = work.selector or usual_selector(bundle)
         driver = make_driver(selector, bundle, session.api, session.network, work.seed, stopwatch=stopwatch)
         simulation = CoSimulation(session, driver, stopwatch=stopwatch)
-        counts, _ = type_counts(
-            work.agents, parse_mix(work.mix), starting_points(session.network), str(scenario.config)
-        )
+        counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config))
         try:
             simulation.spawn(counts, bundle.max_speed, work.seed)
         except InputError as error:

@@ -178,7 +178,7 @@ def bench(
     steps: Annotated[int, typer.Option(help="Decisions that count, of each measurement.")] = 60,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
     selector: Annotated[str | None, typer.Option(help="As in `run`. [default: the bundle's usual one]")] = None,
-    mix: Annotated[str, typer.Option(help="Shares of types, as in `run`.")] = "car=0.3,bicycle=0.3,pedestrian=0.4",
+    mix: Annotated[str, typer.Option(help="Shares of types, as in `run`.")] = "car=0.2,bicycle=0.2,pedestrian=0.6",
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
 ) -> None:
     """Measure throughput on this machine, beside plain SUMO and the bare library calls."""

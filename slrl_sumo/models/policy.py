@@ -33,6 +33,8 @@ SCALES = (2.0, 1.0, 0.2, 1.0)
 """What meeting, steps off the surface, speed and turn are multiplied by."""
 ROUTE_SCALES = (4.0, 0.5, 2.0, 1.0, 1.0)
 """The same for steer, aside, pace, brake and follow in the preset `extended`."""
+AT_ONCE = 256
+"""Images that are encoded at once: 1,024 in one go take twice as long, because they leave the cache."""
 PRESETS = ("paper", "extended")
 """Which observation a policy reads: the paper's, or one with the route ahead."""
 
@@ -96,22 +98,50 @@ class Policy(nn.Module):
         `ahead`: (n, modes, 4 or 9) (see Observation), for policies that look ahead; `route`: (n, 14), for those of the
         preset `extended`.
         """
-        # From -1 to 1: with colours from 0 to 1 the same lessons took four times as long.
-        pixels = image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0)
-        known = [self.encoder(pixels), _normalised(vector)]
+        seen = self._seen(vector, image, route)
+        types = _Types(kind)
+        return self._correction(seen, vector, types, ahead), types.each(self.critics, seen)[:, 0]
+
+    def correction(
+        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None, route: Tensor | None = None
+    ) -> Tensor:
+        """The first result of `forward` alone."""
+        return self._correction(self._seen(vector, image, route), vector, _Types(kind), ahead)
+
+    def _seen(self, vector: Tensor, image: Tensor, route: Tensor | None) -> Tensor:
+        """What the trunk makes of n observations, (n, hidden)."""
+        known = [torch.cat([self._encoded(some) for some in torch.split(image, AT_ONCE)]), _normalised(vector)]
         if self.config.route_columns:
             assert route is not None
             known.append(route)
-        seen = self.trunk(torch.cat(known, -1))
-        rows = torch.arange(len(kind), device=kind.device)
-        correction = torch.stack([actor(seen) for actor in self.actors], 1)[rows, kind]
-        if self.config.lookahead:
-            assert ahead is not None
-            leads = _led_to(ahead, vector)
-            scores = torch.stack([scorer(leads)[..., 0] for scorer in self.scorers], 1)[rows, kind]
-            correction = correction + scores
-        value = torch.stack([critic(seen) for critic in self.critics], 1)[rows, kind, 0]
-        return correction, value
+        seen: Tensor = self.trunk(torch.cat(known, -1))
+        return seen
+
+    def _encoded(self, image: Tensor) -> Tensor:
+        # From -1 to 1: with colours from 0 to 1 the same lessons took four times as long.
+        features: Tensor = self.encoder(image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0))
+        return features
+
+    def _correction(self, seen: Tensor, vector: Tensor, types: "_Types", ahead: Tensor | None) -> Tensor:
+        correction = types.each(self.actors, seen)
+        if not self.config.lookahead:
+            return correction
+        assert ahead is not None
+        return correction + types.each(self.scorers, _led_to(ahead, vector))[..., 0]
+
+
+class _Types:
+    """Who is of which type, so that each reads only the heads of its own."""
+
+    def __init__(self, kind: Tensor) -> None:
+        self._order = kind.argsort()
+        self._back = self._order.argsort()
+        self._counts = torch.bincount(kind, minlength=len(RoadUserType)).tolist()
+
+    def each(self, heads: nn.ModuleList, x: Tensor) -> Tensor:
+        """What the head of the own type makes of each row of `x` (n, ...): (n, ..., out)."""
+        parts = torch.split(x[self._order], self._counts)
+        return torch.cat([head(part) for head, part in zip(heads, parts, strict=True)])[self._back]
 
 
 def policy_logits(
@@ -131,14 +161,31 @@ def policy_logits(
 
     The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
     """
-    with torch.no_grad():
-        known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
     correction, value = policy(vector, image, kind, ahead, route)
-    logits = torch.log_softmax(known + correction, -1)
+    logits = _corrected(prior, vector, kind, correction)
     if explore:
         alike = math.log(explore / logits.shape[-1])
         logits = torch.logaddexp(logits + math.log1p(-explore), torch.full_like(logits, alike))
     return logits, value
+
+
+def choice_logits(
+    policy: Policy,
+    prior: Prior,
+    vector: Tensor,
+    image: Tensor,
+    kind: Tensor,
+    ahead: Tensor | None = None,
+    route: Tensor | None = None,
+) -> Tensor:
+    """The log probabilities of `policy_logits` alone, for who only chooses."""
+    return _corrected(prior, vector, kind, policy.correction(vector, image, kind, ahead, route))
+
+
+def _corrected(prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor) -> Tensor:
+    with torch.no_grad():
+        known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
+    return torch.log_softmax(known + correction, -1)
 
 
 def _normalised(vector: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.models.policy import policy_logits
+from slrl_sumo.models.policy import choice_logits
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.world.geometry import Floats
 
@@ -115,7 +115,7 @@ class PolicySelector:
             vector, kind = tensors(observation)
             image = torch.from_numpy(observation.image)
             ahead, route = self._known(observation)
-            logits, _ = policy_logits(self._policy, self._prior, vector, image, kind, ahead, route)
+            logits = choice_logits(self._policy, self._prior, vector, image, kind, ahead, route)
             if allowed is not None:
                 logits = torch.log_softmax(logits.masked_fill(torch.from_numpy(~allowed), -torch.inf), -1)
         if not self._sample:

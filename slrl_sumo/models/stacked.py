@@ -2,6 +2,7 @@
 
 from itertools import pairwise
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -57,7 +58,7 @@ class StackedNetworks(nn.Module):
         x = self.standardised(vector, kind)
         chosen = kind * self.members + member
         for layer, (weight, bias) in enumerate(zip(self.weight, self.bias, strict=True)):
-            x = torch.tanh(x) if layer else x
+            x = _tanh(x) if layer else x
             x = torch.baddbmm(
                 bias.flatten(0, 1).index_select(0, chosen), x, weight.flatten(0, 1).index_select(0, chosen)
             )
@@ -67,12 +68,20 @@ class StackedNetworks(nn.Module):
         """Outputs (n, members, out) of all networks of each row's type; `vector` (n, in), `kind` (n,) int64."""
         x = self.standardised(vector[:, None], kind)[:, 0]
         result = x.new_empty(len(x), self.members, self.weight[-1].shape[-1])
+        layers = list(zip(self.weight, self.bias, strict=True))
         for one in RoadUserType:
             rows = torch.nonzero(kind == int(one))[:, 0]
             if len(rows):
-                y = x[rows]  # broadcast over the members by the first layer
-                for layer, (weight, bias) in enumerate(zip(self.weight, self.bias, strict=True)):
-                    y = torch.tanh(y) if layer else y
-                    y = y @ weight[one] + bias[one]
+                y = x[rows].expand(self.members, -1, -1)
+                for layer, (weight, bias) in enumerate(layers):
+                    y = _tanh(y) if layer else y
+                    y = torch.baddbmm(bias[one], y, weight[one])
                 result = result.index_copy(0, rows, y.transpose(0, 1))
         return result
+
+
+def _tanh(x: Tensor) -> Tensor:
+    """tanh of what is needed no more; numpy's takes a quarter of the time of torch's where nothing is to be learned."""
+    if torch.is_grad_enabled() or x.device.type != "cpu":
+        return torch.tanh(x)
+    return torch.from_numpy(np.tanh(x.numpy(), out=x.numpy()))

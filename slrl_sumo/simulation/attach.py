@@ -12,7 +12,7 @@ from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.simulation.events import DEFAULT_BUNDLE
 from slrl_sumo.simulation.region import parse_region
-from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
+from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.command import divides_interval
 from slrl_sumo.sumo.network import read_network
@@ -151,7 +151,7 @@ def attach(
     driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed, guard=guard)
     loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
     if agents is not None:
-        counts, _ = type_counts(agents, mixed, starting_points(simulation.network), "attach")
+        counts, _ = type_counts(agents, mixed, loop.points, "attach")
         loop.spawn(counts, models.max_speed, seed)
     simulation.mark("yes")
     return Attached(simulation, loop)

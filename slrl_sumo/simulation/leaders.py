@@ -67,18 +67,25 @@ def _near(route: RouteAhead, world: WorldState) -> tuple[NDArray[np.intp], NDArr
     everyone = cKDTree(np.column_stack([world.x, world.y]))
     pairs = cKDTree(middle).sparse_distance_matrix(everyone, 0.75 * AHEAD + 10.0, output_type="ndarray")
     ego, other = pairs["i"], pairs["j"]
-    # Most others that are near are beside every piece of the path: its boxes, one for every PIECE points, say so
-    # without a look at all of its points.
-    first = np.arange(HERE, POINTS - 1, PIECE)
-    last = np.minimum(first + PIECE, POINTS - 1)
-    touching = SIDE_GAP.max() + 0.5 * np.hypot(world.length, world.width)[other] + 0.5 * world.width[ego]
-    beyond = touching * _outside_corners(route)[ego] + 0.5 * world.length[other] + SPACING
-    outside = np.zeros((len(first), len(ego)))
-    for points, here in ((route.x, world.x[other]), (route.y, world.y[other])):
-        pieces = np.stack([points[:, i : j + 1] for i, j in zip(first, last, strict=True)])
-        low, high = pieces.min(axis=2)[:, ego], pieces.max(axis=2)[:, ego]
-        outside = np.maximum(outside, np.maximum(low - here, here - high))
-    chosen = route.known[ego] & (ego != other) & (outside <= beyond).any(axis=0)
+    # Most others that are near are beside every piece of the path: a circle round all of it, and boxes round every
+    # PIECE points, say so without a look at all of its points.
+    ends = [(first, min(first + PIECE, POINTS - 1)) for first in range(HERE, POINTS - 1, PIECE)]
+    low_x, high_x, low_y, high_y = (
+        np.stack([f(points[:, first : last + 1], axis=1) for first, last in ends], axis=1)
+        for points in (route.x, route.y)
+        for f in (np.min, np.max)
+    )
+    left, right, below, above = low_x.min(axis=1), high_x.max(axis=1), low_y.min(axis=1), high_y.max(axis=1)
+    radius = 0.5 * np.hypot(right - left, above - below)
+    diagonal, half = SIDE_GAP.max() + 0.5 * np.hypot(world.length, world.width), 0.5 * world.length + SPACING
+    beyond = (diagonal[other] + 0.5 * world.width[ego]) * _outside_corners(route)[ego] + half[other]
+    dx, dy = (0.5 * (left + right))[ego] - world.x[other], (0.5 * (below + above))[ego] - world.y[other]
+    near = (dx * dx + dy * dy <= (radius[ego] + beyond) ** 2) & route.known[ego] & (ego != other)
+    ego, other, beyond = ego[near], other[near], beyond[near]
+    x, y = world.x[other, None], world.y[other, None]
+    outside = np.maximum(low_x[ego] - x, x - high_x[ego])
+    outside = np.maximum(outside, np.maximum(low_y[ego] - y, y - high_y[ego]))
+    chosen = (outside <= beyond[:, None]).any(axis=1)
     return ego[chosen], other[chosen]
 
 

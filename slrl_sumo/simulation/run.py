@@ -14,7 +14,7 @@ from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
 from slrl_sumo.simulation.driver import SELECTORS, Driver, ModelDriver, make_driver, usual_selector
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
-from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
+from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
@@ -59,7 +59,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             )
         if settings.agents is not None:
             where = str(scenario.config)
-            counts, mix_notices = type_counts(settings.agents, mix, starting_points(session.network), where)
+            counts, mix_notices = type_counts(settings.agents, mix, simulation.points, where)
             notices += mix_notices
             simulation.spawn(counts, bundle.max_speed, settings.seed)
         yield Started(

@@ -22,13 +22,21 @@ class LanePoints:
 
     def __init__(self, lanes: Sequence[Lane], spacing: float, strip: float = np.inf) -> None:
         self.lanes = tuple(lanes)
-        columns = [_sample(lane, spacing, strip) for lane in self.lanes]
-        stacked = np.concatenate(columns) if columns else np.zeros((0, 4))
+        # In a city there are millions of points: no array per lane is kept, and none twice.
+        table, counts = bytearray(), []
+        for lane in self.lanes:
+            sample = _sample(lane, spacing, strip)
+            table += sample.tobytes()
+            counts.append(len(sample))
+        stacked = np.frombuffer(table).reshape(-1, 4)
         self.x, self.y, self.heading, self.offset = (np.ascontiguousarray(c) for c in stacked.T)
-        self.lane = np.repeat(np.arange(len(columns)), [len(c) for c in columns])
+        self.lane = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
         self._spacing = spacing
-        self._tree = cKDTree(stacked[:, :2]) if len(stacked) else None
+        self._tree = None
+        if len(stacked):
+            self._tree = cKDTree(stacked[:, :2])
+            self.x, self.y = self._tree.data.T
 
     def __len__(self) -> int:
         return len(self.x)

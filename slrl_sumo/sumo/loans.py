@@ -11,6 +11,7 @@ The rules (measured with libsumo 1.28, see docs/takeover.md):
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,11 +60,15 @@ class Loans:
         self._modes: dict[str, tuple[int, int]] = {}
         self._walks: dict[str, _Walk] = {}
         self._lengths: dict[str, float] = {}
-        walkable = [lane for lane in network.lanes if not lane.internal and "pedestrian" in lane.allowed]
-        for lane in walkable:
+        self._walkable = [lane for lane in network.lanes if not lane.internal and "pedestrian" in lane.allowed]
+        for lane in self._walkable:
             self._lengths.setdefault(lane.edge, lane.length)
-        self._ground = LanePoints(walkable, spacing=2.0)
         self._sublanes = Sublanes(api, network)
+
+    @cached_property
+    def _ground(self) -> LanePoints:
+        """What persons walk on; made when the first one is lent: in a city it is large."""
+        return LanePoints(self._walkable, spacing=2.0)
 
     @property
     def ids(self) -> frozenset[str]:

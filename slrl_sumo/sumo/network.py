@@ -76,6 +76,8 @@ def is_walking_area(lane_id: str) -> bool:
 def read_network(api: Any) -> Network:
     """Read the network through `api` (libsumo or a TraCI connection): about 4 us a lane and call with libsumo."""
     lanes = []
+    # Few sets of classes for many lanes.
+    known: dict[frozenset[str], frozenset[str]] = {}
     for lane_id in api.lane.getIDList():
         allowed, disallowed = api.lane.getAllowed(lane_id), api.lane.getDisallowed(lane_id)
         # An empty list stands for "all" as well as for "none": the other list tells which.
@@ -88,7 +90,7 @@ def read_network(api: Any) -> Network:
                 width=api.lane.getWidth(lane_id),
                 length=api.lane.getLength(lane_id),
                 max_speed=api.lane.getMaxSpeed(lane_id),
-                allowed=classes,
+                allowed=known.setdefault(classes, classes),
                 internal=lane_id.startswith(":"),
                 surface=_lane_surface(lane_id, classes),
             )

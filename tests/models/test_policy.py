@@ -11,7 +11,7 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.models.policy import Policy, PolicyConfig, policy_logits
+from slrl_sumo.models.policy import AT_ONCE, Policy, PolicyConfig, choice_logits, policy_logits
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.perception.observation import Observation
 
@@ -203,3 +203,35 @@ def test_a_preset_of_another_version_is_said(
     with pytest.raises(InputError, match="reads preset 'telepathic', this slrl_sumo runs paper and extended") as caught:
         load_bundle(tmp_path / "b")
     assert "\n" not in str(caught.value)
+
+
+def test_everybody_is_judged_by_the_heads_of_the_own_type(seen: Observation, extended: Policy) -> None:
+    _disturb(extended)
+    looking = _with_images(seen)
+    rng = np.random.default_rng(4)
+    ahead, route = (torch.from_numpy(rng.random((len(seen), *shape), np.float32)) for shape in ((20, 9), (14,)))
+    vector, image, kind = _arguments(looking)
+    assert len(kind) > AT_ONCE
+    correction, value = extended(vector, image, kind, ahead, route)
+    for row in (0, 1, 7, AT_ONCE - 1, AT_ONCE, len(kind) - 1):
+        one = slice(row, row + 1)
+        features = torch.cat([vector[one, :5] * torch.tensor([0.1, 0.3, 1.0, 1.0, 1.0])], -1)
+        counts = 0.5 * torch.log1p(vector[one, 6:])
+        encoded = extended.encoder(image[one].permute(0, 3, 1, 2).float() / 127.5 - 1.0)
+        trunk = extended.trunk(torch.cat([encoded, features, counts, route[one]], -1))
+        head = int(kind[row])
+        torch.testing.assert_close(value[one], extended.critics[head](trunk)[:, 0], rtol=1e-4, atol=1e-4)
+        alone, _ = extended(vector[one], image[one], kind[one], ahead[one], route[one])
+        torch.testing.assert_close(correction[one], alone, rtol=1e-4, atol=1e-4)
+        leads = correction[one] - extended.actors[head](trunk)
+        other = extended(vector[one], image[one], (kind[one] + 1) % 3, ahead[one], route[one])[0]
+        assert not torch.allclose(leads + extended.actors[(head + 1) % 3](trunk), other, atol=1e-3)
+
+
+def test_who_only_chooses_gets_the_same_logits(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
+    _disturb(policy)
+    vector, image, kind = _arguments(_with_images(seen))
+    logits, _ = policy_logits(policy, bundle.prior, vector, image, kind)
+    with torch.inference_mode():
+        chosen = choice_logits(policy, bundle.prior, vector, image, kind)
+    torch.testing.assert_close(chosen.clone(), logits.detach(), rtol=1e-5, atol=1e-5)

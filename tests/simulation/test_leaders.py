@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slrl_sumo.simulation.leaders import Leaders, leaders
-from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.simulation.leaders import ALIKE, SIDE_GAP, STANDING, Leaders, leaders
+from slrl_sumo.world.geometry import wrap_angle
+from slrl_sumo.world.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
@@ -113,3 +114,53 @@ def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
     assert found.speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
     alone: Leaders = leaders(eastwards(0.0), world(EGO))
     assert alone.gap.tolist() == [np.inf]
+
+
+def crooked(n: int, rng: np.random.Generator) -> RouteAhead:
+    """Paths with sharp corners, some of which turn right round, through a place of 60 m x 60 m."""
+    turns = np.where(rng.random((n, POINTS)) < 0.08, rng.choice([-3.1, -1.6, -0.8, 0.8, 1.6, 3.1], (n, POINTS)), 0.0)
+    heading = rng.uniform(-np.pi, np.pi, (n, 1)) + turns.cumsum(axis=1)
+    x, y = SPACING * np.cos(heading).cumsum(axis=1), SPACING * np.sin(heading).cumsum(axis=1)
+    place = rng.uniform(0.0, 60.0, (2, n, 1))
+    x, y = x - x[:, HERE, None] + place[0], y - y[:, HERE, None] + place[1]
+    return replace(RouteAhead.unknown(n), known=rng.random(n) < 0.9, x=x, y=y)
+
+
+def test_circles_and_boxes_leave_out_no_leader() -> None:
+    rng = np.random.default_rng(1)
+    followed = 0
+    for _ in range(20):
+        route = crooked(40, rng)
+        sizes = np.array([[5.0, 1.8], [1.6, 0.65], [0.5, 0.5], [18.0, 2.5]])[rng.integers(0, 4, 60)]
+        x, y = rng.uniform(0.0, 60.0, (2, 60))
+        x[:40], y[:40] = route.x[:, HERE], route.y[:, HERE]
+        heading, speed = rng.uniform(-np.pi, np.pi, 60), rng.uniform(0.0, 8.0, 60) * (rng.random(60) < 0.6)
+        crowd = world(*zip(x, y, heading, speed, sizes[:, 0], sizes[:, 1], strict=True))
+        found, expected = leaders(route, crowd), of_everybody(route, crowd)
+        assert np.allclose(found.gap, expected.gap, atol=1e-9)
+        assert np.allclose(found.speed, expected.speed, atol=1e-9)
+        followed += int(np.isfinite(found.gap).sum())
+    assert followed > 300
+
+
+def of_everybody(route: RouteAhead, crowd: WorldState) -> Leaders:
+    """Leaders by a look at everybody who is near the middle of a path."""
+    gap, speed = np.full(len(route), np.inf), np.zeros(len(route))
+    for i in np.flatnonzero(route.known):
+        for j in range(len(crowd)):
+            apart = np.hypot(crowd.x[j] - route.x[i, POINTS // 2], crowd.y[j] - route.y[i, POINTS // 2])
+            if j == i or apart > 0.75 * AHEAD + 10.0:
+                continue
+            one = np.array([i])
+            along, aside, direction = (
+                float(c[0, 0]) for c in on_path(route, crowd.x[j : j + 1, None], crowd.y[j : j + 1, None], one)
+            )
+            turn = float(wrap_angle(crowd.heading[j] - direction))
+            c, s = abs(np.cos(turn)), abs(np.sin(turn))
+            length, width = crowd.length[j], crowd.width[j]
+            beside = abs(aside) - 0.5 * (s * length + c * width) - 0.5 * crowd.width[i]
+            between = along - 0.5 * (c * length + s * width) - 0.5 * crowd.length[i]
+            leads = abs(turn) < ALIKE or crowd.speed[j] < STANDING
+            if beside < SIDE_GAP and 0.5 < along < AHEAD + 0.5 * length and leads and between < gap[i]:
+                gap[i], speed[i] = between, max(crowd.speed[j] * np.cos(turn), 0.0)
+    return Leaders(gap, speed)

@@ -229,3 +229,15 @@ def test_points_of_no_network_are_no_starts() -> None:
     assert (len(kinds), len(x)) == (0, 0)
     with pytest.raises(InputError, match="only 0 of 1 pedestrian"):
         draw_starts(np.array([0, 0, 1]), empty, np.random.default_rng(1))
+
+
+def test_places_are_farther_apart_where_there_would_be_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    with SumoSession(find_scenario("district")) as session:
+        usual = starting_points(session.network)
+        monkeypatch.setattr("slrl_sumo.simulation.spawn.MOST_POINTS", 1000)
+        fewer = starting_points(session.network)
+    # Short lanes have one place however few there are to be.
+    assert [len(points) <= max(1000, 2 * len(points.lanes)) for points in fewer] == [True] * 3
+    assert len(fewer[2]) < len(usual[2])
+    # Every lane still has a place.
+    assert all(len(np.unique(points.lane)) == len(points.lanes) for points in fewer)

@@ -139,3 +139,18 @@ def test_rows_can_be_taken() -> None:
     none = RouteAhead.unknown(2)
     assert not none.known.any()
     assert np.isinf(np.stack([none.stop, none.line, none.out, none.left])).all()
+
+
+def test_places_far_from_the_origin_are_those_near_it() -> None:
+    # The nearest point is looked for in single precision, which has steps of 8 mm at 100 km.
+    rng = np.random.default_rng(6)
+    near = paths(straight(0.3), circle(12.0), corner(1.2))
+    far = replace(near, x=near.x + 1e5, y=near.y - 1e5)
+    x, y = rng.uniform(-15.0, 40.0, (2, 3, 500))
+    rows = np.array([2, 0, 1])
+    for found, expected in zip(on_path(far, x + 1e5, y - 1e5, rows), on_path(near, x, y, rows), strict=True):
+        assert np.allclose(found, expected, atol=1e-6)
+    # Row i of the result belongs to path rows[i].
+    for row, path in enumerate(rows):
+        alone = on_path(near.take(np.array([path])), x[row : row + 1], y[row : row + 1])
+        assert all(np.allclose(a[row], b[0]) for a, b in zip(on_path(near, x, y, rows), alone, strict=True))
