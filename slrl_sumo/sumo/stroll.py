@@ -20,10 +20,6 @@ KERB = 0.6
 """m before a crossing at which persons wait for its signal."""
 ASTRAY = 4.0
 """m beside its walk beyond which a person that goes where it wants is somewhere else on it, or on another one."""
-RIGHT = 0.1
-"""Share of the room to the right of a walk's line that everybody keeps at least, so that those who meet pass."""
-DRIFT = 0.1
-"""m to the side per m walked, at which a person that goes where it wants comes to the place that it keeps."""
 STRAYED = 0.5
 """m from where it was moved to: somebody else moved the person, and its walk is looked for anew."""
 
@@ -36,8 +32,6 @@ class Stroll:
     s: float
     beside: float
     """m to the left of the walk's line that the person keeps."""
-    own: float
-    """m to the left of the line where it likes to walk: people keep to the right, each in a place of its own."""
     pace: float
     x: float
     y: float
@@ -72,8 +66,6 @@ class Strolls:
             if distance > ASTRAY:
                 # The walk is asked for once, when a person of the scenario is taken over: later it is cut.
                 place, _ = stroll.walk.line.nearest(x, y, stroll.s - 2.0)
-            most = DRIFT * max(place - stroll.s, 0.0)
-            stroll.beside += min(max(stroll.own - stroll.beside, -most), most)
             stroll.s = place
         moved = stroll is None or math.hypot(x - stroll.x, y - stroll.y) > ASTRAY
         if stroll is None or self._is_out(person, stroll) or (moved and person.startswith("learned_")):
@@ -117,11 +109,10 @@ class Strolls:
             walk = self._ways.walk(edges, self._api.person.getStage(person, 0).arrivalPos)
             pace = self._api.person.getMaxSpeed(person)
         if walk is None:
-            return Stroll(None, 0.0, 0.0, 0.0, pace, x, y)
+            return Stroll(None, 0.0, 0.0, pace, x, y)
         s, beside = walk.line.nearest(x, y, end=walk.first)
         room = max(walk.half_width - CLEARANCE, 0.0)
-        own = -room * (RIGHT + (1.0 - RIGHT) * random.Random(person).random())
-        return Stroll(walk, s, min(max(beside, -room), room), own, pace, x, y)
+        return Stroll(walk, s, min(max(beside, -room), room), pace, x, y)
 
     def _wander(self, person: str, x: float, y: float, heading: float) -> Walk | None:
         if not len(self._under):

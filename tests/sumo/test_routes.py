@@ -389,30 +389,6 @@ def test_persons_keep_their_place_across_the_walk(signalised: SumoSession, edge:
         assert aside[0] == pytest.approx(0.0, abs=0.05)
 
 
-def test_persons_come_to_places_of_their_own_on_the_right(signalised: SumoSession) -> None:
-    middle = next(lane for lane in signalised.network.lanes if lane.edge == "in0" and "pedestrian" in lane.allowed)
-    (x0, y0), (x1, y1) = middle.shape.tolist()
-    dx, dy = (x1 - x0) / math.hypot(x1 - x0, y1 - y0), (y1 - y0) / math.hypot(x1 - x0, y1 - y0)
-    places = []
-    for name in ("somebody", "another"):
-        libsumo.person.add(name, "in0", 10.0, typeID="pedestrian1")
-        libsumo.person.appendWalkingStage(name, ["in0", "out2"], 25.0)
-        for _ in range(5):
-            signalised.step()
-        world = _seen(signalised, name).take(np.array([0]))
-        routes, beside = Routes(libsumo, signalised.network), []
-        for way in np.arange(10.0, 40.0, 0.5):
-            x, y = x0 + way * dx - 0.4 * dy, y0 + way * dy + 0.4 * dx
-            route = routes.ahead(replace(world, x=np.array([x]), y=np.array([y])), 1)
-            _, aside, _ = on_path(route, np.array([[x]]), np.array([[y]]))
-            beside.append(0.4 - float(aside[0, 0]))
-        assert beside[0] == pytest.approx(0.4, abs=0.05)
-        assert np.abs(np.diff(beside)).max() < 0.06
-        assert -0.5 * middle.width < beside[-1] < 0.0
-        places.append(beside[-1])
-    assert abs(places[0] - places[1]) > 0.02
-
-
 def test_who_has_no_route_goes_on_the_same_in_every_run_and_off_the_end(intersection: SumoSession) -> None:
     _car(intersection, "car", ("in0", "out2"), 2, 20.0, 5.0)
     intersection.step()
