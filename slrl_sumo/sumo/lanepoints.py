@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from copy import copy
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slrl_sumo.sumo.network import Lane
 from slrl_sumo.world.geometry import Floats
+
+if TYPE_CHECKING:
+    from slrl_sumo.sumo.network import Lane
 
 
 class LanePoints:
@@ -20,7 +23,7 @@ class LanePoints:
     measure), `lane` (index into `lanes`). A lane shorter than `spacing` gets its middle.
     """
 
-    def __init__(self, lanes: Sequence[Lane], spacing: float, strip: float = np.inf) -> None:
+    def __init__(self, lanes: "Sequence[Lane]", spacing: float, strip: float = np.inf) -> None:
         self.lanes = tuple(lanes)
         # In a city there are millions of points: no array per lane is kept, and none twice.
         table, counts = bytearray(), []
@@ -67,7 +70,7 @@ class LanePoints:
         return np.where(np.asarray(distance) <= reach, lane, -1)
 
 
-def _sample(lane: Lane, spacing: float, strip: float) -> Floats:
+def _sample(lane: "Lane", spacing: float, strip: float) -> Floats:
     """Rows x, y, heading, offset of the points on one lane."""
     steps = np.diff(lane.shape, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])

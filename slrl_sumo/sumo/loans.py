@@ -11,13 +11,11 @@ The rules (measured with libsumo 1.28, see docs/takeover.md):
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.sublanes import Sublanes
 from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
@@ -60,15 +58,11 @@ class Loans:
         self._modes: dict[str, tuple[int, int]] = {}
         self._walks: dict[str, _Walk] = {}
         self._lengths: dict[str, float] = {}
-        self._walkable = [lane for lane in network.lanes if not lane.internal and "pedestrian" in lane.allowed]
-        for lane in self._walkable:
-            self._lengths.setdefault(lane.edge, lane.length)
+        for lane in network.lanes:
+            if not lane.internal and "pedestrian" in lane.allowed:
+                self._lengths.setdefault(lane.edge, lane.length)
+        self._network = network
         self._sublanes = Sublanes(api, network)
-
-    @cached_property
-    def _ground(self) -> LanePoints:
-        """What persons walk on; made when the first one is lent: in a city it is large."""
-        return LanePoints(self._walkable, spacing=2.0)
 
     @property
     def ids(self) -> frozenset[str]:
@@ -111,7 +105,7 @@ class Loans:
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
         self._sublanes.clear([i for i, walks in zip(ids, person.tolist(), strict=True) if not walks])
-        lanes_under = iter(self._ground.lanes_under(x[person], y[person]).tolist())
+        lanes_under = iter(self._network.walks.lanes_under(x[person], y[person]).tolist())
         vehicle, persons = self._api.vehicle, self._api.person
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
             if walks:
@@ -183,7 +177,7 @@ class Loans:
     def _cut_walk(self, road_user: str, lane: int) -> None:
         """A moved person walks on one edge at a time: the one under it. -1 (no edge under it) keeps the last one."""
         walk = self._walks[road_user]
-        edge = self._ground.lanes[lane].edge if lane >= 0 else walk.here or walk.edges[0]
+        edge = self._network.walks.lanes[lane].edge if lane >= 0 else walk.here or walk.edges[0]
         if edge != walk.here:
             self._set_walk(road_user, (edge,), 0.5 * self._lengths.get(edge, 0.0), "")
             walk.here = edge
@@ -236,8 +230,8 @@ class Loans:
 
     def _is_on(self, edge: str, x: float, y: float) -> bool:
         """Whether a position is on an edge, and not beside it or on a crossing that SUMO counts to its end."""
-        lane = int(self._ground.lanes_under(np.array([x]), np.array([y]))[0])
-        return lane >= 0 and self._ground.lanes[lane].edge == edge
+        lane = int(self._network.walks.lanes_under(np.array([x]), np.array([y]))[0])
+        return lane >= 0 and self._network.walks.lanes[lane].edge == edge
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
         """The edges from where a person is to where it was to go; () where no way is known."""

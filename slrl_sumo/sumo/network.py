@@ -3,11 +3,13 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.world.surfaces import Area, Ribbon, Surface, SurfaceShapes
 
 MOTOR_CLASSES = frozenset(
@@ -46,6 +48,13 @@ class Network:
     junctions: tuple[Area, ...]
     exits: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
     """Lane ends where the network ends: x, y (m), heading outwards (rad), half the lane's width (m), (e, 4)."""
+
+    @cached_property
+    def walks(self) -> LanePoints:
+        """Points every 2 m on the lanes outside junctions that admit pedestrians; made once, when somebody asks: in a
+        city they are millions."""
+        walkable = [lane for lane in self.lanes if not lane.internal and "pedestrian" in lane.allowed]
+        return LanePoints(walkable, spacing=2.0)
 
     def surfaces(self) -> SurfaceShapes:
         """The surfaces in paint order: junctions, walking areas, sidewalks, cycle lanes, carriageway, crossings.

@@ -46,7 +46,9 @@ class Placement:
         # Networks without any lane for cars (cycle paths) stage bicycles as what they are.
         self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
         self._staging = LanePoints([lane for lane in lanes if self._vehicle_class in lane.allowed], spacing=2.0)
-        self._walks = LanePoints([lane for lane in lanes if "pedestrian" in lane.allowed], spacing=2.0)
+        self._walks = network.walks
+        if any(lane.length <= 1.0 for lane in self._walks.lanes):
+            self._walks = LanePoints([lane for lane in lanes if "pedestrian" in lane.allowed], spacing=2.0)
         self._sublanes = Sublanes(api, network)
         self._define_types()
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from slrl_sumo.sumo.lanepoints import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.walks import Kerb, Walk, Walkways
 from slrl_sumo.world.geometry import wrap_angle
@@ -43,9 +42,7 @@ class Strolls:
     def __init__(self, api: Any, network: Network) -> None:
         self._api = api
         self._ways = Walkways(api, network)
-        self._under = LanePoints(
-            [lane for lane in network.lanes if "pedestrian" in lane.allowed and not lane.internal], spacing=2.0
-        )
+        self._network = network
         self._strolls: dict[str, Stroll] = {}
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
@@ -115,11 +112,12 @@ class Strolls:
         return Stroll(walk, s, min(max(beside, -room), room), pace, x, y)
 
     def _wander(self, person: str, x: float, y: float, heading: float) -> Walk | None:
-        if not len(self._under):
+        under = self._network.walks
+        if not len(under):
             return None
-        point = int(self._under.nearest(np.array([x]), np.array([y]))[0, 0])
-        forward = abs(float(wrap_angle(self._under.heading[point] - heading))) < 0.5 * math.pi
-        edge = self._under.lanes[self._under.lane[point]].edge
+        point = int(under.nearest(np.array([x]), np.array([y]))[0, 0])
+        forward = abs(float(wrap_angle(under.heading[point] - heading))) < 0.5 * math.pi
+        edge = under.lanes[under.lane[point]].edge
         return self._ways.wandering(edge, forward, random.Random(f"{person}:{edge}"))
 
     def _onward(
