@@ -16,6 +16,20 @@ app = typer.Typer(
 )
 
 
+Workers = Annotated[
+    int | None,
+    typer.Option(help="Simulations at once, a process each. [default: 2; with --ray: all cores]"),
+]
+RayAddress = Annotated[
+    str | None,
+    typer.Option(
+        "--ray",
+        metavar="[HOST:PORT|auto|local]",
+        help="Run on a Ray cluster: HOST:PORT of its head, or auto for that of this machine; alone: a Ray of its own.",
+    ),
+]
+
+
 def _version(wanted: bool) -> None:
     if wanted:
         typer.echo(__version__)

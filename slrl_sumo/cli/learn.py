@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.cli.app import RayAddress, app, check_output
 from slrl_sumo.errors import InputError
 
 
@@ -102,6 +102,7 @@ def train(
     out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
     steps: Annotated[int, typer.Option(help="Decisions of single road users, in all.")] = 5_000_000,
     workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
+    ray: RayAddress = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
     device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
@@ -133,9 +134,10 @@ def train(
     if episodes:
         from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
         from slrl_sumo.analysis.training import closing_scenario
+        from slrl_sumo.simulation.jobs import Place
 
         where = closing_scenario(scenario)
-        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, workers=workers)
+        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, place=Place(workers, ray))
         interrupted_by = write_evaluation(closing, request.folder / "evaluation")
         if interrupted_by:
             raise typer.Exit(128 + interrupted_by)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import app
+from slrl_sumo.cli.app import RayAddress, Workers, app
 from slrl_sumo.errors import InputError
 
 
@@ -26,7 +26,11 @@ def evaluate(
     episodes: Annotated[int | None, typer.Option(help="SCENARIO: per selector, agents and seed. [default: 64]")] = None,
     steps: Annotated[int | None, typer.Option(help="SCENARIO: decisions of 0.4 s. [default: 128]")] = None,
     seeds: Annotated[int | None, typer.Option(help="SCENARIO: seeds, from --seed on. [default: 1]")] = None,
-    workers: Annotated[int | None, typer.Option(help="SCENARIO: processes. [default: 2]")] = None,
+    first: Annotated[
+        int | None, typer.Option(help="SCENARIO: number of the first episode of each seed. [default: 0]")
+    ] = None,
+    workers: Workers = None,
+    ray: RayAddress = None,
     recording: Annotated[Path | None, typer.Option(help="SCENARIO: trajectories to count beside.")] = None,
     starts: Annotated[
         int | None, typer.Option(help="FILE: a rollout begins at every so manieth frame of 0.4 s. [default: 5]")
@@ -49,11 +53,13 @@ def evaluate(
         "episodes": episodes,
         "steps": steps,
         "seeds": seeds,
-        "workers": workers,
+        "first": first,
         "recording": recording,
     }
     file_options = {"starts": starts, "net": net, "mask": mask, "metres-per-pixel": metres_per_pixel}
-    for option, value in ({"agents": agents, **scenario_options} if is_file else file_options).items():
+    for option, value in (
+        {"agents": agents, "workers": workers, "ray": ray, **scenario_options} if is_file else file_options
+    ).items():
         if value is not None:
             kind, other = ("a recording", "a scenario") if is_file else ("a scenario", "a recording (.npz)")
             raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
@@ -69,8 +75,10 @@ def evaluate(
         except ValueError:
             raise InputError(f"--agents {agents}: give whole numbers separated by commas, e.g. 16,32,64") from None
     from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
+    from slrl_sumo.simulation.jobs import Place
 
-    settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, **given)
+    place = Place(workers, ray)
+    settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, place=place, **given)
     interrupted_by = write_evaluation(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)

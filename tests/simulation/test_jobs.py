@@ -1,24 +1,32 @@
-"""Episodes in processes that are killed, and in scenarios that SUMO does not survive."""
+"""Jobs in processes that are killed, and in scenarios that SUMO does not survive."""
 
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
+from functools import partial
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
-from slrl_sumo.analysis.episode_workers import ATTEMPTS, Played, play_all
-from slrl_sumo.analysis.episodes import Episode, EpisodeSettings
+from slrl_sumo.analysis.episodes import Episode, EpisodeSettings, play
+from slrl_sumo.analysis.outcomes import TypeOutcome
 from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.simulation.jobs import ATTEMPTS, Finished, Place, run_jobs
+
+Played = Finished[Episode, tuple[TypeOutcome, ...]]
 
 SETTINGS = EpisodeSettings("intersection", "intersection", steps=8)
 
 
 def episodes(count: int, agents: int = 6) -> list[Episode]:
     return [Episode("prior", agents, 1, number) for number in range(count)]
+
+
+def play_all(settings: EpisodeSettings, jobs: Iterable[Episode], processes: int) -> Generator[Played, None, None]:
+    return run_jobs(partial(play, settings), jobs, Place(processes))
 
 
 def workers() -> set[int]:
@@ -35,7 +43,7 @@ def workers() -> set[int]:
 
 
 def outcomes(played: Iterable[Played]) -> dict[Episode, object]:
-    return {each.episode: each.outcome for each in played}
+    return {each.job: each.record for each in played}
 
 
 def test_a_worker_that_is_killed_is_replaced_and_nothing_changes() -> None:
@@ -75,8 +83,8 @@ def test_an_episode_that_always_kills_its_process_is_left_out() -> None:
     rest = list(results)
     ended.set()
     killer.join()
-    assert first.outcome is not None
-    assert [(each.episode, each.outcome) for each in rest] == [(episodes(2)[1], None)]
+    assert first.record is not None
+    assert [(each.job, each.record) for each in rest] == [(episodes(2)[1], None)]
     assert "SIGKILL" in rest[0].reason
     assert len(killed) == ATTEMPTS
 
@@ -108,5 +116,41 @@ def test_a_scenario_that_sumo_does_not_survive_is_given_up(copy_scenario: Callab
     ordered = etree.parse(str(routes))
     ordered.getroot()[:] = sorted(ordered.getroot(), key=lambda e: float(e.get("depart") or e.get("begin") or -1))
     ordered.write(str(routes))
-    with pytest.raises(SumoError, match=r"first 3 episodes all failed.*astray"):
+    with pytest.raises(SumoError, match=r"first 3 simulations all failed.*astray"):
         list(play_all(EpisodeSettings(str(config), "intersection", steps=8), episodes(9), 2))
+
+
+def half_or_die(number: int) -> float:
+    """Divides by two; 3 kills the process as a crash of SUMO would, 5 is a bug."""
+    if number == 3:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if number == 5:
+        raise ZeroDivisionError("five")
+    return number / 2
+
+
+def test_only_as_many_jobs_are_drawn_as_can_run_and_each_comes_back_once() -> None:
+    drawn = []
+
+    def numbers() -> Iterable[int]:
+        for number in range(100, 130):
+            drawn.append(number)
+            yield number
+
+    results = run_jobs(half_or_die, numbers(), Place(2))
+    found = []
+    for finished in results:
+        found.append((finished.job, finished.record))
+        assert len(drawn) <= len(found) + 3
+    assert sorted(found) == [(number, number / 2) for number in range(100, 130)]
+
+
+def test_a_job_that_always_dies_is_left_out_with_the_signal_and_the_others_are_done() -> None:
+    found = {each.job: each for each in run_jobs(half_or_die, range(5), Place(2))}
+    assert {job: each.record for job, each in found.items()} == {0: 0.0, 1: 0.5, 2: 1.0, 3: None, 4: 2.0}
+    assert found[3].reason == f"its process died (SIGSEGV), {ATTEMPTS} times"
+
+
+def test_a_bug_is_told_with_its_traceback() -> None:
+    with pytest.raises(RuntimeError, match=r"in half_or_die[^$]*ZeroDivisionError: five"):
+        list(run_jobs(half_or_die, [5], Place(1)))
