@@ -83,9 +83,9 @@ def run_jobs(
     it is drawn from as processes become free, so that only unfinished jobs are in memory.
 
     A job whose process dies is begun again in a fresh process, ATTEMPTS times in all; one in which SUMO gives up is
-    not, because it would again. A job whose machine is lost is begun again on another. Raises InputError where the input
-    is wrong, SumoError where the first HOPELESS jobs all fail, RuntimeError with the traceback of a bug. Closing the
-    generator ends the processes, and so does the death of this one.
+    not, because it would again. A job whose machine is lost is begun again on another. Raises InputError where the
+    input is wrong, SumoError where the first HOPELESS jobs all fail, RuntimeError with the traceback of a bug. Closing
+    the generator ends the processes, and so does the death of this one.
     """
     with closing(_crew(work, place)) as crew:
         fresh, again = iter(jobs), deque[Job]()

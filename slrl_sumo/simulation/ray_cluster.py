@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
@@ -24,7 +25,7 @@ from typing import Any
 from slrl_sumo.errors import InputError
 from slrl_sumo.simulation.ray_address import AUTO, LOCAL, may_be_address
 
-CONNECT_S = 20
+CONNECT_S = 15
 """s in which a cluster must have answered."""
 
 LOOPBACK = "127.0.0.2"
@@ -76,6 +77,20 @@ def ray_cluster(address: str, cpus: int | None = None) -> Iterator[Any]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def head_answers(ray: Any) -> bool:
+    """Whether the cluster's head is there. Without it Ray waits for a minute, deaf to everything, and then ends us."""
+    host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
+    for patience in (1.0, 3.0, 6.0):
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), timeout=patience).close()
+            return True
+        except ConnectionRefusedError:
+            time.sleep(patience / 3)
+        except OSError:
+            continue
+    return False
+
+
 def _reachable(address: str) -> str:
     """The address as Ray wants it, after a look whether anybody is there."""
     if not may_be_address(address):
@@ -108,7 +123,7 @@ def _connected(address: str, options: dict[str, Any]) -> Any:
         ray.init(**options)
     except (RuntimeError, OSError, ValueError, TypeError) as error:
         ray.shutdown()
-        raise InputError(f"--ray {address}: {_in_one_line(str(error))}") from None
+        raise InputError(f"--ray {address}: {in_one_line(str(error))}") from None
     finally:
         if threading.current_thread() is threading.main_thread():
             for number, handler in handlers.items():  # Ray has set its own, which would end us without a word
@@ -124,14 +139,15 @@ def _try(address: str) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_S, check=False)
     except subprocess.TimeoutExpired:
-        raise ConnectionError(
-            f"no Ray answered within {CONNECT_S} s; give the port of a cluster's head, on one of its machines"
+        raise InputError(
+            f"--ray {address}: no Ray answered within {CONNECT_S} s; look whether that is the port of a cluster's head, "
+            "whether this is one of its machines, and whether it has the same token (RAY_AUTH_TOKEN_PATH)"
         ) from None
     if done.returncode:
         raise ConnectionError(done.stderr)
 
 
-def _in_one_line(text: str) -> str:
+def in_one_line(text: str) -> str:
     """What Ray said about a connection that failed."""
     if "ersion mismatch" in text:
         numbers = re.findall(r"(Ray|Python): *([\d.]+\w*)", text)

@@ -15,7 +15,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.simulation.job_worker import Died, JobWorker
 from slrl_sumo.simulation.jobs import Lost
 from slrl_sumo.simulation.ray_address import LOCAL
-from slrl_sumo.simulation.ray_cluster import ray_cluster
+from slrl_sumo.simulation.ray_cluster import head_answers, ray_cluster
 
 AHEAD = 0.125
 """Tasks beyond the number of cores, as a share of it: they wait on the cluster, so that cores do not wait for us."""
@@ -41,6 +41,11 @@ class RayCrew:
     def free(self) -> bool:
         """See Crew."""
         if time.monotonic() > self._looked + LOOK_S:
+            if not head_answers(self._ray):
+                raise InputError(
+                    f"--ray {self._address}: the cluster's head answers no longer; what is finished is kept: "
+                    "give the same command again when it is back, or without --ray"
+                )
             cores = int(self._ray.cluster_resources().get("CPU", 0))
             self._room = self._most or max(1, cores + math.ceil(AHEAD * cores))
             self._looked = time.monotonic()
