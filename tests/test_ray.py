@@ -1,5 +1,6 @@
 """Studies on a real Ray cluster of two nodes on loopback, one of which is killed, and on a Ray of our own."""
 
+import csv
 import json
 import os
 import pickle
@@ -26,6 +27,20 @@ from slrl_sumo.simulation.ray_jobs import perform
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
 EVALUATE = "evaluate intersection --bundle intersection --selectors prior,sumo --agents 24 --steps 40 --episodes 6"
+
+
+SMALL = """
+[ppo]
+num_steps = 8
+update_epochs = 1
+[arena]
+agents = 12
+[imitation]
+epochs = 0
+[networks]
+count = 2
+reset_every = 4
+"""
 
 
 def session(leader: int) -> list[tuple[int, str]]:
@@ -145,6 +160,44 @@ def test_a_ray_of_our_own_gives_the_same_and_resumes_what_was_begun_without(
     done = cli(*EVALUATE.split(), "--workers", 2, "--out", tmp_path / "out", "--ray")
     assert (done.returncode, done.stderr) == (0, "")
     check_tables(tmp_path / "out", tables)
+
+
+@pytest.mark.slow
+def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "small.toml").write_text(SMALL)
+    train = ["train", "intersection", "--bundle", "intersection", "--config", "small.toml", "--episodes", "0"]
+    train += ["--steps", str(8 * 8 * 24), "--workers", "2"]
+    done = cli(*train, "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    node = cluster.join()
+    driver = subprocess.Popen(
+        [sys.executable, "-m", "slrl_sumo.cli", *train, "--out", "there", "--ray", cluster.address],
+        env=cluster.environment,
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    log = tmp_path / "there-training" / "log.csv"
+    deadline = time.monotonic() + 240
+    while not (log.exists() and log.read_bytes().count(b"\n") > 3):
+        assert driver.poll() is None, driver.stderr and driver.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert "spawn_main" in str(session(node.pid))
+    kill(node.pid)
+    _, err = driver.communicate(timeout=240)
+    assert driver.returncode == 0, err
+    here, there = (tmp_path / name / "selector.safetensors" for name in ("here", "there"))
+    assert here.read_bytes() == there.read_bytes()
+    rows = []
+    for name in ("here", "there"):
+        with open(tmp_path / f"{name}-training" / "log.csv", newline="") as file:
+            rows.append(list(csv.DictReader(file)))
+    clocks = ("speed/agent_steps_per_s", "speed/workers_replaced", "loss/rollout_s", "loss/update_s")
+    without = [[{k: v for k, v in row.items() if k not in clocks} for row in table] for table in rows]
+    assert without[0] == without[1]
+    assert len(without[0]) == 8
+    assert [table[-1]["speed/workers_replaced"] for table in rows] == ["0", "1"]
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.records.trajectories import load_trajectories
 from slrl_sumo.simulation.driver import GUARDED, SELECTORS
-from slrl_sumo.simulation.jobs import Finished, Place, run_jobs
+from slrl_sumo.simulation.jobs import Finished, Place, anywhere, run_jobs
 from slrl_sumo.simulation.run import MOST_AGENTS
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -77,10 +77,8 @@ def evaluate_scenario(
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
-    # Processes on other machines have other working directories.
-    named = Path(settings.scenario).absolute() if Path(settings.scenario).exists() else settings.scenario
-    models = settings.bundle if settings.bundle in shipped_bundles() else Path(settings.bundle).absolute()
-    common = EpisodeSettings(str(named), str(models), settings.steps)
+    models = anywhere(settings.bundle, shipped_bundles())
+    common = EpisodeSettings(anywhere(settings.scenario), models, settings.steps)
     log = EpisodeLog(folder / "episodes.jsonl", log_header(common, scenario, bundle))
     plan = _plan(settings, selectors)
     tables = EpisodeTables((*plan.parties, RECORDED), settings.steps, settings.episodes)

@@ -127,7 +127,7 @@ def train(
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
     if episodes < 0:
         raise InputError(f"--episodes {episodes}: give a whole number from 0")
-    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()))
+    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()), ray)
     if not train_with_progress(request, read_settings(config), resume=resume):
         raise typer.Exit(130)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")

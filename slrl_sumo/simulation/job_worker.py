@@ -7,10 +7,12 @@ import shutil
 import signal
 import tempfile
 import traceback
+from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from slrl_sumo.errors import InputError, SumoError
 
@@ -23,7 +25,7 @@ class Died(str):
 
 
 class JobWorker:
-    """A fresh process that does `work`, a pickled function of one argument, on pickled jobs.
+    """A fresh process that does `work`, a pickled function or callable object of one argument, on pickled jobs.
 
     Its answer is pickled as well: what the function returned, the InputError or SumoError that it raised, or a
     RuntimeError with the traceback of anything else. It stays alive between jobs because torch loads slowly. Temporary
@@ -52,6 +54,11 @@ class JobWorker:
         its.close()
 
     @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid or 0
+
+    @property
     def old(self) -> bool:
         """Whether it should be replaced before the next job."""
         return self._jobs >= LIFE
@@ -62,9 +69,11 @@ class JobWorker:
         with suppress(OSError):  # it is dead: that shows when its answer is received
             self.pipe.send_bytes(job)
 
-    def receive(self) -> bytes | Died:
-        """Wait for the answer."""
+    def receive(self, patience: float | None = None) -> bytes | Died:
+        """Wait for the answer, at most `patience` s: who needs longer counts as dead, and must be stopped."""
         try:
+            if patience is not None and not self.pipe.poll(max(0.0, patience)):
+                return Died("no answer in time")
             return self.pipe.recv_bytes()
         except (EOFError, OSError):
             self._process.join()
@@ -87,17 +96,21 @@ def _serve(pipe: Connection, work: bytes, folder: str) -> None:
     for number in (1, 2):
         os.dup2(descriptor, number)
     os.close(descriptor)
+    perform: list[Callable[[Any], Any]] = []
     try:
         while True:
-            pipe.send_bytes(_answer(work, pipe.recv_bytes()))
+            pipe.send_bytes(_answer(work, perform, pipe.recv_bytes()))
     except (EOFError, OSError):
         # The parent has gone; if it was killed, nobody else clears up.
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _answer(work: bytes, job: bytes) -> bytes:
+def _answer(work: bytes, perform: list[Callable[[Any], Any]], job: bytes) -> bytes:
+    """The pickled answer; `perform` holds the function when it has been loaded, because it may have a state."""
     try:
-        return pickle.dumps(pickle.loads(work)(pickle.loads(job)))
+        if not perform:
+            perform.append(pickle.loads(work))
+        return pickle.dumps(perform[0](pickle.loads(job)))
     except (InputError, SumoError) as error:
         return pickle.dumps(error)
     except Exception:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Hashable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from multiprocessing.connection import wait
+from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
 from slrl_sumo.errors import InputError, SumoError
@@ -138,6 +139,15 @@ def run_jobs(
             yield from ended
             if fatal is not None:
                 raise fatal
+
+
+def anywhere(name: str, shipped: Iterable[str] = ()) -> str:
+    """The name of a scenario or bundle for processes that have another working directory, perhaps on another machine.
+
+    What ships with the package, by a name in `shipped` or because there is no such path here, is found everywhere; a
+    path becomes absolute.
+    """
+    return name if name in shipped or not Path(name).exists() else str(Path(name).absolute())
 
 
 def _crew(work: Callable[[Job], Record], place: Place) -> Crew:

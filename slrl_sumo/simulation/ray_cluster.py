@@ -77,18 +77,21 @@ def ray_cluster(address: str, cpus: int | None = None) -> Iterator[Any]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def head_answers(ray: Any) -> bool:
-    """Whether the cluster's head is there. Without it Ray waits for a minute, deaf to everything, and then ends us."""
+def check_head(ray: Any, address: str) -> None:
+    """InputError where the cluster's head is gone: Ray would wait for a minute, deaf to everything, and then end us."""
     host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
     for patience in (1.0, 3.0, 6.0):
         try:
             socket.create_connection((host.strip("[]"), int(port)), timeout=patience).close()
-            return True
+            return
         except ConnectionRefusedError:
             time.sleep(patience / 3)
         except OSError:
             continue
-    return False
+    raise InputError(
+        f"--ray {address}: the cluster's head answers no longer; what is finished is kept: give the same command again "
+        "when it is back, or without --ray"
+    )
 
 
 def _reachable(address: str) -> str:
@@ -140,8 +143,8 @@ def _try(address: str) -> None:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_S, check=False)
     except subprocess.TimeoutExpired:
         raise InputError(
-            f"--ray {address}: no Ray answered within {CONNECT_S} s; look whether that is the port of a cluster's head, "
-            "whether this is one of its machines, and whether it has the same token (RAY_AUTH_TOKEN_PATH)"
+            f"--ray {address}: no Ray answered within {CONNECT_S} s; look whether that is the port of a cluster's "
+            "head, whether this is one of its machines, and whether it has the same token (RAY_AUTH_TOKEN_PATH)"
         ) from None
     if done.returncode:
         raise ConnectionError(done.stderr)

@@ -15,7 +15,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.simulation.job_worker import Died, JobWorker
 from slrl_sumo.simulation.jobs import Lost
 from slrl_sumo.simulation.ray_address import LOCAL
-from slrl_sumo.simulation.ray_cluster import head_answers, ray_cluster
+from slrl_sumo.simulation.ray_cluster import check_head, ray_cluster
 
 AHEAD = 0.125
 """Tasks beyond the number of cores, as a share of it: they wait on the cluster, so that cores do not wait for us."""
@@ -41,11 +41,7 @@ class RayCrew:
     def free(self) -> bool:
         """See Crew."""
         if time.monotonic() > self._looked + LOOK_S:
-            if not head_answers(self._ray):
-                raise InputError(
-                    f"--ray {self._address}: the cluster's head answers no longer; what is finished is kept: "
-                    "give the same command again when it is back, or without --ray"
-                )
+            check_head(self._ray, self._address)
             cores = int(self._ray.cluster_resources().get("CPU", 0))
             self._room = self._most or max(1, cores + math.ceil(AHEAD * cores))
             self._looked = time.monotonic()
@@ -62,25 +58,26 @@ class RayCrew:
         if ready and waiting:
             more, _ = self._ray.wait(waiting, num_returns=len(waiting), timeout=0)
             ready += more
-        return [(self._running.pop(task), self._receive(task)) for task in ready]
+        return [(self._running.pop(task), received(self._ray, self._address, task)) for task in ready]
 
     def close(self) -> None:
         """See Crew."""
         self._open.close()
 
-    def _receive(self, task: Any) -> bytes | Died | Lost:
-        errors = self._ray.exceptions
-        try:
-            answer: bytes | Died = self._ray.get(task)
-        except errors.RayTaskError as error:
-            cause = str(error.cause).splitlines()[-1] if error.cause else str(error)
-            raise InputError(
-                f"--ray {self._address}: a machine of the cluster cannot run this ({cause}); "
-                f"install slrl-sumo {__version__} on all of them"
-            ) from None
-        except errors.RayError as error:
-            return Lost(f"its machine was lost ({type(error).__name__})")
-        return answer
+
+def received(ray: Any, address: str, call: Any) -> bytes | Died | Lost:
+    """What a task or the method of an actor gave back. Raises InputError where a machine cannot run it."""
+    try:
+        answer: bytes | Died = ray.get(call)
+    except ray.exceptions.RayTaskError as error:
+        cause = str(error.cause).splitlines()[-1] if error.cause else str(error)
+        raise InputError(
+            f"--ray {address}: a machine of the cluster cannot run this ({cause}); "
+            f"install slrl-sumo {__version__} on all of them"
+        ) from None
+    except ray.exceptions.RayError as error:
+        return Lost(f"its machine was lost ({type(error).__name__})")
+    return answer
 
 
 _worker: JobWorker | None = None
