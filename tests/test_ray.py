@@ -134,7 +134,11 @@ def test_a_node_that_dies_costs_nothing_but_time(cluster: Cluster, tables: Path,
     node = cluster.join()
     command = [sys.executable, "-m", "slrl_sumo.cli", *EVALUATE.split(), "--ray", cluster.address]
     driver = subprocess.Popen(
-        [*command, "--out", str(tmp_path / "out")], env=cluster.environment, stderr=subprocess.PIPE, text=True
+        [*command, "--out", str(tmp_path / "out")],
+        env=cluster.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     log = tmp_path / "out" / "episodes.jsonl"
     deadline = time.monotonic() + 240
@@ -145,8 +149,9 @@ def test_a_node_that_dies_costs_nothing_but_time(cluster: Cluster, tables: Path,
         time.sleep(0.05)
     kill(node.pid)
     assert log.read_bytes().count(b"\n") < 12
-    _, err = driver.communicate(timeout=240)
+    out, err = driver.communicate(timeout=240)
     assert (driver.returncode, err) == (0, "")
+    assert "raylet" not in out
     check_tables(tmp_path / "out", tables)
 
 

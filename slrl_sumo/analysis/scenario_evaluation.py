@@ -1,15 +1,13 @@
 """Selectors measured in a scenario: many episodes, one table (paper, section 4.1)."""
 
 import shlex
-import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from slrl_sumo.analysis.episode_log import EpisodeLog, Outcome, log_header
@@ -17,6 +15,7 @@ from slrl_sumo.analysis.episode_plan import EpisodePlan
 from slrl_sumo.analysis.episode_report import print_episodes, write_episodes
 from slrl_sumo.analysis.episode_tables import EpisodeTables
 from slrl_sumo.analysis.episodes import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
+from slrl_sumo.analysis.progress import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
 from slrl_sumo.analysis.published import published_rows
 from slrl_sumo.errors import InputError, SumoError
@@ -127,7 +126,7 @@ def evaluate_scenario(
 def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
     """Evaluate with a progress bar, and write and print the tables. Returns 0, or the number of the signal (SIGINT or
     SIGTERM) that interrupted it; what was finished by then is in `folder`/episodes.jsonl."""
-    with _interruptible() as caught, progress_bar("{task.fields[rate]:.1f} episodes/s") as bar:
+    with interruptible() as caught, progress_bar("{task.fields[rate]:.1f} episodes/s") as bar:
         task = bar.add_task(settings.scenario, total=None, rate=0.0)
         try:
             result = evaluate_scenario(
@@ -142,23 +141,6 @@ def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
     write_episodes(result, folder)
     print_episodes(result)
     return 0
-
-
-@contextmanager
-def _interruptible() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt; the list then holds the signal's number."""
-    caught: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        caught.append(number)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield caught
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _selectors_of(bundle: ModelBundle) -> tuple[str, ...]:

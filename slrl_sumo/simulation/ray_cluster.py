@@ -165,11 +165,11 @@ def in_one_line(text: str) -> str:
 
 
 def _quiet() -> None:
-    """Ray prints on our stdout which of its workers died; we say so ourselves."""
-    with suppress(ImportError, AttributeError):
-        from ray._private.ray_logging import global_worker_stdstream_dispatcher
+    """Ray prints on our stdout which of its workers and machines died, with no switch for it; we say it ourselves."""
+    with suppress(ImportError):
+        from ray._private import worker
 
-        global_worker_stdstream_dispatcher.remove_handler("ray_print_logs")
+        worker.print_to_stdstream = lambda *_, **__: None
 
 
 def _folder() -> Path:
