@@ -139,7 +139,9 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
         assert name in done.stdout
     assert "540 agent-steps" in done.stdout
     # Roads, pavements and the colours of three types; not a blank page.
-    assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == ["ego_images.png", "paths.png"]
+    pictures = ["conflicts", "density", "ego_images", "modes", "motion", "paths", "space_time"]
+    names = [*(f"{name}.png" for name in pictures), "report.html"]
+    assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == sorted(names)
     assert colours(tmp_path / "pictures" / "paths.png") > 8
     assert colours(tmp_path / "pictures" / "ego_images.png") > 8
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "s.json"]

@@ -206,6 +206,19 @@ def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli,
 
 
 @pytest.mark.slow
+def test_a_comparison_and_recordings_on_ray_are_those_made_here(cli: Cli, tmp_path: Path) -> None:
+    compare = ["compare", "signalised", "--bundle", "intersection", "--seconds", "20", "--seeds", "1"]
+    record = ["record", "intersection", "--seconds", "20", "--seeds", "2"]
+    for name, where in (("here", []), ("there", ["--ray", "--workers", "2"])):
+        for command in (compare, record):
+            done = cli(*command, *where, "--out", tmp_path / f"{command[0]}-{name}")
+            assert (done.returncode, done.stderr) == (0, "")
+    for file in ("compare-{}/results.json", "compare-{}/runs.jsonl", "record-{}/seed-1.npz", "record-{}/seed-2.npz"):
+        here, there = ((tmp_path / file.format(name)).read_bytes() for name in ("here", "there"))
+        assert sorted(here.splitlines()) == sorted(there.splitlines())
+
+
+@pytest.mark.slow
 def test_ctrl_c_on_ray_keeps_what_is_finished_and_leaves_nobody_behind(tmp_path: Path) -> None:
     (tmp_path / "tmp").mkdir()
     before = set(Path("/tmp").glob("slrl_ray_*"))

@@ -20,6 +20,7 @@ from rich.table import Table
 from slrl_sumo.analysis.progress import progress
 from slrl_sumo.errors import InputError, SlrlError
 from slrl_sumo.records.fcd_write import FcdWriter, check_fcd_path
+from slrl_sumo.records.trajectories import Trajectories, load_trajectories
 from slrl_sumo.simulation.contained import run_contained
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.simulation.tally import Tally
@@ -33,9 +34,17 @@ VIEWS_AT = frozenset({10, 40, 80, 140})
 
 
 def write_run(
-    settings: RunSettings, *, fcd: Path | None, summary: Path | None, report: Path | None, quiet: bool
+    settings: RunSettings,
+    *,
+    fcd: Path | None,
+    summary: Path | None,
+    report: Path | None,
+    quiet: bool,
+    recording: Path | None = None,
 ) -> int:
     """Run `settings` and write what was asked for. Returns 0, or the number of the signal that interrupted the run.
+
+    `recording`: trajectories that the report compares with, instead of SUMO's own road users in the run.
 
     Where to write is checked before SUMO starts, and nothing is touched until everybody stands at the start. An
     interrupt (SIGINT, SIGTERM), a full disk or the death of SUMO ends the run after a whole step; what can still be
@@ -47,6 +56,9 @@ def write_run(
     for path in (fcd, summary, report):
         if path is not None:
             _check_writable(path, folder=path is report)
+    if recording is not None and report is None:
+        raise InputError(f"--recording {recording}: the report compares with it; add --report DIR")
+    truth = None if recording is None else load_trajectories(recording)
     failures: list[SlrlError] = []
     with ExitStack() as stack:
         caught = stack.enter_context(_signals())
@@ -63,7 +75,7 @@ def write_run(
             with suppress(OSError):  # nobody reads stderr: that is no reason to stop
                 print(f"note: {notice}", file=sys.stderr)
         tally = Tally(started.step.world)
-        pictures = _pictures(started) if report is not None else None
+        pictures = _pictures(started, truth) if report is not None else None
         writer = stack.enter_context(FcdWriter(fcd)) if fcd is not None else None
         with _collected(failures), suppress(KeyboardInterrupt):
             if writer is not None:
@@ -90,7 +102,7 @@ def write_run(
             _write_json(summary, result)
     with _collected(failures):
         if report is not None and pictures is not None:
-            pictures.write(report)
+            pictures.write(report, result)
     with _collected(failures):
         if not quiet:
             _print_table(summary_table(result))
@@ -108,10 +120,10 @@ def _collected(failures: list[SlrlError]) -> Iterator[None]:
         failures.append(error)
 
 
-def _pictures(started: Started) -> "ReportBuilder":
+def _pictures(started: Started, recording: Trajectories | None) -> "ReportBuilder":
     from slrl_sumo.analysis.report import ReportBuilder  # matplotlib takes its time
 
-    return ReportBuilder(started)
+    return ReportBuilder(started, recording)
 
 
 def _summary(settings: RunSettings, started: Started, tally: Tally, wall_s: float) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from slrl_sumo.analysis.report import draw_ground
+from slrl_sumo.analysis.groundpicture import draw_ground
 from slrl_sumo.sumo.network import MOTOR_CLASSES, Network
 from slrl_sumo.world.geometry import Floats
 

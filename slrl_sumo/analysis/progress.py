@@ -1,10 +1,6 @@
-"""Progress bars for people, silent where nobody watches; and how people stop what they watch."""
+"""Progress bars for people; silent where nobody watches."""
 
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -22,20 +18,3 @@ def progress(*columns: str, quiet: bool = False) -> Progress:
         transient=True,
         disable=quiet or sys.stderr is None or not sys.stderr.isatty(),
     )
-
-
-@contextmanager
-def interruptible() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt; the list then holds the signal's number."""
-    caught: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        caught.append(number)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield caught
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

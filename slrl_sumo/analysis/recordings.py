@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from slrl_sumo import __version__
-from slrl_sumo.analysis.progress import interruptible
+from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.records.trajectories import Trajectories
@@ -32,7 +32,8 @@ class Recordings:
 def write_recordings(wanted: Recordings, folder: Path, place: Place) -> int:
     """Record every seed that `folder` does not hold yet, with a progress bar, as seed-N.npz.
 
-    Returns 0, or the number of the signal that interrupted it; what was finished by then is there. Raises InputError where the input is wrong or the folder is of other recordings, SumoError where seeds failed.
+    Returns 0, or the number of the signal that interrupted it; what was finished by then is there. Raises InputError
+    where the input is wrong or the folder is of other recordings, SumoError where seeds failed.
     """
     if not wanted.seeds:
         raise InputError(f"--seeds {len(wanted.seeds)}: give a whole number, 1 or more")

@@ -1,121 +1,166 @@
-"""Pictures of a run: where everybody went, and what some road users saw."""
+"""The report of a run: collects what happens while it goes on, then writes pictures and a page."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from slrl_sumo.analysis.conflict_figures import draw_conflicts
+from slrl_sumo.analysis.conflicts import Conflicts, pet_conflicts, ttc_conflicts
+from slrl_sumo.analysis.distributions import Kinematics, kinematics
+from slrl_sumo.analysis.map_figures import draw_density, draw_paths, draw_space_time
+from slrl_sumo.analysis.mode_figures import draw_modes, draw_views
+from slrl_sumo.analysis.motion_figures import draw_motion
+from slrl_sumo.analysis.realism import Realism, realism
 from slrl_sumo.errors import InputError
+from slrl_sumo.records.trajectories import Trajectories, TrajectoryBuilder
 from slrl_sumo.simulation.events import Decision, Event, Started, Views
+from slrl_sumo.simulation.record import jumped
 from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.surfaces import Surface, SurfaceShapes, paint
+from slrl_sumo.world.surfaces import SurfaceShapes
 from slrl_sumo.world.types import TYPE_NAMES
 
-TYPE_COLOURS = ("#D55E00", "#0072B2", "#009E73")
-"""Car, bicycle, pedestrian: Okabe and Ito's palette, which the colour-blind can tell apart."""
-SURFACE_GREYS = {
-    Surface.NONE: (250, 250, 247),
-    Surface.ROAD: (205, 205, 205),
-    Surface.SIDEWALK: (235, 228, 205),
-    Surface.CROSSING: (222, 222, 222),
-    Surface.CYCLEWAY: (214, 206, 206),
-}
-LARGEST_PICTURE = 1600
-"""px along the longer side of a map."""
+MOST_ROWS = 5_000_000
+"""Positions after which no more are collected, so that the report of a long run has a bounded memory (0.5 GB)."""
+LEARNED, BACKGROUND = "+", "-"
+"""What is put before the ids of tracks: who is taken over, or handed back, goes on in a new track."""
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """What is known of a run when it is over."""
+
+    started: Started
+    tracks: Trajectories
+    """Everybody, every 0.4 s; ids begin with LEARNED or BACKGROUND."""
+    learned: NDArray[np.bool_]
+    """Which tracks are those of learned road users, (T,)."""
+    modes: NDArray[np.int64] | None
+    """How often each type chose each mode, (3, modes); None where the driver knows no modes."""
+    views: tuple[Views, ...]
+    cut: bool
+    """Whether the run was longer than what is in `tracks`."""
+
+    @property
+    def seconds(self) -> float:
+        """How long `tracks` are."""
+        return max(len(self.tracks.frames) - 1, 0) * self.tracks.dt
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """Who the learned road users are measured against."""
+
+    name: str
+    motion: Kinematics
+    realism: dict[str, Realism]
+    """By type name; empty where the two have no type in common."""
 
 
 class ReportBuilder:
-    """Collects what the pictures need while a run goes on, then writes them."""
+    """Collects what the report needs while a run goes on, then writes it.
 
-    def __init__(self, started: Started) -> None:
-        self._started = started
-        self._kinds: dict[str, int] = {}
-        self._paths: dict[str, list[tuple[float, float]]] = {}
+    `recording`: trajectories that the learned road users are compared with; None: SUMO's own in the same run.
+    """
+
+    def __init__(self, started: Started, recording: Trajectories | None = None) -> None:
+        self._started, self._recording = started, recording
+        self._builder = TrajectoryBuilder(source=f"run of {started.scenario}")
+        self._before: WorldState | None = None
+        self._rows = 0
+        self._modes: NDArray[np.int64] | None = None
+        if started.mode_centres is not None:
+            self._modes = np.zeros(started.mode_centres.shape[:2], np.int64)
         self._views: list[Views] = []
-        self._seconds = 0.0
-        world = started.step.world
-        self._extend(world, int(world.learned.sum()), np.zeros(len(world), np.bool_))
+        self._cut = False
+        self._extend(started.step.world, ())
 
     def add(self, event: Event) -> None:
-        """Take the positions of a decision, or images of what some road users see."""
+        """Take a decision, or images of what some road users see."""
         if isinstance(event, Views):
             self._views.append(event)
         elif isinstance(event, Decision):
-            step = event.steps[-1]
-            self._seconds = step.time - self._started.begin
-            self._extend(step.world, len(event.surface), event.looped)
+            world = event.steps[-1].world
+            looped = [world.ids[row] for row in np.flatnonzero(event.looped)]
+            self._extend(world, looped)
+            if event.modes is not None and self._modes is not None:
+                np.add.at(self._modes, (world.type[: len(event.modes)].astype(np.intp), event.modes), 1)
 
-    def _extend(self, world: WorldState, count: int, looped: NDArray[np.bool_]) -> None:
-        for row in range(count):
-            path = self._paths.setdefault(world.ids[row], [])
-            self._kinds[world.ids[row]] = int(world.type[row])
-            # A jump to the other side is not a way that somebody went: the line is cut there.
-            if looped[row]:
-                path.append((np.nan, np.nan))
-            path.append((float(world.x[row]), float(world.y[row])))
+    def _extend(self, world: WorldState, looped: "list[str] | tuple[str, ...]") -> None:
+        self._rows += len(world)
+        if self._rows > MOST_ROWS:
+            self._cut = True
+            return
+        marks = [LEARNED if learned else BACKGROUND for learned in world.learned.tolist()]
+        marked = replace(world, ids=tuple([mark + name for mark, name in zip(marks, world.ids, strict=True)]))
+        # A jump to the other side is not a way that somebody went.
+        anew = {LEARNED + name for name in looped}
+        if self._before is not None:
+            anew.update(jumped(self._before, marked))
+        self._builder.append(marked, anew)
+        self._before = marked
 
-    def write(self, folder: Path) -> None:
-        """Write paths.png and, if views were taken, ego_images.png into `folder`, which is created."""
+    def build(self) -> Traced:
+        """What was collected."""
+        tracks = self._builder.build()
+        learned = np.array([name.startswith(LEARNED) for name in tracks.ids], np.bool_)
+        return Traced(self._started, tracks, learned, self._modes, tuple(self._views), self._cut)
+
+    def write(self, folder: Path, summary: dict[str, Any]) -> None:
+        """Write report.html and its pictures into `folder`, which is created; `summary`: that of `run --summary`."""
+        from slrl_sumo.analysis.report_page import page
+
+        traced = self.build()
+        ttc, pet = (find(traced.tracks).with_vehicles(traced.tracks) for find in (ttc_conflicts, pet_conflicts))
+        compared = compare_with(traced, self._recording)
+        ours = kinematics(traced.tracks, traced.learned)
+        pictures: dict[str, Figure] = {"paths": draw_paths(traced.started, traced.tracks, traced.learned)}
+        if any(len(values) for values in ours["speed"]):
+            pictures["motion"] = draw_motion(ours, compared.motion, compared.name)
+        if len(traced.tracks.frames) > 1:
+            pictures["density"] = draw_density(traced.started.surfaces, traced.tracks)
+        if (space_time := draw_space_time(traced.tracks, traced.learned, traced.started.surfaces)) is not None:
+            pictures["space_time"] = space_time
+        pictures["conflicts"] = draw_conflicts(ttc, pet, traced.tracks, traced.learned, traced.started.surfaces)
+        if traced.modes is not None and traced.modes.any() and traced.started.mode_centres is not None:
+            pictures["modes"] = draw_modes(traced.modes, traced.started.mode_centres)
+        if traced.views:
+            pictures["ego_images"] = draw_views(traced.views)
         try:
             folder.mkdir(exist_ok=True)
-            self._draw_paths().savefig(folder / "paths.png", dpi=110)
-            if self._views:
-                self._draw_views().savefig(folder / "ego_images.png", dpi=110)
+            for name, figure in pictures.items():
+                figure.savefig(folder / f"{name}.png", dpi=110)
+            text = page(traced, summary, compared, ours, {"ttc": ttc, "pet": pet}, tuple(pictures))
+            (folder / "report.html").write_text(text, encoding="utf-8")
         except OSError as error:
             raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
 
-    def _draw_paths(self) -> Figure:
-        ground, extent = draw_ground(self._started.surfaces)
-        width, height = extent[1] - extent[0], extent[3] - extent[2]
-        scale = 11.0 / max(width, height)
-        figure = Figure(figsize=(max(width * scale, 5.0) + 1, max(height * scale, 4.0) + 1), layout="constrained")
-        axes = figure.subplots()
-        axes.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
-        for kind, name in enumerate(TYPE_NAMES):
-            paths = [np.array(path) for user, path in self._paths.items() if self._kinds[user] == kind]
-            if not paths:
-                continue
-            lines = LineCollection(paths, colors=TYPE_COLOURS[kind], linewidths=0.8, alpha=0.8)
-            lines.set_label(f"{name} ({len(paths)})")
-            axes.add_collection(lines)
-            ends = np.array([path[-1] for path in paths])
-            axes.plot(ends[:, 0], ends[:, 1], "o", color=TYPE_COLOURS[kind], ms=3.5, mec="black", mew=0.4)
-        axes.set_title(
-            f"{self._started.scenario}: paths of learned road users in {self._seconds:.0f} s (dots: their ends)"
-        )
-        axes.set_xlabel("x (m)")
-        axes.set_ylabel("y (m)")
-        if self._paths:
-            axes.legend(loc="upper right")
-        return figure
 
-    def _draw_views(self) -> Figure:
-        rows = max(len(views.ids) for views in self._views)
-        figure = Figure(figsize=(4.2 * len(self._views), 2.6 * rows), layout="constrained")
-        grid = figure.subplots(rows, len(self._views), squeeze=False)
-        for axes in grid.flat:
-            axes.set_visible(False)
-        for column, views in enumerate(self._views):
-            for row, road_user in enumerate(views.ids):
-                axes = grid[row, column]
-                axes.set_visible(True)
-                # The image's first row is the left side; 8 m behind to 32 m ahead.
-                axes.imshow(views.images[row], extent=(-8, 32, -10, 10), interpolation="nearest")
-                axes.set_title(f"{road_user} at {views.time:.1f} s", fontsize=9)
-                axes.set_xlabel("ahead (m)", fontsize=8)
-                axes.set_ylabel("left (m)", fontsize=8)
-        return figure
+def compare_with(traced: Traced, recording: Trajectories | None) -> Compared:
+    """What the learned road users are measured against: a recording, or SUMO's own road users in the same run.
+
+    A recording is somewhere else, so that the map features are left out.
+    """
+    tracks, learned = traced.tracks, traced.learned
+    if recording is not None:
+        scores = realism(simulated=tracks, reference=recording, tracks=learned)
+        return Compared(recording.source or "the recording", kinematics(recording), scores)
+    shapes: SurfaceShapes = traced.started.surfaces
+    scores = realism(simulated=tracks, reference=tracks, tracks=learned, reference_tracks=~learned, shapes=shapes)
+    return Compared("SUMO's own in this run", kinematics(tracks, ~learned), scores)
 
 
-def draw_ground(shapes: SurfaceShapes) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
-    """The surfaces as a picture (rows, cols, 3), row 0 in the south, and its extent (left, right, bottom, top) in m."""
-    points = np.concatenate([shape.points for shape in shapes.shapes])
-    (x0, y0), (x1, y1) = points.min(axis=0) - 5.0, points.max(axis=0) + 5.0
-    resolution = min(4.0, LARGEST_PICTURE / max(x1 - x0, y1 - y0))
-    canvas = np.zeros((int((y1 - y0) * resolution) + 1, int((x1 - x0) * resolution) + 1), np.uint8)
-    paint(canvas, shapes.shapes, x0, y0, resolution)
-    palette = np.array([SURFACE_GREYS[surface] for surface in Surface], np.uint8)
-    extent = (x0, x0 + canvas.shape[1] / resolution, y0, y0 + canvas.shape[0] / resolution)
-    return palette[canvas], extent
+def counts_by_party(
+    found: Conflicts, tracks: Trajectories, learned: NDArray[np.bool_]
+) -> dict[tuple[str, str], dict[str, int]]:
+    """Encounters by pair of types and by who they are: `learned`, `mixed`, `background`; only pairs that there are."""
+    counts: dict[tuple[str, str], dict[str, int]] = {}
+    for a, b in zip(found.a.tolist(), found.b.tolist(), strict=True):
+        first, second = sorted((int(tracks.type[a]), int(tracks.type[b])))
+        pair = TYPE_NAMES[first], TYPE_NAMES[second]
+        party = ("background", "mixed", "learned")[int(learned[a]) + int(learned[b])]
+        counts.setdefault(pair, dict.fromkeys(("learned", "mixed", "background"), 0))[party] += 1
+    return dict(sorted(counts.items()))

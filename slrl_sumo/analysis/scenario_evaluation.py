@@ -15,7 +15,7 @@ from slrl_sumo.analysis.episode_plan import EpisodePlan
 from slrl_sumo.analysis.episode_report import print_episodes, write_episodes
 from slrl_sumo.analysis.episode_tables import EpisodeTables
 from slrl_sumo.analysis.episodes import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
-from slrl_sumo.analysis.progress import interruptible
+from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
 from slrl_sumo.analysis.published import published_rows
 from slrl_sumo.errors import InputError, SumoError

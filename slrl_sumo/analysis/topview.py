@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.analysis.report import SURFACE_GREYS, TYPE_COLOURS
+from slrl_sumo.analysis.groundpicture import SURFACE_GREYS, TYPE_COLOURS
 from slrl_sumo.world.geometry import from_ego
 from slrl_sumo.world.roadmap import RoadMap, Surface
 from slrl_sumo.world.state import WorldState

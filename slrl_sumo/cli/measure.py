@@ -1,4 +1,4 @@
-"""Commands that measure: evaluate."""
+"""Commands that measure: evaluate, compare."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -80,6 +80,59 @@ def evaluate(
     place = Place(workers, ray)
     settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, place=place, **given)
     interrupted_by = write_evaluation(settings, out)
+    if interrupted_by:
+        raise typer.Exit(128 + interrupted_by)
+
+
+@app.command()
+def compare(
+    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
+    out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv, comparison.png and more.")],
+    takeover: Annotated[
+        str, typer.Option(help="Shares of the scenario's own that are learned; default: everybody.")
+    ] = "car=1,bicycle=1,pedestrian=1",
+    region: Annotated[
+        str | None,
+        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
+    ] = None,
+    selector: Annotated[
+        str | None,
+        typer.Option(help="prior, greedy, sampled or lane. Default: greedy where the bundle has a trained selector."),
+    ] = None,
+    guard: Annotated[
+        bool, typer.Option("--guard", help="Never choose modes that lead into a conflict, where others are left.")
+    ] = False,
+    seeds: Annotated[int, typer.Option(help="How many, from --seed on: each is run twice.")] = 5,
+    seed: Annotated[int, typer.Option(help="The first seed, of SUMO and of the choices.")] = 1,
+    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Simulated time of a run, instead of --steps.")] = None,
+    step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
+    workers: Workers = None,
+    ray: RayAddress = None,
+) -> None:
+    """Run a scenario with SUMO's own models and with learned ones, and say what is different."""
+    from slrl_sumo.analysis.prediction_report import check_folder
+
+    check_folder(out)
+    from slrl_sumo.analysis.comparison import ComparisonSettings, write_compared
+    from slrl_sumo.simulation.jobs import Place
+
+    settings = ComparisonSettings(
+        scenario=scenario,
+        bundle=bundle,
+        takeover=takeover,
+        region=region,
+        selector=selector,
+        guard=guard,
+        steps=steps,
+        seconds=seconds,
+        seed=seed,
+        seeds=seeds,
+        step_length=step_length,
+        place=Place(workers, ray),
+    )
+    interrupted_by = write_compared(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
 

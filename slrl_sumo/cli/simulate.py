@@ -45,7 +45,10 @@ def run(
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
     fcd: Annotated[Path | None, typer.Option(help="Trace: .xml, .xml.gz or .csv.")] = None,
     summary: Annotated[Path | None, typer.Option(help="Summary as JSON.")] = None,
-    report: Annotated[Path | None, typer.Option(help="Folder for pictures.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for report.html and its pictures.")] = None,
+    recording: Annotated[
+        Path | None, typer.Option(help="Trajectories, .npz, to compare with in the report; default: SUMO's own.")
+    ] = None,
     no_yield: Annotated[bool, typer.Option("--no-yield", help="Background vehicles do not brake for them.")] = False,
     sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
     sumo_options: Annotated[str, typer.Option(help='Options for SUMO, e.g. "--lateral-resolution 0.8".')] = "",
@@ -75,7 +78,7 @@ def run(
     )
     from slrl_sumo.analysis.outputs import write_run
 
-    interrupted_by = write_run(settings, fcd=fcd, summary=summary, report=report, quiet=quiet)
+    interrupted_by = write_run(settings, fcd=fcd, summary=summary, report=report, quiet=quiet, recording=recording)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
 

@@ -42,6 +42,10 @@ class Way:
     gap: Floats
     leading: Floats
 
+    def take(self, rows: NDArray[np.intp]) -> "Way":
+        """Those of the road users `rows`."""
+        return Way(self.route.take(rows), self.gap[rows], self.leading[rows])
+
 
 def observe(
     world: WorldState, rows: NDArray[np.intp], roadmap: RoadMap, with_image: bool = True, way: Way | None = None

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.selector import PolicySelector, PriorSelector, Selector
-from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.observation import Way, observe
 from slrl_sumo.simulation.agility import Agility, agility, fitted
 from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.leaders import leaders
@@ -73,6 +73,8 @@ class ModelDriver:
     ) -> None:
         self._bundle, self._selector, self._routes, self._guard = bundle, selector, routes, guard
         self._patience = Patience()
+        self.way: Way | None = None
+        """What the selector saw of the routes at the last decision; None where it sees none (preset `paper`)."""
         self._able = None if routes is None else agility(bundle)
         self.max_speed = bundle.max_speed
         self.max_length = LONGEST
@@ -83,8 +85,8 @@ class ModelDriver:
         selector = self._selector
         prospects = self._prospects(world, len(learned))
         extended = selector.preset == "extended"
-        way = prospects.way if extended and prospects is not None else None
-        observation = observe(world, rows, roadmap, selector.needs_image, way)
+        self.way = prospects.way if extended and prospects is not None else None
+        observation = observe(world, rows, roadmap, selector.needs_image, self.way)
         allowed = None
         if prospects is not None:
             routed = with_ahead(self._bundle, observation, world, rows, roadmap, prospects)

@@ -70,6 +70,8 @@ class Started:
     surfaces: SurfaceShapes
     step: Step
     """Everybody at the start."""
+    mode_centres: NDArray[np.float64] | None = None
+    """Where each mode leads to in 4.8 s, in the ego frame, m, (3, modes, 2); None where the driver knows no modes."""
 
 
 @dataclass(frozen=True)

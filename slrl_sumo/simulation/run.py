@@ -9,8 +9,9 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.perception.observation import observe
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
-from slrl_sumo.simulation.driver import SELECTORS, make_driver, usual_selector
+from slrl_sumo.simulation.driver import SELECTORS, Driver, ModelDriver, make_driver, usual_selector
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, starting_points, type_counts
@@ -18,6 +19,7 @@ from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 MOST_AGENTS = 1_000_000
@@ -26,8 +28,9 @@ MOST_AGENTS = 1_000_000
 def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
     """Run learned road users in a scenario: yields one Started, then a Decision for every 0.4 s.
 
-    Before the decisions whose numbers (from 0) are in `views_at`, also yields the Views of the first learned road user
-    of each type. Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO gives up.
+    Before the Decisions whose numbers (from 0) are in `views_at`, also yields the Views that the first learned road
+    user of each type had in them.
+    Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO gives up.
     """
     _check(settings)
     scenario = with_options(find_scenario(settings.scenario), _words(settings.sumo_options))
@@ -69,18 +72,21 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             notices=(*session.notices, *notices),
             surfaces=simulation.surfaces,
             step=simulation.start(),
+            mode_centres=bundle.mode_centres if selector != "lane" else None,
         )
         for number in range(decisions):
-            if number in views_at and len(simulation.population.world):
-                yield _views(simulation)
-            yield simulation.decide()
+            before, learned = simulation.world, simulation.population.world
+            decision = simulation.decide()
+            if number in views_at and len(learned):
+                yield _views(before, learned, simulation, driver)
+            yield decision
 
 
-def _views(simulation: CoSimulation) -> Views:
-    """What the first learned road user of each type sees now."""
-    learned = simulation.population.world
+def _views(world: WorldState, learned: WorldState, simulation: CoSimulation, driver: Driver) -> Views:
+    """What the first learned road user of each type has just seen, in the preset of the selector."""
     _, watched = np.unique(learned.type, return_index=True)
-    image = simulation.observe(watched, with_image=True).image
+    way = driver.way if isinstance(driver, ModelDriver) else None
+    image = observe(world, watched, simulation.roadmap, True, None if way is None else way.take(watched)).image
     assert image is not None
     return Views(learned.time, tuple(learned.ids[row] for row in watched), image)
 
