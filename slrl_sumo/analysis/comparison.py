@@ -24,8 +24,8 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.simulation.driver import SELECTORS, usual_selector
-from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.simulation.jobs import Finished, Place, anywhere, run_jobs
+from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.command import sumo_step_length
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.world.types import DECISION_INTERVAL
@@ -64,8 +64,8 @@ def compare(
     """Do all runs that `folder`/runs.jsonl does not hold yet. Returns the result, ready for JSON, and all runs.
 
     `rows`: see `comparison_tables.rows`; `distances`: of the distributions of motion; `left_out`: runs that could not
-    be done. The figures do not depend on where the runs are done. `progress` is told how many runs are done, of how many.
-    Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
+    be done. The figures do not depend on where the runs are done. `progress` is told how many runs are done, of how
+    many. Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
     """
     bundle, scenario = load_bundle(settings.bundle), find_scenario(settings.scenario)
     common = _common(settings, bundle, scenario)

@@ -68,7 +68,8 @@ class EpisodeTables:
             one.add(part)
             cell = self._cells[party, part.type]
             cell.all.merge(one)
-            cell.between_episodes.add(one.figures())
+            figures = one.figures()
+            cell.between_episodes.add({name: figures[name] for name in SPREAD})
             seed.sums.setdefault(part.type, _Sums(self._steps)).merge(one)
         self._ended(episode, seed)
 
