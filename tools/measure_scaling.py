@@ -29,7 +29,7 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.simulation.jobs import Place, run_jobs
 
-SETTINGS = EpisodeSettings("intersection", "intersection", 128)
+SETTINGS = EpisodeSettings("intersection", "intersection", 64)
 AGENTS, EPISODES = 32, 64
 PLACES = {"1 local": Place(1), "2 local": Place(2), "2 on Ray": Place(2, "local")}
 
