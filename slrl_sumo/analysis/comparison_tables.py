@@ -153,7 +153,7 @@ MEASURES = (
         2,
         TYPE_NAMES,
         _trip_mean(lambda trip: trip.stops),
-        f"how often a road user came to stand (below 0.1 m/s); {SAME}",
+        f"how often a road user came to stand (below 0.1 m/s) for 1 s and more; {SAME}",
     ),
     Measure(
         "standing",

@@ -9,6 +9,8 @@ from slrl_sumo.world.types import RoadUserType
 
 MOVING_SPEED = 0.5
 """m/s; who has stopped has started again when it is faster than this: swaying about the limit is one stop."""
+SHORTEST_STOP = 1.0
+"""s; who is handed back to SUMO as a pedestrian stands for a step, which is none."""
 
 
 @dataclass
@@ -30,7 +32,7 @@ class Trip:
     """Time beyond what the same way takes at the speed wanted: the sum of dt (1 - v / v_wanted), as SUMO's tripinfo has
     it. A vehicle wants the lane's limit times its speed factor, at most its own; a person its own walking speed."""
     stops: int = 0
-    """How often it came to stand (below 0.1 m/s), after it had moved."""
+    """How often it came to stand (below 0.1 m/s) for at least SHORTEST_STOP, after it had moved."""
     standing: float = 0.0
     distance: float = 0.0
     """m."""
@@ -43,6 +45,8 @@ class Trips:
         self.all: dict[str, Trip] = {}
         self._api, self._step = api, step_length
         self._moving: set[str] = set()
+        self._still: dict[str, float] = {}
+        """s for which a road user has been standing."""
 
     def look(self, world: WorldState, now: float) -> None:
         """`world`: everybody after the step, `now`: the time then, s."""
@@ -61,11 +65,13 @@ class Trips:
                 trip.time_loss += dt * max(0.0, 1.0 - speed / wanted)
             trip.distance += speed * dt
             if speed >= STANDING_SPEED:
+                self._still.pop(road_user, None)
                 if speed > MOVING_SPEED:
                     self._moving.add(road_user)
                 continue
             trip.standing += dt
-            if road_user in self._moving:
+            still = self._still[road_user] = self._still.get(road_user, 0.0) + dt
+            if still > SHORTEST_STOP - 1e-9 and road_user in self._moving:
                 self._moving.remove(road_user)
                 trip.stops += 1
 

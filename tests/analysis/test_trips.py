@@ -136,15 +136,17 @@ def test_who_sways_about_the_limit_has_stopped_once() -> None:
     api = Stub()
     trips = Trips(api, 0.5)
     alone = replace(empty_world(), ids=("car",), type=np.zeros(1, np.int8))
-    for step, speed in enumerate((0.0, 5.0, 10.0, 0.05, 0.2, 0.0, 0.2, 0.05, 8.0, 0.0, 12.0), start=1):
+    speeds = (0.0, 5.0, 10.0, 0.05, 0.0, 0.2, 0.0, 0.0, 0.2, 0.05, 8.0, 0.0, 12.0, 0.0, 0.0)
+    for step, speed in enumerate(speeds, start=1):
         trips.look(replace(alone, speed=np.array([speed])), 100.0 + 0.5 * step)
     api.gone = ("car",)
-    trips.look(replace(alone, speed=np.zeros(1)), 106.0)
+    trips.look(replace(alone, speed=np.zeros(1)), 108.0)
     (trip,) = trips.all.values()
-    # It stands at the begin, which is no stop; then twice, once of them for five steps with a little swaying.
-    assert (trip.sumo_type, trip.departed, trip.arrived, trip.departure_delay) == ("lorry", 100.0, 105.5, 1.5)
+    # It stands at the begin, which is no stop; then once with a little swaying; for 0.5 s, which is too short; and in
+    # the end for 1 s.
+    assert (trip.sumo_type, trip.departed, trip.arrived, trip.departure_delay) == ("lorry", 100.0, 107.5, 1.5)
     assert trip.stops == 2
-    assert trip.standing == pytest.approx(0.5 * 5)
+    assert trip.standing == pytest.approx(0.5 * 9)
     assert trip.distance == pytest.approx(0.5 * 35.5)
-    # 11 steps, less what was driven in terms of 10 m/s, where 12 m/s count as 10.
-    assert trip.time_loss == pytest.approx(0.5 * (11 - 3.35))
+    # 15 steps, less what was driven in terms of 10 m/s, where 12 m/s count as 10.
+    assert trip.time_loss == pytest.approx(0.5 * (15 - 3.35))
