@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, app, check_output
+from slrl_sumo.cli.app import RayAddress, app, check_output, place_of
 from slrl_sumo.errors import InputError
 
 
@@ -115,12 +115,13 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
+    place = place_of(workers, ray)
     from slrl_sumo.analysis.training import train_with_progress
     from slrl_sumo.learning.train import TrainRequest
     from slrl_sumo.learning.train_settings import read_settings
 
     check_output(out)
-    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 1024), ("threads", threads, 1024)):
+    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 16_384), ("threads", threads, 1024)):
         if not 1 <= value <= most:
             raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
     if not 0 <= seed < 2**31:
@@ -134,10 +135,9 @@ def train(
     if episodes:
         from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
         from slrl_sumo.analysis.training import closing_scenario
-        from slrl_sumo.simulation.jobs import Place
 
         where = closing_scenario(scenario)
-        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, place=Place(workers, ray))
+        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, place=place)
         interrupted_by = write_evaluation(closing, request.folder / "evaluation")
         if interrupted_by:
             raise typer.Exit(128 + interrupted_by)

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app
+from slrl_sumo.cli.app import RayAddress, Workers, app, place_of
 from slrl_sumo.errors import InputError
 
 
@@ -74,10 +74,9 @@ def evaluate(
             given["agents"] = tuple(dict.fromkeys(int(number) for number in agents.split(",")))
         except ValueError:
             raise InputError(f"--agents {agents}: give whole numbers separated by commas, e.g. 16,32,64") from None
+    place = place_of(workers, ray)
     from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
-    from slrl_sumo.simulation.jobs import Place
 
-    place = Place(workers, ray)
     settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, place=place, **given)
     interrupted_by = write_evaluation(settings, out)
     if interrupted_by:
@@ -115,8 +114,8 @@ def compare(
     from slrl_sumo.analysis.prediction_report import check_folder
 
     check_folder(out)
+    place = place_of(workers, ray)
     from slrl_sumo.analysis.comparison import ComparisonSettings, write_compared
-    from slrl_sumo.simulation.jobs import Place
 
     settings = ComparisonSettings(
         scenario=scenario,
@@ -130,7 +129,7 @@ def compare(
         seed=seed,
         seeds=seeds,
         step_length=step_length,
-        place=Place(workers, ray),
+        place=place,
     )
     interrupted_by = write_compared(settings, out)
     if interrupted_by:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, check_output
+from slrl_sumo.cli.app import RayAddress, Workers, app, check_output, place_of
 from slrl_sumo.errors import InputError
 
 
@@ -122,11 +122,11 @@ def record(
     if not 0 <= seed < 2**31:
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
     if seeds is not None:
+        place = place_of(workers, ray)
         from slrl_sumo.analysis.recordings import Recordings, write_recordings
-        from slrl_sumo.simulation.jobs import Place
 
         wanted = Recordings(scenario, range(seed, seed + seeds), seconds, step_length)
-        interrupted_by = write_recordings(wanted, out, Place(workers, ray))
+        interrupted_by = write_recordings(wanted, out, place)
         if interrupted_by:
             raise typer.Exit(128 + interrupted_by)
         return

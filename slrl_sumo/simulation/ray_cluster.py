@@ -34,6 +34,9 @@ LOOPBACK = "127.0.0.2"
 TOKEN = secrets.token_hex(32)
 """Of all Rays of our own in this process, because Ray keeps the first that it has read."""
 
+ENVIRONMENT = ("RAY_USAGE_STATS_ENABLED", "TMPDIR", "RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH")
+"""What Ray and its processes are told; all is as before when the connection has ended."""
+
 LONGEST = 40
 """Characters of a folder in which Ray can still make its sockets (107 for the whole path)."""
 
@@ -45,34 +48,35 @@ def ray_cluster(address: str, cpus: int | None = None) -> Iterator[Any]:
     `cpus`: cores of a Ray of our own; None: all. Raises InputError within CONNECT_S where there is no Ray, no cluster,
     or one that cannot be used. Whatever was begun on the cluster ends with the connection.
     """
-    if find_spec("ray") is None:
-        raise InputError(f"--ray {address}: Ray is not installed here; pip install 'slrl-sumo[ray]'")
-    where = _reachable(address)
+    check_ray(address)
     folder = None
-    before = dict(os.environ)
-    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+    settings = {"RAY_USAGE_STATS_ENABLED": "0"}
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
     logging.getLogger("ray").setLevel(logging.CRITICAL)
-    options: dict[str, Any] = {"address": where, "log_to_driver": False, "logging_level": logging.CRITICAL}
+    options: dict[str, Any] = {"address": address, "log_to_driver": False, "logging_level": logging.CRITICAL}
     try:
         if address == LOCAL:
             folder = _folder()
-            os.environ["TMPDIR"] = str(folder)
+            settings["TMPDIR"] = str(folder)
             if "RAY_AUTH_MODE" not in os.environ:
                 token = folder / "token"
                 token.touch(mode=0o600)
                 token.write_text(TOKEN, encoding="utf-8")
-                os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token)}
+                settings |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token)}
             options |= {"num_cpus": cpus, "include_dashboard": False, "_temp_dir": str(folder)}
             options |= {"_node_ip_address": LOOPBACK, "object_store_memory": 512 * 2**20}
+        os.environ.update(settings)
         ray = _connected(address, options)
         try:
             yield ray
         finally:
             ray.shutdown()
     finally:
-        os.environ.clear()
-        os.environ.update(before)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
 
@@ -94,14 +98,16 @@ def check_head(ray: Any, address: str) -> None:
     )
 
 
-def _reachable(address: str) -> str:
-    """The address as Ray wants it, after a look whether anybody is there."""
+def check_ray(address: str) -> None:
+    """InputError where there is no Ray here, or nobody at `address`. Quick: Ray is not imported."""
+    if find_spec("ray") is None:
+        raise InputError(f"--ray {address}: Ray is not installed here; pip install 'slrl-sumo[ray]'")
     if not may_be_address(address):
         raise InputError(
             f"--ray {address}: give HOST:PORT of a cluster's head, auto for the one of this machine, or local"
         )
     if address in (LOCAL, AUTO):
-        return address
+        return
     host, _, port = address.rpartition(":")
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=3.0).close()
@@ -110,7 +116,6 @@ def _reachable(address: str) -> str:
         raise InputError(
             f"--ray {address}: nobody answers there ({reason}); start one with ray start --head, or name another"
         ) from None
-    return address
 
 
 def _connected(address: str, options: dict[str, Any]) -> Any:
