@@ -134,7 +134,15 @@ def _timed(times: list[float], env: WorkerRollouts, agent: Agent, steps: int, se
     return result
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Measure what the first word names, so often as the second says."""
     what = {"episodes": episodes, "jobs": jobs, "rollouts": rollouts}
     what[sys.argv[1]](int(sys.argv[2]) if len(sys.argv) > 2 else 1)
     print(f"peak memory of this process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")
+
+
+if __name__ == "__main__":
+    # Jobs are found by the name of their module, and other processes have another __main__.
+    import measure_scaling
+
+    measure_scaling.main()

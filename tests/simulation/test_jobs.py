@@ -1,6 +1,7 @@
 """Jobs in processes that are killed, and in scenarios that SUMO does not survive."""
 
 import os
+import pickle
 import signal
 import threading
 import time
@@ -14,7 +15,9 @@ from lxml import etree
 from slrl_sumo.analysis.episodes import Episode, EpisodeSettings, play
 from slrl_sumo.analysis.outcomes import TypeOutcome
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.simulation.jobs import ATTEMPTS, Finished, Place, run_jobs
+from slrl_sumo.simulation import jobs
+from slrl_sumo.simulation.job_worker import Died
+from slrl_sumo.simulation.jobs import ATTEMPTS, Finished, Lost, Place, run_jobs
 
 Played = Finished[Episode, tuple[TypeOutcome, ...]]
 
@@ -25,8 +28,8 @@ def episodes(count: int, agents: int = 6) -> list[Episode]:
     return [Episode("prior", agents, 1, number) for number in range(count)]
 
 
-def play_all(settings: EpisodeSettings, jobs: Iterable[Episode], processes: int) -> Generator[Played, None, None]:
-    return run_jobs(partial(play, settings), jobs, Place(processes))
+def play_all(settings: EpisodeSettings, some: Iterable[Episode], processes: int) -> Generator[Played, None, None]:
+    return run_jobs(partial(play, settings), some, Place(processes))
 
 
 def workers() -> set[int]:
@@ -154,3 +157,43 @@ def test_a_job_that_always_dies_is_left_out_with_the_signal_and_the_others_are_d
 def test_a_bug_is_told_with_its_traceback() -> None:
     with pytest.raises(RuntimeError, match=r"in half_or_die[^$]*ZeroDivisionError: five"):
         list(run_jobs(half_or_die, [5], Place(1)))
+
+
+class _Unlucky:
+    """A crew of two whose machines are lost so many times, and that gives answers back in reverse."""
+
+    def __init__(self, losses: int) -> None:
+        self.losses, self.begun, self.running = losses, list[int](), dict[int, bytes]()
+
+    def free(self) -> bool:
+        return len(self.running) < 2
+
+    def begin(self, number: int, job: bytes) -> None:
+        self.begun.append(pickle.loads(job))
+        self.running[number] = job
+
+    def wait(self) -> list[tuple[int, bytes | Died | Lost]]:
+        ended = [(number, pickle.dumps(-pickle.loads(job))) for number, job in sorted(self.running.items())][::-1]
+        self.running.clear()
+        if self.losses:
+            self.losses -= 1
+            return [(number, Lost("gone")) for number, _ in ended]
+        return [*ended]
+
+    def close(self) -> None: ...
+
+
+def test_jobs_whose_machines_are_lost_are_done_elsewhere_and_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    crew = _Unlucky(losses=ATTEMPTS + 2)
+    monkeypatch.setattr(jobs, "_crew", lambda work, place: crew)
+    found = list(run_jobs(half_or_die, range(5), Place(2)))
+    assert sorted((each.job, each.record) for each in found) == [(job, -job) for job in range(5)]
+    assert len(crew.begun) == 5 + 2 * (ATTEMPTS + 2)
+    assert sorted(crew.begun[2:4]) == [0, 1]  # at once, not after all the others
+
+
+def test_jobs_that_lose_every_machine_are_left_out_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    crew = _Unlucky(losses=10**6)
+    monkeypatch.setattr(jobs, "_crew", lambda work, place: crew)
+    found = sorted((each.job, each.reason) for each in run_jobs(half_or_die, range(2), Place(2)) if not each.record)
+    assert found == [(job, f"gone, {jobs.MACHINES} times") for job in range(2)]
