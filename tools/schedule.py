@@ -73,9 +73,11 @@ def training(
 
 
 def drawn(mean: float, sd: float, shape: int | tuple[int, int]) -> NDArray[np.float64]:
-    """Durations, gamma distributed, always the same."""
-    random = np.random.default_rng(1)
-    return random.gamma((mean / sd) ** 2, sd**2 / mean, shape) if sd else np.full(shape, mean)
+    """Durations, gamma distributed, always the same; their mean is `mean` itself."""
+    if not sd:
+        return np.full(shape, mean)
+    values = np.random.default_rng(1).gamma((mean / sd) ** 2, sd**2 / mean, shape)
+    return np.asarray(values * (mean / values.mean()))
 
 
 def main() -> None:
