@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from slrl_sumo.analysis.comparison_tables import MEASURES
+from slrl_sumo.analysis.comparison_measures import MEASURES
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "analysis.md").read_text(encoding="utf-8")

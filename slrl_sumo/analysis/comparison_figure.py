@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from slrl_sumo.analysis.comparison_measures import MEASURES
 from slrl_sumo.analysis.comparison_run import LEARNED, SUMO
-from slrl_sumo.analysis.comparison_tables import MEASURES
 
 ARM_COLOURS = {SUMO: "#999999", LEARNED: "#E69F00"}
 """Of Okabe and Ito's palette, which the colour-blind can tell apart; the types have other ones."""

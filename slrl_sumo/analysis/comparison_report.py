@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.analysis.comparison_figure import draw_comparison
+from slrl_sumo.analysis.comparison_measures import MEASURES
 from slrl_sumo.analysis.comparison_run import LEARNED, SUMO, Record, Run
-from slrl_sumo.analysis.comparison_tables import COLUMNS, MEASURES
+from slrl_sumo.analysis.comparison_tables import COLUMNS
 from slrl_sumo.analysis.surrogate import deceleration_to_avoid_crash
 from slrl_sumo.errors import InputError
 

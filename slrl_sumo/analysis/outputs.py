@@ -58,7 +58,7 @@ def write_run(
             _check_writable(path, folder=path is report)
     if recording is not None and report is None:
         raise InputError(f"--recording {recording}: the report compares with it; add --report DIR")
-    truth = None if recording is None else load_trajectories(recording)
+    truth = None if recording is None else _recorded(recording)
     failures: list[SlrlError] = []
     with ExitStack() as stack:
         caught = stack.enter_context(_signals())
@@ -118,6 +118,16 @@ def _collected(failures: list[SlrlError]) -> Iterator[None]:
         yield
     except SlrlError as error:
         failures.append(error)
+
+
+def _recorded(file: Path) -> Trajectories:
+    recording = load_trajectories(file)
+    if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
+        raise InputError(
+            f"--recording {file}: its interval is {recording.dt:g} s, not {DECISION_INTERVAL:g} s; "
+            "make it with `slrl-sumo import` or `slrl-sumo record`"
+        )
+    return recording
 
 
 def _pictures(started: Started, recording: Trajectories | None) -> "ReportBuilder":

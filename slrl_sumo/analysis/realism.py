@@ -89,7 +89,11 @@ def realism(
     where the reference was recorded somewhere else.
     """
     grounds = (None, None) if shapes is None else (shapes, reference_shapes or shapes)
-    ours, theirs = features(simulated, grounds[0], tracks), features(reference, grounds[1], reference_tracks)
+    own = _by_row(simulated, grounds[0])
+    # Two parties of one run are looked at once.
+    same = reference is simulated and grounds[1] is grounds[0]
+    other = own if same else _by_row(reference, grounds[1])
+    ours, theirs = _by_type(simulated, own, tracks), _by_type(reference, other, reference_tracks)
     result = {}
     for k, name in enumerate(TYPE_NAMES):
         scores = {
@@ -111,10 +115,11 @@ def features(
     trajectories: Trajectories, shapes: SurfaceShapes | None, tracks: NDArray[np.bool_] | None = None
 ) -> dict[str, tuple[Floats, ...]]:
     """The features at all moments at which they are known, by name and RoadUserType, in the units of FEATURES."""
-    t = trajectories
-    since = t.frame - t.frame[t.starts[t.track]]
-    counted = (~t.parked if tracks is None else tracks & ~t.parked)[t.track]
-    kind = t.type[t.track]
+    return _by_type(trajectories, _by_row(trajectories, shapes), tracks)
+
+
+def _by_row(t: Trajectories, shapes: SurfaceShapes | None) -> dict[str, tuple[Floats, int]]:
+    """Features of each row, (R,), and from which row of a track on they are known."""
     change = np.diff(t.yaw_rate, prepend=0.0) / t.dt
     nearest = nearest_distance(t)
     values = {
@@ -127,8 +132,17 @@ def features(
         "ttc": (shortest_ttc(t), 1),
     }
     if shapes is not None:
-        edge = edge_distance(shapes=shapes, x=t.x, y=t.y, kind=kind)
+        edge = edge_distance(shapes=shapes, x=t.x, y=t.y, kind=t.type[t.track])
         values |= {"road_edge": (edge, 0), "off_surface": ((edge > 0.0).astype(np.float64), 0)}
+    return values
+
+
+def _by_type(
+    t: Trajectories, values: dict[str, tuple[Floats, int]], tracks: NDArray[np.bool_] | None
+) -> dict[str, tuple[Floats, ...]]:
+    since = t.frame - t.frame[t.starts[t.track]]
+    counted = (~t.parked if tracks is None else tracks & ~t.parked)[t.track]
+    kind = t.type[t.track]
     return {
         name: tuple(v[counted & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
         for name, (v, known) in values.items()

@@ -23,8 +23,8 @@ from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import SurfaceShapes
 from slrl_sumo.world.types import TYPE_NAMES
 
-MOST_ROWS = 5_000_000
-"""Positions after which no more are collected, so that the report of a long run has a bounded memory (0.5 GB)."""
+MOST_ROWS = 1_000_000
+"""Positions after which no more are collected, so that the report of a long run has bounded costs."""
 LEARNED, BACKGROUND = "+", "-"
 """What is put before the ids of tracks: who is taken over, or handed back, goes on in a new track."""
 

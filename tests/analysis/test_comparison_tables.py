@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from slrl_sumo.analysis.comparison_measures import MEASURES
 from slrl_sumo.analysis.comparison_run import Record, Run
-from slrl_sumo.analysis.comparison_tables import MEASURES, confidence_interval, distances, rows
+from slrl_sumo.analysis.comparison_tables import confidence_interval, distances, rows
 
 CAR, WALKER = 0, 2
 KINDS = ("car", "bicycle", "pedestrian", "all")
@@ -64,6 +65,7 @@ def test_travel_times_are_of_those_that_arrived_in_both_arms() -> None:
 def test_delay_is_the_loss_and_the_wait_to_depart() -> None:
     assert row(two_seeds(), "time_loss", "car")["learned"] == 8.5
     assert row(two_seeds(), "delay", "car")["learned"] == 9.0
+    assert row(two_seeds(), "way", "car")["learned"] == 100.0
     assert row(two_seeds(), "stops", "car")["difference"] == -0.5
     assert row(two_seeds(), "standing", "car")["difference"] == -1.0
 

@@ -19,11 +19,11 @@ def scene(
     """Cars of 4 by 2 m on ways given as x and y at each frame, with a heading; from the frame `first` on."""
     lengths = [len(way[0]) for way in ways]
     return Trajectories(
-        track=np.repeat(np.arange(len(ways)), lengths),
-        frame=np.concatenate([np.arange(first, first + n) for n in lengths]),
-        x=np.concatenate([np.asarray(way[0], np.float64) for way in ways]),
-        y=np.concatenate([np.asarray(way[1], np.float64) for way in ways]),
-        heading=np.repeat([way[2] for way in ways], lengths),
+        track=np.repeat(np.arange(len(ways)), np.array(lengths, np.int64)),
+        frame=np.concatenate([np.zeros(0, np.int64), *(np.arange(first, first + n) for n in lengths)]),
+        x=np.concatenate([np.zeros(0), *(way[0] for way in ways)]),
+        y=np.concatenate([np.zeros(0), *(way[1] for way in ways)]),
+        heading=np.repeat(np.array([way[2] for way in ways], np.float64), np.array(lengths, np.int64)),
         ids=tuple(f"car{i}" for i in range(len(ways))),
         type=np.array(kinds or [0] * len(ways), np.int8),
         length=np.full(len(ways), 4.0),
@@ -166,3 +166,9 @@ def test_the_size_of_the_parts_that_are_searched_does_not_matter(monkeypatch: py
     for found, before in zip((ttc_conflicts(t), pet_conflicts(t)), whole, strict=True):
         assert found.value.tolist() == before.value.tolist()
         assert found.time.tolist() == before.time.tolist()
+
+
+def test_where_nobody_is_there_are_no_conflicts() -> None:
+    nobody = scene()
+    assert (len(ttc_conflicts(nobody)), len(pet_conflicts(nobody))) == (0, 0)
+    assert len(ttc_conflicts(nobody).with_vehicles(nobody)) == 0

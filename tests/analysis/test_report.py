@@ -10,11 +10,12 @@ import pytest
 
 from slrl_sumo.analysis.conflicts import ttc_conflicts
 from slrl_sumo.analysis.definitions import DEFINITIONS
+from slrl_sumo.analysis.outputs import write_run
 from slrl_sumo.analysis.report import ReportBuilder, compare_with, counts_by_party
 from slrl_sumo.errors import InputError
 from slrl_sumo.records.fcd_write import Places
 from slrl_sumo.records.trajectories import Trajectories
-from slrl_sumo.simulation.events import Decision, Started, Step, Views
+from slrl_sumo.simulation.events import Decision, RunSettings, Started, Step, Views
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Ribbon, Surface, SurfaceShapes
 
@@ -208,3 +209,18 @@ def test_a_folder_that_cannot_be_written_is_told(builder: ReportBuilder, tmp_pat
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
         builder.write(tmp_path / "file", summary())
+
+
+def test_a_recording_that_cannot_be_compared_with_is_told_before_anything_runs(tmp_path: Path) -> None:
+    def call(recording: Path, report: Path | None) -> None:
+        nobody = RunSettings("nowhere")  # SUMO is not asked
+        write_run(nobody, fcd=None, summary=None, report=report, quiet=True, recording=recording)
+
+    with pytest.raises(InputError, match=r"the report compares with it; add --report DIR"):
+        call(tmp_path / "a.npz", None)
+    with pytest.raises(InputError, match=r"cannot read .*a.npz"):
+        call(tmp_path / "a.npz", tmp_path / "report")
+    made = ReportBuilder(STARTED)
+    replace(made.build().tracks, dt=0.1).save(tmp_path / "a.npz")
+    with pytest.raises(InputError, match=r"its interval is 0.1 s, not 0.4 s"):
+        call(tmp_path / "a.npz", tmp_path / "report")
