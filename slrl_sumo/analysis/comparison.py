@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -16,14 +17,14 @@ from slrl_sumo.analysis.comparison_report import print_comparison, write_compari
 from slrl_sumo.analysis.comparison_run import ARMS, ComparedScenario, Record, Run, play
 from slrl_sumo.analysis.comparison_tables import distances, rows
 from slrl_sumo.analysis.episode_log import log_header
-from slrl_sumo.analysis.episode_workers import run_jobs
 from slrl_sumo.analysis.episodes import EpisodeSettings
 from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.simulation.driver import SELECTORS, usual_selector
+from slrl_sumo.simulation.jobs import Finished, Place, anywhere, run_jobs
 from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.command import sumo_step_length
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
@@ -50,7 +51,8 @@ class ComparisonSettings:
     seeds: int = 5
     """How many seeds, from `seed` on."""
     step_length: float | None = None
-    workers: int = 2
+    place: Place = field(default_factory=Place)
+    """Where the runs are done."""
 
 
 def compare(
@@ -62,8 +64,8 @@ def compare(
     """Do all runs that `folder`/runs.jsonl does not hold yet. Returns the result, ready for JSON, and all runs.
 
     `rows`: see `comparison_tables.rows`; `distances`: of the distributions of motion; `left_out`: runs that could not
-    be done. The figures do not depend on the number of workers. `progress` is told how many runs are done, of how many.
-    Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
+    be done. The figures do not depend on where the runs are done. `progress` is told how many runs are done, of how
+    many. Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
     """
     bundle, scenario = load_bundle(settings.bundle), find_scenario(settings.scenario)
     common = _common(settings, bundle, scenario)
@@ -74,9 +76,9 @@ def compare(
     wanted = [Run(seed, arm) for seed in range(settings.seed, settings.seed + settings.seeds) for arm in ARMS]
     log = RunLog(folder / "runs.jsonl", _header(common, scenario, bundle))
     missing = [run for run in wanted if run not in log.done]
-    left_out = []
+    left_out: list[Finished[Run, Record]] = []
     progress(len(wanted) - len(missing), len(wanted))
-    with closing(run_jobs(partial(play, common), missing, settings.workers)) as results:
+    with closing(run_jobs(partial(play, common), missing, settings.place)) as results:
         for number, finished in enumerate(results, start=1):
             if finished.record is None:
                 left_out.append(finished)
@@ -97,7 +99,7 @@ def compare(
         "rows": rows({run: runs[run] for run in runs if run.seed in seeds}),
         "distances": distances({run: runs[run] for run in runs if run.seed in seeds}),
         "left_out": [
-            {"seed": one.job.seed, "arm": one.job.arm, "reason": one.reason}
+            {"seed": one.job.seed, "arm": one.job.arm, "reason": one.reason, "command": _command(common, one.job)}
             for one in sorted(left_out, key=lambda one: one.job)
         ],
     }
@@ -173,6 +175,15 @@ class RunLog:
             )
 
 
+def _command(common: ComparedScenario, run: Run) -> str:
+    """What does the two runs of a seed again, and nothing else."""
+    words: list[Any] = ["slrl-sumo", "compare", common.scenario, "--bundle", common.bundle]
+    words += ["--takeover", common.takeover, "--selector", common.selector, "--steps", common.decisions]
+    words += [*(["--region", common.region] if common.region else []), *(["--guard"] if common.guard else [])]
+    words += ["--step-length", common.step_length] if common.step_length else []
+    return shlex.join([*map(str, words), "--seed", str(run.seed), "--seeds", "1", "--out", "repeated"])
+
+
 def _notices(runs: dict[Run, Record], seed: int) -> list[str]:
     lines = list(runs[Run(seed, ARMS[0])]["notices"])
     unknown = sorted({name for record in runs.values() for name in record["emissions"]["unknown"]})
@@ -198,9 +209,8 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
         PolicySelector(bundle, 0, sample=False)  # raises where the bundle has none
     if settings.guard and selector == "lane":
         raise InputError("--guard: --selector lane chooses no modes; leave the guard out, or take another selector")
-    for name in ("seeds", "workers"):
-        if not 1 <= getattr(settings, name) <= 10_000:
-            raise InputError(f"--{name} {getattr(settings, name)}: give a whole number from 1 to 10000")
+    if not 1 <= settings.seeds <= 10_000:
+        raise InputError(f"--seeds {settings.seeds}: give a whole number from 1 to 10000")
     if not 0 <= settings.seed < 2**31 - settings.seeds:
         raise InputError(f"--seed {settings.seed}: give a whole number from 0 to 2147473647")
     if settings.steps is not None and settings.seconds is not None:
@@ -212,8 +222,8 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
     parse_shares(settings.takeover)
     sumo_step_length(scenario, settings.step_length)
     return ComparedScenario(
-        scenario=settings.scenario,
-        bundle=settings.bundle,
+        scenario=anywhere(settings.scenario),
+        bundle=anywhere(settings.bundle, shipped_bundles()),
         decisions=_decisions(settings, scenario),
         takeover=settings.takeover,
         region=settings.region,

@@ -86,7 +86,7 @@ def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> Non
             distance = f"{one['distance']:.2f} (0: the same, 1: nothing in common)"
             print(f"Jensen-Shannon distance of {one['type']} speeds from sumo's: {distance}")
     for one in result["left_out"]:
-        print(f"left out: {one['arm']}, seed {one['seed']}: {one['reason']}")
+        print(f"left out: {one['arm']}, seed {one['seed']}: {one['reason']}; to repeat it: {one['command']}")
     for notice in result["notices"]:
         print(f"note: {notice}")
     print(f"{folder}: results.json, results.csv, conflicts.csv, comparison.png ({wall_s:.0f} s)")

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -32,7 +33,7 @@ def log_header(settings: EpisodeSettings, scenario: Scenario, bundle: ModelBundl
 
 
 class EpisodeLog:
-    """`episodes.jsonl`: a header, then one line for each finished episode. `done` holds what was there and is added.
+    """`episodes.jsonl`: a header, then one line for each finished episode, none of which is kept in memory.
 
     Half a line at the end, left by a process that was killed, is cut off. Raises InputError where the file cannot be
     used, or belongs to an evaluation with another header.
@@ -40,21 +41,41 @@ class EpisodeLog:
 
     def __init__(self, file: Path, header: dict[str, Any]) -> None:
         self.file = file
-        self.done: dict[Episode, Outcome] = {}
         try:
-            data = file.read_bytes() if file.exists() else b""
-            whole = data[: data.rfind(b"\n") + 1]
-            if whole:
-                self._read(whole, header)
-                os.truncate(file, len(whole))
-            else:
+            if not file.exists() or self._cut() == 0:
                 file.write_text(json.dumps(header) + "\n", encoding="utf-8")
+            with open(file, "rb") as stream:
+                found = _parsed(file, stream.readline())
         except OSError as error:
             raise InputError(f"{file}: cannot be written ({error.strerror}); name another --out") from None
+        other = [name for name in header if found.get(name) != header[name]]
+        if other:
+            name = other[0]
+            raise InputError(
+                f"{file}: its episodes are of other settings ({name.removesuffix('_sha256')} "
+                f"{_short(found.get(name))}, not {_short(header[name])}); name another --out, or delete it"
+            )
+
+    def read(self) -> Iterator[tuple[Episode, Outcome]]:
+        """The episodes that are in the file, one after the other."""
+        with open(self.file, "rb") as stream:
+            stream.readline()
+            for line in stream:
+                values = _parsed(self.file, line)
+                try:
+                    parts = tuple(
+                        TypeOutcome(
+                            **{**part, "present": tuple(part["present"]), "survived": tuple(part["survived"])},
+                        )
+                        for part in values.pop("outcome")
+                    )
+                    episode = Episode(**values)
+                except (ValueError, TypeError, KeyError, AttributeError):
+                    raise _damaged(self.file) from None
+                yield episode, parts
 
     def add(self, episode: Episode, outcome: Outcome) -> None:
         """Append a finished episode, at once."""
-        self.done[episode] = outcome
         line = json.dumps(asdict(episode) | {"outcome": [asdict(part) for part in outcome]})
         try:
             with open(self.file, "a", encoding="utf-8") as stream:
@@ -62,28 +83,35 @@ class EpisodeLog:
         except OSError as error:
             raise InputError(f"{self.file}: cannot be written ({error.strerror}); make room and go on") from None
 
-    def _read(self, data: bytes, header: dict[str, Any]) -> None:
-        try:
-            lines = data.decode("utf-8").splitlines()
-            found = json.loads(lines[0])
-            other = [name for name in header if found.get(name) != header[name]]
-            for line in lines[1:]:
-                values = json.loads(line)
-                parts = tuple(
-                    TypeOutcome(
-                        **{**part, "present": tuple(part["present"]), "survived": tuple(part["survived"])},
-                    )
-                    for part in values.pop("outcome")
-                )
-                self.done[Episode(**values)] = parts
-        except (ValueError, TypeError, KeyError, AttributeError):
-            raise InputError(f"{self.file}: is damaged or something else; name another --out, or delete it") from None
-        if other:
-            name = other[0]
-            raise InputError(
-                f"{self.file}: its episodes are of other settings ({name.removesuffix('_sha256')} "
-                f"{_short(found.get(name))}, not {_short(header[name])}); name another --out, or delete it"
-            )
+    def _cut(self) -> int:
+        """Cut off half a line at the end; returns the size of what is left."""
+        size = self.file.stat().st_size
+        with open(self.file, "rb") as stream:
+            end = size
+            while end:
+                begin = max(0, end - 65536)
+                stream.seek(begin)
+                newline = stream.read(end - begin).rfind(b"\n")
+                end = begin + newline + 1 if newline >= 0 else begin
+                if newline >= 0:
+                    break
+        if end < size:
+            os.truncate(self.file, end)
+        return end
+
+
+def _parsed(file: Path, line: bytes) -> dict[str, Any]:
+    try:
+        values = json.loads(line.decode("utf-8"))
+    except ValueError:
+        raise _damaged(file) from None
+    if not isinstance(values, dict):
+        raise _damaged(file)
+    return values
+
+
+def _damaged(file: Path) -> InputError:
+    return InputError(f"{file}: is damaged or something else; name another --out, or delete it")
 
 
 def _short(value: Any) -> str:

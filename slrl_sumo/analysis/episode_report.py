@@ -72,7 +72,7 @@ def print_episodes(result: dict[str, Any]) -> None:
     for left_out in result["left_out"]:
         print(
             f"left out: selector {left_out['selector']}, {left_out['agents']} agents, seed {left_out['seed']}, "
-            f"episode {left_out['number']}: {left_out['reason']}"
+            f"episode {left_out['number']}: {left_out['reason']}; to repeat it: {left_out['command']}"
         )
 
 

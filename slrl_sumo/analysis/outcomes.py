@@ -138,17 +138,24 @@ def _keys(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
     return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
 
 
-def mean_survival(present: Floats, survived: Floats, steps: int) -> float:
-    """Mean number of decisions, up to `steps`, before the first collision of m road users: arrays (m,), m > 0.
+def survival_counts(present: Floats, survived: Floats, steps: int) -> NDArray[np.int64]:
+    """For each decision up to `steps`, how many of m road users, arrays (m,), were there without a collision before,
+    and how many of these collided in it: (2, steps). Counts of several episodes add up."""
+    step = np.arange(1, steps + 1)[:, None]
+    there = present >= step
+    return np.stack([(there & (survived >= step - 1)).sum(1), (there & (survived == step - 1)).sum(1)])
 
-    Where everybody is there for all `steps`, that is the plain mean of `survived`. Who leaves earlier without a
+
+def mean_survival(counts: NDArray[np.int64]) -> float:
+    """Mean number of decisions before the first collision, from `survival_counts` of at least one road user.
+
+    Where everybody is there for all decisions, that is the plain mean of `survived`. Who leaves earlier without a
     collision (SUMO's and recorded road users do) counts for as long as it was there: the area under the Kaplan-Meier
     estimate (Kaplan and Meier 1958, doi:10.1080/01621459.1958.10501452) of the share that has not collided.
     """
     alive, area = 1.0, 0.0
-    for step in range(1, steps + 1):
-        at_risk = int(((present >= step) & (survived >= step - 1)).sum())
+    for at_risk, hit in counts.T.tolist():
         if at_risk:
-            alive *= 1.0 - int(((present >= step) & (survived == step - 1)).sum()) / at_risk
+            alive *= 1.0 - hit / at_risk
         area += alive
     return area

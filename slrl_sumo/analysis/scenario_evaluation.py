@@ -1,28 +1,34 @@
 """Selectors measured in a scenario: many episodes, one table (paper, section 4.1)."""
 
+import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from slrl_sumo.analysis.episode_log import EpisodeLog, Outcome, log_header
+from slrl_sumo.analysis.episode_plan import EpisodePlan
 from slrl_sumo.analysis.episode_report import print_episodes, write_episodes
-from slrl_sumo.analysis.episode_tables import table_rows
-from slrl_sumo.analysis.episode_workers import Played, play_all
-from slrl_sumo.analysis.episodes import SUMO, WARM_UP, Episode, EpisodeSettings, recorded
+from slrl_sumo.analysis.episode_tables import EpisodeTables
+from slrl_sumo.analysis.episodes import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
 from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress as progress_bar
 from slrl_sumo.analysis.published import published_rows
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.records.trajectories import load_trajectories
 from slrl_sumo.simulation.driver import GUARDED, SELECTORS
+from slrl_sumo.simulation.jobs import Finished, Place, anywhere, run_jobs
 from slrl_sumo.simulation.run import MOST_AGENTS
 from slrl_sumo.sumo.scenario import find_scenario
+
+RECORDED = ("recorded", 0)
+"""The selector and number of agents that stand for the road users of a recording."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,10 @@ class EvaluationSettings:
     seed: int = 1
     seeds: int = 1
     """How many seeds, from `seed` on."""
-    workers: int = 2
+    first: int = 0
+    """Number of the first episode of each seed: to repeat one that failed."""
+    place: Place = field(default_factory=Place)
+    """Where the episodes are played."""
     recording: Path | None = None
     """Trajectories of real road users, counted in the same way."""
 
@@ -53,10 +62,11 @@ def evaluate_scenario(
 ) -> dict[str, Any]:
     """Play all episodes that `folder`/episodes.jsonl does not hold yet, and make the tables, ready for JSON.
 
-    `rows`: see `slrl_sumo.analysis.episode_tables.table_rows`; `published`: the paper's; `left_out`: episodes that
-    could not be played. The figures do not depend on the number of workers. `progress` is told how many episodes are
-    done, of how many, and how many a second. Raises InputError where settings or files are wrong, SumoError where no
-    episode can be played.
+    `rows`: see `slrl_sumo.analysis.episode_tables`; `published`: the paper's; `left_out`: episodes that could not be
+    played, each with the command that repeats it. The figures do not depend on where the episodes are played. Memory
+    does not depend on their number, but for a byte each. `progress` is told how many episodes are done, of how many,
+    and how many a second. Raises InputError where settings or files are wrong, SumoError where no episode can be
+    played.
     """
     bundle, scenario = load_bundle(settings.bundle), find_scenario(settings.scenario)
     selectors = settings.selectors or _selectors_of(bundle)
@@ -66,24 +76,36 @@ def evaluate_scenario(
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
-    common = EpisodeSettings(settings.scenario, settings.bundle, settings.steps)
+    models = anywhere(settings.bundle, shipped_bundles())
+    common = EpisodeSettings(anywhere(settings.scenario), models, settings.steps)
     log = EpisodeLog(folder / "episodes.jsonl", log_header(common, scenario, bundle))
-    wanted = _episodes(settings, selectors)
-    missing = [episode for episode in wanted if episode not in log.done]
-    left_out = []
-    progress(len(wanted) - len(missing), len(wanted), 0.0)
+    plan = _plan(settings, selectors)
+    tables = EpisodeTables((*plan.parties, RECORDED), settings.steps, settings.episodes)
+    ended = bytearray(len(plan))
+    for episode, outcome in log.read():
+        index = plan.index(episode)
+        if index is not None and not ended[index]:
+            ended[index] = True
+            tables.add(episode, outcome)
+    done = already = sum(ended)
+    missing = (episode for index, episode in enumerate(plan) if not ended[index])
+    left_out: list[Finished[Episode, Outcome]] = []
+    progress(done, len(plan), 0.0)
     begin = time.perf_counter()
-    with closing(play_all(common, missing, settings.workers)) as results:
-        for number, played in enumerate(results, start=1):
-            if played.outcome is None:
-                left_out.append(played)
+    with closing(run_jobs(partial(play, common), missing, settings.place)) as results:
+        for finished in results:
+            if finished.record is None:
+                left_out.append(finished)
+                tables.leave_out(finished.job)
             else:
-                log.add(played.episode, played.outcome)
-            done = len(wanted) - len(missing) + number
-            progress(done, len(wanted), number / (time.perf_counter() - begin))
-    results_by_episode = {episode: log.done[episode] for episode in wanted if episode in log.done}
-    if not results_by_episode:
+                log.add(finished.job, finished.record)
+                tables.add(finished.job, finished.record)
+            done += 1
+            progress(done, len(plan), (done - already) / (time.perf_counter() - begin))
+    if len(left_out) == len(plan):
         raise SumoError(f"no episode could be played: {left_out[-1].reason}")
+    for episode, outcome in truth:
+        tables.add(episode, outcome)
     return {
         "scenario": scenario.name,
         "bundle": bundle.name,
@@ -92,10 +114,11 @@ def evaluate_scenario(
         "steps": settings.steps,
         "seed": settings.seed,
         "seeds": settings.seeds,
+        "first": settings.first,
         "warm_up_s": WARM_UP,
         "recording": str(settings.recording) if settings.recording else None,
-        "rows": table_rows({**results_by_episode, **truth}, settings.steps),
-        "left_out": [_record(played) for played in sorted(left_out, key=lambda played: played.episode)],
+        "rows": tables.rows(),
+        "left_out": [_record(settings, failed) for failed in sorted(left_out, key=lambda failed: failed.job)],
         "published": published_rows(),
     }
 
@@ -137,40 +160,41 @@ def _check(settings: EvaluationSettings, selectors: Sequence[str], bundle: Model
     for agents in settings.agents:
         if not 1 <= agents <= MOST_AGENTS:
             raise InputError(f"--agents {agents}: give numbers from 1 to {MOST_AGENTS}")
-    for name in ("episodes", "steps", "seeds", "workers"):
+    for name in ("episodes", "steps", "seeds"):
         if getattr(settings, name) < 1:
             raise InputError(f"--{name} {getattr(settings, name)}: give a whole number, 1 or more")
+    if settings.first < 0:
+        raise InputError(f"--first {settings.first}: give a whole number, 0 or more")
     if not 0 <= settings.seed < 2**31:
         raise InputError(f"--seed {settings.seed}: give a whole number from 0 to 2147483647")
 
 
-def _episodes(settings: EvaluationSettings, selectors: Sequence[str]) -> list[Episode]:
-    """In the order in which they are played: all cells of the table grow together."""
-    return list(
-        dict.fromkeys(
-            Episode(selector, agents, seed, number)
-            for seed in range(settings.seed, settings.seed + settings.seeds)
-            for number in range(settings.episodes)
-            for selector in selectors
-            for agents in ((0,) if selector == SUMO else settings.agents)
-        )
+def _plan(settings: EvaluationSettings, selectors: Sequence[str]) -> EpisodePlan:
+    parties = ((name, agents) for name in selectors for agents in ((0,) if name == SUMO else settings.agents))
+    seeds, numbers = (
+        range(a, a + n) for a, n in ((settings.seed, settings.seeds), (settings.first, settings.episodes))
     )
+    return EpisodePlan(tuple(dict.fromkeys(parties)), seeds, numbers)
 
 
-def _recorded(settings: EvaluationSettings) -> dict[Episode, Outcome]:
+def _recorded(settings: EvaluationSettings) -> list[tuple[Episode, Outcome]]:
     if settings.recording is None:
-        return {}
+        return []
     recording = load_trajectories(settings.recording)
     outcomes = recorded(recording, settings.steps)
-    return {Episode("recorded", 0, settings.seed, number): outcome for number, outcome in enumerate(outcomes)}
+    return [(Episode(*RECORDED, settings.seed, number), outcome) for number, outcome in enumerate(outcomes)]
 
 
-def _record(played: Played) -> dict[str, Any]:
-    episode = played.episode
+def _record(settings: EvaluationSettings, failed: Finished[Episode, Outcome]) -> dict[str, Any]:
+    episode = failed.job
+    words: list[Any] = ["slrl-sumo", "evaluate", settings.scenario, "--bundle", settings.bundle]
+    words += ["--selectors", episode.selector, *(["--agents", episode.agents] if episode.agents else [])]
+    words += ["--seed", episode.seed, "--first", episode.number, "--episodes", 1, "--steps", settings.steps]
     return {
         "selector": episode.selector,
         "agents": episode.agents,
         "seed": episode.seed,
         "number": episode.number,
-        "reason": played.reason,
+        "reason": failed.reason,
+        "command": shlex.join([*map(str, words), "--workers", "1", "--out", "repeated"]),
     }

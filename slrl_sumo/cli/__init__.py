@@ -7,16 +7,27 @@ import sys
 from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app
 from slrl_sumo.errors import InputError, SlrlError, SumoError
+from slrl_sumo.simulation.ray_address import LOCAL, may_be_address
 
 
 def main() -> None:
     """Entry point. Exit codes: 0 done, 1 wrong input (one line on stderr), 2 usage, 3 SUMO died."""
     try:
-        app()
+        app(with_ray_address(sys.argv[1:]))
     except InputError as error:
         _fail(1, error)
     except SumoError as error:
         _fail(3, SumoError(f"{error}; outputs are complete up to there; repeat it with: {shlex.join(_command())}"))
+
+
+def with_ray_address(words: list[str]) -> list[str]:
+    """The words of the command line, where `--ray` without an address has become `--ray local`."""
+    result = []
+    for word, following in zip(words, [*words[1:], ""], strict=True):
+        result.append(word)
+        if word == "--ray" and (following.startswith("-") or not may_be_address(following)):
+            result.append(LOCAL)
+    return result
 
 
 def _command() -> list[str]:

@@ -7,6 +7,8 @@ import typer
 
 from slrl_sumo import __version__
 from slrl_sumo.errors import InputError
+from slrl_sumo.simulation.jobs import Place
+from slrl_sumo.simulation.ray_cluster import check_ray
 
 app = typer.Typer(
     help="Learned cars, cyclists and pedestrians inside SUMO scenarios.",
@@ -14,6 +16,27 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+Workers = Annotated[
+    int | None,
+    typer.Option(help="Simulations at once, a process each. [default: 2; with --ray: all cores]"),
+]
+RayAddress = Annotated[
+    str | None,
+    typer.Option(
+        "--ray",
+        metavar="[HOST:PORT|auto|local]",
+        help="Run on a Ray cluster: HOST:PORT of its head, or auto for that of this machine; alone: a Ray of its own.",
+    ),
+]
+
+
+def place_of(workers: int | None, ray: str | None) -> Place:
+    """Where to run: what is wrong with it is said before anything large is imported."""
+    if ray is not None:
+        check_ray(ray)
+    return Place(workers, ray)
 
 
 def _version(wanted: bool) -> None:

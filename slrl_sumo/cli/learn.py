@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.cli.app import RayAddress, app, check_output, place_of
 from slrl_sumo.errors import InputError
 
 
@@ -105,6 +105,7 @@ def train(
     out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
     steps: Annotated[int, typer.Option(help="Decisions of single road users, in all.")] = 5_000_000,
     workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
+    ray: RayAddress = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
     device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
@@ -117,19 +118,20 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
+    place = place_of(workers, ray)
     from slrl_sumo.analysis.training import train_with_progress
     from slrl_sumo.learning.train import TrainRequest
     from slrl_sumo.learning.train_settings import read_settings
 
     check_output(out)
-    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 1024), ("threads", threads, 1024)):
+    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 16_384), ("threads", threads, 1024)):
         if not 1 <= value <= most:
             raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
     if not 0 <= seed < 2**31:
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
     if episodes < 0:
         raise InputError(f"--episodes {episodes}: give a whole number from 0")
-    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()))
+    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()), ray)
     if not train_with_progress(request, read_settings(config), resume=resume):
         raise typer.Exit(130)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
@@ -138,7 +140,7 @@ def train(
         from slrl_sumo.analysis.training import closing_scenario
 
         where = closing_scenario(scenario)
-        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, workers=workers)
+        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, place=place)
         interrupted_by = write_evaluation(closing, request.folder / "evaluation")
         if interrupted_by:
             raise typer.Exit(128 + interrupted_by)

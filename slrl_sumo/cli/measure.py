@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.cli.app import RayAddress, Workers, app, check_output, place_of
 from slrl_sumo.errors import InputError
 
 
@@ -26,7 +26,11 @@ def evaluate(
     episodes: Annotated[int | None, typer.Option(help="SCENARIO: per selector, agents and seed. [default: 64]")] = None,
     steps: Annotated[int | None, typer.Option(help="SCENARIO: decisions of 0.4 s. [default: 128]")] = None,
     seeds: Annotated[int | None, typer.Option(help="SCENARIO: seeds, from --seed on. [default: 1]")] = None,
-    workers: Annotated[int | None, typer.Option(help="SCENARIO: processes. [default: 2]")] = None,
+    first: Annotated[
+        int | None, typer.Option(help="SCENARIO: number of the first episode of each seed. [default: 0]")
+    ] = None,
+    workers: Workers = None,
+    ray: RayAddress = None,
     recording: Annotated[Path | None, typer.Option(help="SCENARIO: trajectories to count beside.")] = None,
     starts: Annotated[
         int | None, typer.Option(help="FILE: a rollout begins at every so manieth frame of 0.4 s. [default: 5]")
@@ -49,11 +53,13 @@ def evaluate(
         "episodes": episodes,
         "steps": steps,
         "seeds": seeds,
-        "workers": workers,
+        "first": first,
         "recording": recording,
     }
     file_options = {"starts": starts, "net": net, "mask": mask, "metres-per-pixel": metres_per_pixel}
-    for option, value in ({"agents": agents, **scenario_options} if is_file else file_options).items():
+    for option, value in (
+        {"agents": agents, "workers": workers, "ray": ray, **scenario_options} if is_file else file_options
+    ).items():
         if value is not None:
             kind, other = ("a recording", "a scenario") if is_file else ("a scenario", "a recording (.npz)")
             raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
@@ -65,9 +71,10 @@ def evaluate(
     given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
     if agents is not None:
         given["agents"] = _numbers("agents", agents)
+    place = place_of(workers, ray)
     from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
 
-    settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, **given)
+    settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, place=place, **given)
     interrupted_by = write_evaluation(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
@@ -104,12 +111,14 @@ def compare(
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
     seconds: Annotated[float | None, typer.Option(help="Simulated time of a run, instead of --steps.")] = None,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes.")] = 2,
+    workers: Workers = None,
+    ray: RayAddress = None,
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and say what is different."""
     from slrl_sumo.analysis.prediction_report import check_folder
 
     check_folder(out)
+    place = place_of(workers, ray)
     from slrl_sumo.analysis.comparison import ComparisonSettings, write_compared
 
     settings = ComparisonSettings(
@@ -124,7 +133,7 @@ def compare(
         seed=seed,
         seeds=seeds,
         step_length=step_length,
-        workers=workers,
+        place=place,
     )
     interrupted_by = write_compared(settings, out)
     if interrupted_by:

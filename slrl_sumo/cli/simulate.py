@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.cli.app import RayAddress, Workers, app, check_output, place_of
 from slrl_sumo.errors import InputError
 
 
@@ -105,10 +105,13 @@ def generate(
 @app.command()
 def record(
     scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
-    out: Annotated[Path, typer.Option(help="Trajectories file to write, .npz.")],
+    out: Annotated[Path, typer.Option(help="Trajectories file to write, .npz; with --seeds a folder, one for each.")],
     seconds: Annotated[float, typer.Option(help="Simulated time to record.")] = 600.0,
     seed: Annotated[int, typer.Option(help="SUMO's seed.")] = 1,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
+    seeds: Annotated[int | None, typer.Option(help="How many seeds, from --seed on.")] = None,
+    workers: Workers = None,
+    ray: RayAddress = None,
 ) -> None:
     """Record plain SUMO traffic as trajectories: teacher data for `fit`."""
     from slrl_sumo.analysis.progress import progress
@@ -120,6 +123,17 @@ def record(
         raise InputError(f"--seconds {seconds:g}: give a number above 0")
     if not 0 <= seed < 2**31:
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
+    if seeds is not None:
+        place = place_of(workers, ray)
+        from slrl_sumo.analysis.recordings import Recordings, write_recordings
+
+        wanted = Recordings(scenario, range(seed, seed + seeds), seconds, step_length)
+        interrupted_by = write_recordings(wanted, out, place)
+        if interrupted_by:
+            raise typer.Exit(128 + interrupted_by)
+        return
+    if workers is not None or ray is not None:
+        raise InputError(f"--{'ray' if ray else 'workers'}: one recording is one simulation; give --seeds, too")
     with progress() as bar:
         task = bar.add_task("recording", total=1.0)
         for item in play(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):

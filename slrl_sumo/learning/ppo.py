@@ -7,8 +7,8 @@ it is updated on them for some epochs of minibatches, and so on.
 import copy
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -56,11 +56,9 @@ class PpoSettings:
 
 
 class Slots(Protocol):
-    """What PPO needs of an environment: gymnasium's VectorEnv with autoreset in the same step (see ArenaVectorEnv)."""
+    """What a rollout needs of an environment: the step of gymnasium's VectorEnv with autoreset in the same step."""
 
     num_envs: int
-
-    def reset(self, *, seed: int) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]: ...
 
     def step(
         self, actions: NDArray[np.int64]
@@ -91,6 +89,29 @@ class Batch:
     """(T, N, modes): what speaks against each mode."""
 
 
+class Rollouts(Protocol):
+    """Where PPO gets its rollouts from: from some simulations, here or elsewhere."""
+
+    def reset(self, seed: int) -> None:
+        """Begin all simulations anew, drawn by `seed` alone."""
+
+    def collect(self, agent: "Agent", num_steps: int, seed: int) -> tuple[Batch, list[dict[str, Any]]]:
+        """`num_steps` more steps of all slots with the policy as it is, choices drawn by `seed` alone; and the infos
+        of every step."""
+
+
+def joined(batches: Sequence[Batch]) -> Batch:
+    """The slots of several rollouts of as many steps, side by side."""
+    parts: dict[str, Any] = {}
+    for name in (field.name for field in fields(Batch)):
+        values = [getattr(batch, name) for batch in batches]
+        if name == "seen":
+            parts[name] = {key: torch.cat([value[key] for value in values], 1) for key in values[0]}
+        else:
+            parts[name] = torch.cat(values, 0 if name == "next_value" else 1)
+    return Batch(**parts)
+
+
 def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
     """Generalised advantage estimates and returns, (T, N) each (Schulman et al. 2016, arXiv 1506.02438).
 
@@ -110,14 +131,12 @@ def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
     return advantages, advantages + batch.values
 
 
-class Agent:
-    """The policy that learns, on a device, with what belongs to it: the frozen prior and the optimiser."""
+class Actor:
+    """The policy as it acts, on a device: what rollouts need."""
 
-    def __init__(self, policy: Policy, prior: Prior, settings: PpoSettings, device: torch.device) -> None:
+    def __init__(self, policy: Policy, prior: Prior, explore: float, device: torch.device) -> None:
         self.policy, self.prior = policy.to(device), prior.to(device)
-        self.begin = copy.deepcopy(policy).requires_grad_(False)
-        self.device, self.explore = device, settings.explore
-        self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
+        self.device, self.explore = device, explore
 
     def logits_and_value(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Log probabilities (n, modes) and values (n,) of observations on any device."""
@@ -127,6 +146,15 @@ class Agent:
         vector, image, ahead = (seen[name].to(self.device) for name in ("vector", "image", "ahead"))
         route = seen["route"].to(self.device) if "route" in seen else None
         return vector, image, vector[:, CAR : CAR + 3].argmax(-1), ahead, route
+
+
+class Agent(Actor):
+    """The policy that learns: with what it was in the beginning, and the optimiser."""
+
+    def __init__(self, policy: Policy, prior: Prior, settings: PpoSettings, device: torch.device) -> None:
+        super().__init__(policy, prior, settings.explore, device)
+        self.begin = copy.deepcopy(policy).requires_grad_(False)
+        self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
 
     def teacher_logits(self, seen: dict[str, Tensor], guidance: Tensor) -> Tensor:
         """Log probabilities (n, modes) of the teacher: see PpoSettings.kl_coef."""
@@ -140,7 +168,7 @@ class Agent:
 
 
 def rollout(
-    agent: Agent,
+    agent: Actor,
     env: Slots,
     observation: dict[str, NDArray[Any]],
     guidance: NDArray[np.float32],
@@ -266,7 +294,7 @@ def update(
 
 def learn(
     agent: Agent,
-    env: Slots,
+    rollouts: Rollouts,
     settings: PpoSettings,
     *,
     iterations: range,
@@ -282,20 +310,17 @@ def learn(
     """
     if iterations.start % reset_every:
         raise ValueError("training can be taken up only where simulations begin anew")
-    observation: dict[str, NDArray[Any]] = {}
-    guidance = np.zeros((0, 0), np.float32)
     generator = torch.Generator()
     for iteration in iterations:
+        number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)
         if iteration % reset_every == 0:
-            number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)
-            observation, info = env.reset(seed=number)
-            guidance = info["guidance"]
-            generator.manual_seed(number)
+            rollouts.reset(number)
+        generator.manual_seed(number)
         frac = 1.0 - iteration / total
         if settings.anneal_lr:
             agent.optimizer.param_groups[0]["lr"] = frac * settings.learning_rate
         started = time.perf_counter()
-        batch, observation, infos, guidance = rollout(agent, env, observation, guidance, settings.num_steps, generator)
+        batch, infos = rollouts.collect(agent, settings.num_steps, number)
         rolled = time.perf_counter()
         kl_coef = settings.kl_coef_last + frac * (settings.kl_coef - settings.kl_coef_last)
         teacher_only = iteration < settings.teacher_first

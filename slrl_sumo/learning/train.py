@@ -23,15 +23,17 @@ from netgen.errors import NetgenError
 from netgen.families import Family, generate
 from slrl_sumo.analysis.ground import everywhere_road
 from slrl_sumo.errors import InputError
+from slrl_sumo.learning.arena_slots import ArenaSource
 from slrl_sumo.learning.imitation import imitate, lessons, watch
 from slrl_sumo.learning.ppo import Agent, Batch, learn
+from slrl_sumo.learning.rollouts import WorkerRollouts
 from slrl_sumo.learning.selector_card import with_selector
 from slrl_sumo.learning.train_log import EpisodeBook
 from slrl_sumo.learning.train_settings import TrainSettings
-from slrl_sumo.learning.workers import ArenaSource, ArenaVectorEnv
-from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.records.trajectories import load_trajectories
+from slrl_sumo.simulation.jobs import Place, anywhere
 from slrl_sumo.sumo.scenario import find_scenario
 
 Figures = dict[str, float]
@@ -58,6 +60,9 @@ class TrainRequest:
 
     recordings: tuple[Path, ...] = ()
     """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
+
+    ray: str | None = None
+    """Where the simulations run: see slrl_sumo.simulation.jobs.Place. It does not change the result."""
 
     @property
     def folder(self) -> Path:
@@ -99,10 +104,10 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         agent.optimizer.load_state_dict(state["optimizer"])
     extended = settings.policy.preset == "extended"
     arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance, extended=extended)
-    source = ArenaSource(scenarios, request.bundle, arena)
-    env = ArenaVectorEnv(source, request.workers)
+    source = ArenaSource(tuple(map(anywhere, scenarios)), anywhere(request.bundle, shipped_bundles()), arena)
+    rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Place(request.workers, request.ray))
     log = _Log(folder, done, rollout_size)
-    book = EpisodeBook(env.num_envs)
+    book = EpisodeBook(request.workers * arena.agents)
     reset_every = settings.networks.reset_every
     clock = time.perf_counter()
 
@@ -111,7 +116,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         if iteration % reset_every == 0:
             book.start()
         now = time.perf_counter()
-        speed = {"speed/agent_steps_per_s": rollout_size / (now - clock), "speed/workers_replaced": env.replaced}
+        speed = {"speed/agent_steps_per_s": rollout_size / (now - clock), "speed/workers_replaced": rollouts.replaced}
         clock = now
         figures = book.figures(batch, infos) | {f"loss/{name}": value for name, value in losses.items()} | speed
         log.add(iteration, figures)
@@ -122,7 +127,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     try:
         learn(
             agent,
-            env,
+            rollouts,
             settings.ppo,
             iterations=range(done, total),
             total=total,
@@ -131,7 +136,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
             after=after,
         )
     finally:
-        env.close()
+        rollouts.close()
         log.close()
     taught = json.loads((folder / "imitation.json").read_text(encoding="utf-8"))
     trained = with_selector(bundle, agent.policy.cpu(), record | {"imitation": taught}, log.rows)

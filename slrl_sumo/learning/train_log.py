@@ -22,7 +22,8 @@ class EpisodeBook:
         self._return[:] = 0.0
 
     def figures(self, batch: Batch, infos: list[dict[str, Any]]) -> dict[str, float]:
-        """The figures of one rollout, for a chart: names with a slash as TensorBoard groups them.
+        """The figures of one rollout, for a chart: names with a slash as TensorBoard groups them. Slots of which an
+        info says `replaced` began anew just before that step.
 
         `episode/return`: mean over episodes that ended in it (NaN where none did); `episode/success`: their share that
         ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
@@ -35,17 +36,17 @@ class EpisodeBook:
         speed = np.stack([info["speed_mps"] for info in infos])
         returns: list[NDArray[np.float64]] = []
         for t in range(len(reward)):
+            self._return[replaced[t]] = 0.0
             self._return += reward[t]
-            returns.append(self._return[ended[t] & ~replaced[t]])
+            returns.append(self._return[ended[t]])
             self._return[ended[t]] = 0.0
-        counted = ended & ~replaced
-        result = {"episode/return": _mean(np.concatenate(returns)), "episode/success": _mean(~terminated[counted])}
+        result = {"episode/return": _mean(np.concatenate(returns)), "episode/success": _mean(~terminated[ended])}
         result["reward/total"] = float(reward.mean())
         for name in TERMS:
             result[f"reward/{name}"] = float(np.mean([info[name] for info in infos]))
         for number, name in enumerate(TYPE_NAMES):
             mine = kind == number
-            result[f"episode/success_{name}"] = _mean(~terminated[counted & mine])
+            result[f"episode/success_{name}"] = _mean(~terminated[ended & mine])
             result[f"motion/mean_speed_{name}_mps"] = _mean(speed[mine])
             result[f"motion/standing_{name}"] = _mean(speed[mine] < STANDING_SPEED)
             result[f"episode/ends_per_1000_steps_{name}"] = 1000.0 * _mean(terminated[mine])

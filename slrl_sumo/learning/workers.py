@@ -4,16 +4,9 @@ libsumo holds one simulation per process and may take the process with it when i
 worker; one that dies, hangs or grows too large is replaced, and training goes on.
 """
 
-import multiprocessing
 import os
-import resource
+import pickle
 import signal
-import sys
-import tempfile
-from contextlib import ExitStack, suppress
-from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,16 +15,21 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from slrl_sumo.errors import SlrlError, SumoError
-from slrl_sumo.learning.arena import Arena, ArenaSettings, Outcome
+from slrl_sumo.errors import SumoError
+from slrl_sumo.learning.arena_slots import (
+    OBSERVED,
+    ArenaSlots,
+    ArenaSource,
+    Arrays,
+    peak_memory,
+    stepped,
+)
 from slrl_sumo.learning.rewards import TERMS
-from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PolicyConfig
 from slrl_sumo.perception.features import FEATURES
-from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS
-from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.simulation.job_worker import Died, JobWorker
 
 PATIENCE = 120.0
 """s that a worker may take for one step or reset."""
@@ -54,17 +52,6 @@ def observation_space(config: PolicyConfig) -> spaces.Dict:
 
 
 ACTION_SPACE: spaces.Discrete = spaces.Discrete(MODES)
-
-Arrays = dict[str, NDArray[Any]]
-
-
-@dataclass(frozen=True)
-class ArenaSource:
-    """Where a worker finds what it plays: scenarios (as `slrl-sumo run` names them) and a bundle (name or folder)."""
-
-    scenarios: tuple[str, ...]
-    bundle: str
-    settings: ArenaSettings
 
 
 class ArenaVectorEnv(VectorEnv):
@@ -99,7 +86,9 @@ class ArenaVectorEnv(VectorEnv):
         self._seed = 0
         self._failures = [0] * workers
         self._seen: list[Arrays] = [{}] * workers
-        self._workers = [_Worker(source) for _ in range(workers)]
+        self._work = pickle.dumps(Stepper(source))
+        self._workers = [JobWorker(self._work) for _ in range(workers)]
+        self._memory, self._how = [0.0] * workers, [""] * workers
         self._agents = source.settings.agents
 
     def reset(
@@ -107,10 +96,10 @@ class ArenaVectorEnv(VectorEnv):
     ) -> tuple[Arrays, dict[str, Any]]:
         """See the class; without a seed the next one after the last."""
         self._seed = seed if isinstance(seed, int) else self._seed + 1
-        for number, worker in enumerate(self._workers):
-            if worker.memory > self._memory_limit:
-                worker.restart()
-            worker.send(("reset", self._reset_seed(number)))
+        for number, memory in enumerate(self._memory):
+            if memory > self._memory_limit:
+                self._replace(number)
+            self._send(number, "reset", self._reset_seed(number))
         replies = [self._reply(number) for number in range(len(self._workers))]
         self._seen = [reply or self._revive(number) for number, reply in enumerate(replies)]
         return _joined(self._seen, self._names), _joined(self._seen, ("type", "guidance"))
@@ -119,8 +108,9 @@ class ArenaVectorEnv(VectorEnv):
         self, actions: NDArray[np.int64]
     ) -> tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """See gymnasium.vector.VectorEnv; `actions` (n,) are modes."""
-        for number, worker in enumerate(self._workers):
-            worker.send(("step", np.asarray(actions[number * self._agents : (number + 1) * self._agents], np.int64)))
+        for number in range(len(self._workers)):
+            mine = slice(number * self._agents, (number + 1) * self._agents)
+            self._send(number, "step", np.asarray(actions[mine], np.int64))
         replies = []
         for number in range(len(self._workers)):
             reply = self._reply(number)
@@ -131,16 +121,7 @@ class ArenaVectorEnv(VectorEnv):
                 self._failures[number] = 0
             replies.append(reply)
         self._seen = replies
-        every = _joined(replies, tuple(replies[0]))
-        infos: dict[str, Any] = {
-            name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced", "guidance")
-        }
-        observation = {name: every[name] for name in self._names}
-        ended = infos["_final_obs"] = every["terminated"] | every["truncated"]
-        infos["final_obs"] = {name: np.zeros_like(values) for name, values in observation.items()}
-        for name, values in infos["final_obs"].items():
-            values[ended] = every[f"final_{name}"]
-        return observation, every["reward"], every["terminated"], every["truncated"], infos
+        return stepped(_joined(replies, tuple(replies[0])))
 
     def close_extras(self, **kwargs: Any) -> None:
         """End all workers."""
@@ -149,168 +130,59 @@ class ArenaVectorEnv(VectorEnv):
 
     def kill(self, number: int) -> None:
         """Kill a worker as a crash would, to see that it is replaced."""
-        self._workers[number].process.kill()
+        os.kill(self._workers[number].pid, signal.SIGKILL)
 
     def _reset_seed(self, number: int) -> tuple[int, int, int]:
         return self._seed, number, self._failures[number]
 
+    def _send(self, number: int, word: str, value: Any) -> None:
+        self._workers[number].send(pickle.dumps((word, value)))
+
     def _reply(self, number: int) -> Arrays | None:
-        """What a worker answers; None where it is dead or hangs."""
-        reply = self._workers[number].receive()
-        if isinstance(reply, SlrlError):
-            if isinstance(reply, SumoError):
-                return None
+        """What a worker answers; None where it is dead, hangs, or SUMO gave up."""
+        answer = self._workers[number].receive(PATIENCE)
+        reply = answer if isinstance(answer, Died) else pickle.loads(answer)
+        if isinstance(reply, Died | SumoError):
+            self._how[number] = str(reply)
+            return None
+        if isinstance(reply, BaseException):
             raise reply
-        if isinstance(reply, str):
-            raise RuntimeError(f"a training worker failed:\n{reply}")
-        arrays: Arrays | None = reply
-        return arrays
+        self._memory[number], arrays = reply
+        return arrays  # type: ignore[no-any-return]
+
+    def _replace(self, number: int) -> None:
+        self._workers[number].stop()
+        self._workers[number] = JobWorker(self._work)
+        self._memory[number] = 0.0
 
     def _revive(self, number: int) -> Arrays:
         """Replace a worker and open another scenario in it."""
         while True:
             self._failures[number] += 1
             self.replaced += 1
-            worker = self._workers[number]
-            how = worker.epitaph()
             if self._failures[number] > ATTEMPTS:
-                raise SumoError(f"training worker {number} died {ATTEMPTS} times in a row (last: {how})")
-            worker.restart()
-            worker.send(("reset", self._reset_seed(number)))
+                raise SumoError(f"training worker {number} died {ATTEMPTS} times in a row (last: {self._how[number]})")
+            self._replace(number)
+            self._send(number, "reset", self._reset_seed(number))
             reply = self._reply(number)
             if reply is not None:
                 return reply
 
 
-class _Worker:
-    """A process with an arena, and the pipe to it."""
+class Stepper:
+    """What a worker does: resets and steps of one simulation. Each answer comes with the process's memory, MiB."""
 
     def __init__(self, source: ArenaSource) -> None:
-        self._source = source
-        self._context = multiprocessing.get_context("spawn")
-        self.memory = 0.0
-        self._start()
+        self._slots = ArenaSlots(source)
 
-    def _start(self) -> None:
-        self._pipe, theirs = self._context.Pipe()
-        self._folder = tempfile.TemporaryDirectory(prefix="slrl_sumo_", ignore_cleanup_errors=True)
-        self.process = self._context.Process(target=_serve, args=(theirs, self._source, self._folder.name), daemon=True)
-        # Ctrl-C reaches the whole process group; the trainer decides what it means. The child inherits the mask.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        theirs.close()
+    def __call__(self, message: tuple[str, Any]) -> tuple[float, Arrays]:
+        """("reset", numbers that draw the simulation) or ("step", modes)."""
+        import torch
 
-    def send(self, message: Any) -> None:
-        with suppress(BrokenPipeError, ConnectionResetError):  # dead; whoever waits for its answer will see
-            self._pipe.send(message)
-
-    def receive(self) -> Any:
-        try:
-            if self._pipe.poll(PATIENCE):
-                self.memory, reply = self._pipe.recv()
-                return reply
-        except (EOFError, OSError):
-            pass
-        return None
-
-    def epitaph(self) -> str:
-        self.process.join(0.2)
-        code = self.process.exitcode
-        if code is None:
-            return f"no answer within {PATIENCE:g} s"
-        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
-
-    def restart(self) -> None:
-        self.stop()
-        self._start()
-
-    def stop(self) -> None:
-        self._pipe.close()  # the worker ends when it sees that
-        self.process.join(2.0)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
-        self._folder.cleanup()
-
-
-def _serve(pipe: Connection, source: ArenaSource, folder: str) -> None:
-    """The worker: opens and steps arenas as it is told, until the pipe closes."""
-    import torch
-
-    torch.set_num_threads(1)
-    # Whatever SUMO leaves behind when it dies lies in a folder that the parent removes.
-    tempfile.tempdir = folder
-    _silence(Path(folder) / "printed")
-    bundle = None
-    with ExitStack() as open_arena:
-        arena: Arena | None = None
-        while True:
-            try:
-                word, value = pipe.recv()
-            except (EOFError, OSError):
-                return
-            try:
-                if word == "reset":
-                    open_arena.close()
-                    bundle = bundle or load_bundle(source.bundle)
-                    drawn = np.random.default_rng(value)
-                    scenario = find_scenario(source.scenarios[int(drawn.integers(len(source.scenarios)))])
-                    arena = open_arena.enter_context(
-                        Arena(scenario, bundle, source.settings, int(drawn.integers(2**31)))
-                    )
-                    reply: Any = _seen(arena.observation) | {"guidance": arena.guidance()}
-                else:
-                    assert arena is not None
-                    reply = _flat(arena.step(value)) | {"guidance": arena.guidance()}
-            except SlrlError as error:
-                reply = error
-            except Exception:
-                import traceback
-
-                reply = traceback.format_exc()
-            try:
-                pipe.send((_memory(), reply))
-            except (BrokenPipeError, ConnectionResetError):
-                return
-
-
-def _silence(file: Path) -> None:
-    """What SUMO's C++ code prints would tear the trainer's progress apart."""
-    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for number in (1, 2):
-        os.dup2(descriptor, number)
-    os.close(descriptor)
-
-
-def _memory() -> float:
-    """Greatest resident memory of this process so far, MiB."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1024.0 if sys.platform != "darwin" else 1024.0**2)
-
-
-def _seen(observation: Observation) -> Arrays:
-    assert observation.image is not None
-    assert observation.ahead is not None
-    seen: Arrays = {"vector": observation.vector, "image": observation.image, "ahead": observation.ahead}
-    if observation.route is not None:
-        seen["route"] = observation.route
-    return seen | {"type": observation.type}
-
-
-def _flat(outcome: Outcome) -> Arrays:
-    """An outcome as arrays of n rows; the final observations are those of the ended episodes only."""
-    reply = _seen(outcome.observation)
-    seen = [name for name in reply if name != "type"]
-    ended = outcome.terminated | outcome.truncated
-    reply |= {"reward": outcome.reward, "terminated": outcome.terminated, "truncated": outcome.truncated}
-    reply |= {"speed_mps": outcome.speed, "steps": outcome.steps, **outcome.terms}
-    reply |= {"replaced": np.zeros(len(ended), np.bool_)}
-    for name in seen:
-        reply[f"final_{name}"] = reply[name][:0] if outcome.final is None else getattr(outcome.final, name)
-    return reply
+        torch.set_num_threads(1)
+        word, value = message
+        reply = self._slots.reset(value) if word == "reset" else self._slots.flat_step(value)
+        return peak_memory(), reply
 
 
 def _cut_off(revived: Arrays, last: Arrays) -> Arrays:
@@ -325,7 +197,7 @@ def _cut_off(revived: Arrays, last: Arrays) -> Arrays:
         "steps": np.zeros(n, np.int64),
         **dict.fromkeys(TERMS, none),
         "replaced": np.ones(n, np.bool_),
-        **{f"final_{name}": last[name] for name in ("vector", "image", "ahead", "route") if name in last},
+        **{f"final_{name}": last[name] for name in OBSERVED if name in last},
     }
 
 

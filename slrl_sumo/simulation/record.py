@@ -6,7 +6,7 @@ import numpy as np
 
 from slrl_sumo.records.trajectories import Trajectories, TrajectoryBuilder
 from slrl_sumo.simulation.background import background_world
-from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.geometry import wrap_angle
 from slrl_sumo.world.state import WorldState
@@ -41,6 +41,14 @@ def record(
             before = world
             yield (k + 1) / intervals
     yield builder.build()
+
+
+def recorded_whole(scenario: str, seconds: float, step_length: float | None, seed: int) -> Trajectories:
+    """What `record` yields last, of the scenario that `scenario` names."""
+    for item in record(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):
+        if not isinstance(item, float):
+            return item
+    raise AssertionError("a recording ends with trajectories")
 
 
 def jumped(before: WorldState, after: WorldState) -> list[str]:

@@ -101,7 +101,6 @@ def test_runs_of_other_settings_are_not_mixed(compared: tuple[Path, str], tmp_pa
         ({"takeover": "tram=1"}, "'tram' is no road user type"),
         ({"selector": "best"}, "--selector best: there is none of that name"),
         ({"seeds": 0}, "--seeds 0: give a whole number"),
-        ({"workers": 0}, "--workers 0: give a whole number"),
         ({"seed": -1}, "--seed -1: give a whole number"),
         ({"steps": 5, "seconds": 2.0}, "--steps and --seconds were both given"),
         ({"steps": 0}, "--steps 0: at least one"),

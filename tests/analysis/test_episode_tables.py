@@ -1,8 +1,9 @@
 """The rows of an evaluation, by hand."""
 
+import numpy as np
 import pytest
 
-from slrl_sumo.analysis.episode_tables import COLUMNS, table_rows
+from slrl_sumo.analysis.episode_tables import COLUMNS, EpisodeTables
 from slrl_sumo.analysis.episodes import Episode
 from slrl_sumo.analysis.outcomes import TypeOutcome
 from slrl_sumo.analysis.published import published_rows
@@ -22,6 +23,15 @@ def outcome(survived: tuple[int, ...], speed: float, kind: str = "car", off_surf
         overlaps=3,
         off_surface=off_surface,
     )
+
+
+def table_rows(
+    played: dict[Episode, tuple[TypeOutcome, ...]], steps: int, per_seed: int = 2
+) -> list[dict[str, object]]:
+    tables = EpisodeTables(list(dict.fromkeys((e.selector, e.agents) for e in played)), steps, per_seed)
+    for episode, parts in played.items():
+        tables.add(episode, parts)
+    return tables.rows()
 
 
 def test_figures_of_two_seeds_with_two_episodes() -> None:
@@ -81,3 +91,27 @@ def test_published_rows_are_marked_and_their_speeds_given_in_both_units() -> Non
     truth = rows["Table 2", "ground truth", "bicycle"]
     assert (truth["mean_speed_printed_mps"], truth["mean_speed_if_per_step_mps"]) == (2.96, None)
     assert rows["Table 2", "SL", "bicycle"]["success_rate"] is None
+
+
+def test_the_order_in_which_episodes_end_does_not_change_a_bit() -> None:
+    speeds = np.random.default_rng(1).lognormal(0.0, 3.0, 60)
+    played = {
+        Episode("prior", 2, number // 6, number % 6): (outcome((10, number % 10), speed),)
+        for number, speed in enumerate(speeds.tolist())
+    }
+    assert len({sum(np.random.default_rng(seed).permutation(speeds)) for seed in range(9)}) > 1  # floats would differ
+    rows = table_rows(played, 10, 6)
+    for seed in range(9):
+        order = np.random.default_rng(seed).permutation(60)
+        shuffled = {episode: played[episode] for episode in [list(played)[i] for i in order]}
+        assert repr(table_rows(shuffled, 10, 6)) == repr(rows)
+
+
+def test_a_seed_of_which_episodes_are_left_out_counts_with_the_others() -> None:
+    tables = EpisodeTables([("prior", 2)], 10, 2)
+    tables.add(Episode("prior", 2, 1, 0), (outcome((10, 5), 4.0),))
+    tables.leave_out(Episode("prior", 2, 1, 1))
+    tables.add(Episode("prior", 2, 2, 0), (outcome((0, 5), 2.0),))  # its second episode never comes
+    (row,) = tables.rows()
+    assert (row["episodes"], row["seeds"], row["mean_speed_mps"]) == (2, 2, 3.0)
+    assert row["mean_speed_mps_seed_std"] == pytest.approx(2**0.5, abs=1e-6)

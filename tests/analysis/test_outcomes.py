@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from slrl_sumo.analysis.outcomes import Outcomes, TypeOutcome, mean_survival
+from slrl_sumo.analysis.outcomes import Outcomes, TypeOutcome, mean_survival, survival_counts
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.tally import OWN_SURFACE, Tally
@@ -105,15 +105,15 @@ def test_unknown_surfaces_are_none() -> None:
 
 def test_mean_survival_of_those_who_stay_is_the_plain_mean() -> None:
     survived = np.array([128.0, 0.0, 37.0, 128.0, 90.0])
-    assert mean_survival(np.full(5, 128.0), survived, 128) == pytest.approx(survived.mean())
+    assert mean_survival(survival_counts(np.full(5, 128.0), survived, 128)) == pytest.approx(survived.mean())
 
 
 def test_mean_survival_does_not_punish_those_who_leave() -> None:
     present = np.array([10.0, 40.0, 128.0])
-    assert mean_survival(present, present, 128) == 128
+    assert mean_survival(survival_counts(present, present, 128)) == 128
     # Four at risk in decision 1, where one is hit; one leaves after it; of the other two one is hit in decision 3.
     present, survived = np.array([4.0, 1.0, 4.0, 4.0]), np.array([0.0, 1.0, 2.0, 4.0])
-    assert mean_survival(present, survived, 4) == pytest.approx(0.75 + 0.75 + 0.375 + 0.375)
+    assert mean_survival(survival_counts(present, survived, 4)) == pytest.approx(0.75 + 0.75 + 0.375 + 0.375)
 
 
 def test_a_run_is_counted_as_its_summary_counts_it() -> None:

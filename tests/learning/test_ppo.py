@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.learning.ppo import Agent, Batch, PpoSettings, gae, learn, update
+from slrl_sumo.learning.ppo import Agent, Batch, PpoSettings, gae, learn, rollout, update
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.models.prior import Prior
@@ -62,10 +62,17 @@ class _Lights:
     def __init__(self, slots: int = 16) -> None:
         self.num_envs = slots
 
-    def reset(self, *, seed: int) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    def reset(self, seed: int) -> None:
         self._random = np.random.default_rng(seed)
         self._age = np.zeros(self.num_envs, np.int64)
-        return self._look(), {"guidance": np.zeros((self.num_envs, MODES), np.float32)}
+        self._seen, self._guidance = self._look(), np.zeros((self.num_envs, MODES), np.float32)
+
+    def collect(self, agent: Agent, num_steps: int, seed: int) -> tuple[Batch, list[dict[str, Any]]]:
+        generator = torch.Generator().manual_seed(seed)
+        batch, self._seen, infos, self._guidance = rollout(
+            agent, self, self._seen, self._guidance, num_steps, generator
+        )
+        return batch, infos
 
     def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
         right = actions == np.where(self._left, 3, 7)
@@ -86,6 +93,12 @@ class _Lights:
         vector[np.arange(self.num_envs), 2 + np.arange(self.num_envs) % 3] = 1.0
         ahead = np.zeros((self.num_envs, MODES, 4), np.float32)
         return {"vector": vector, "image": image, "ahead": ahead}
+
+
+def _seen_at_first(slots: int) -> dict[str, NDArray[Any]]:
+    lights = _Lights(slots)
+    lights.reset(1)
+    return lights._seen
 
 
 def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch.Tensor]]:
@@ -190,7 +203,7 @@ def test_exploring_gives_every_mode_a_chance() -> None:
     for parameter in agent.policy.actors.parameters():
         parameter.data += 3.0
     agent.policy.actors[0][-1].bias.data[5] += 50.0
-    seen = {name: torch.from_numpy(value) for name, value in _Lights(3).reset(seed=1)[0].items()}
+    seen = {name: torch.from_numpy(value) for name, value in _seen_at_first(3).items()}
     probability = agent.logits_and_value(seen)[0].exp()
     torch.testing.assert_close(probability.sum(-1), torch.ones(3))
     assert (probability >= 0.2 / MODES - 1e-6).all()

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.arena import ArenaSettings
-from slrl_sumo.learning.workers import ArenaSource, ArenaVectorEnv
+from slrl_sumo.learning.arena_slots import ArenaSource
+from slrl_sumo.learning.workers import ArenaVectorEnv
 
 SOURCE = ArenaSource(("intersection", "shared-space"), "intersection", ArenaSettings(agents=8, warm_up=4.0))
 MODES = np.random.default_rng(4).integers(0, 20, (10, 16))
@@ -71,9 +72,9 @@ def test_a_worker_that_has_grown_is_replaced_at_the_next_reset() -> None:
     env = ArenaVectorEnv(ArenaSource(("intersection",), "intersection", SOURCE.settings), 1, memory_limit=1.0)
     try:
         first, _ = env.reset(seed=2)
-        before = env._workers[0].process.pid
+        before = env._workers[0].pid
         again, _ = env.reset(seed=2)
-        assert env._workers[0].process.pid != before
+        assert env._workers[0].pid != before
         np.testing.assert_array_equal(first["image"], again["image"])
         assert env.replaced == 0
     finally:
