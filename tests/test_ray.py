@@ -202,7 +202,9 @@ def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli,
     without = [[{k: v for k, v in row.items() if k not in clocks} for row in table] for table in rows]
     assert without[0] == without[1]
     assert len(without[0]) == 8
-    assert [table[-1]["speed/workers_replaced"] for table in rows] == ["0", "1"]
+    replaced = [int(table[-1]["speed/workers_replaced"]) for table in rows]
+    assert replaced[0] == 0
+    assert replaced[1] >= 1  # Ray may put the new worker on the dead machine, as long as it has not noticed
 
 
 @pytest.mark.slow
