@@ -12,7 +12,7 @@ from slrl_sumo.perception.observation import Way, observe
 from slrl_sumo.simulation.agility import Agility, agility, fitted
 from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.leaders import leaders
-from slrl_sumo.simulation.lookahead import Prospects, with_ahead
+from slrl_sumo.simulation.lookahead import Prospects, look_ahead, told, with_ahead
 from slrl_sumo.simulation.patience import Patience, going
 from slrl_sumo.simulation.stopwatch import Stopwatch
 from slrl_sumo.sumo.lanedriver import LaneDriver
@@ -97,10 +97,11 @@ class ModelDriver:
         observation = observe(world, rows, roadmap, selector.needs_image, self.way)
         allowed = None
         if prospects is not None:
-            routed = with_ahead(self._bundle, observation, world, rows, roadmap, prospects)
+            ahead = look_ahead(self._bundle, observation, world, rows, roadmap, prospects, touching=self._guard)
+            routed = told(observation, ahead)
             assert routed.ahead is not None
-            if self._guard:
-                allowed = allowed_modes(routed.ahead, learned.type, prospects.route)
+            if ahead.touching is not None:
+                allowed = allowed_modes(routed.ahead, learned.type, prospects.route, ahead.touching)
             allowed = going(routed.ahead, self._patience.tolerance(learned, prospects), allowed)
             observation = routed if extended else observation
         if selector.looks_ahead and observation.ahead is None:

@@ -61,6 +61,8 @@ class Lookahead:
     turn: Floats
     """rad turned after HELD intervals."""
     route: "OnRoute | None" = None
+    touching: Floats | None = None
+    """As `meeting`, on the very course of the mode, also for who keeps to a path; where it was asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +108,14 @@ def look_ahead(
     rows: NDArray[np.intp],
     roadmap: RoadMap,
     prospects: Prospects | None = None,
+    *,
+    touching: bool = False,
 ) -> Lookahead:
     """What every mode leads to, for the n road users `rows` of `world`, which made `observation`.
 
     Each of them alone follows a mode as `advance` would move it; the others keep speed and yaw rate. With `prospects`
     vehicles that have a route follow it, at the speeds of the mode: where they meet somebody does not depend on how
-    they turn in the next moment.
+    they turn in the next moment. With `touching` it is also looked whom they meet if they do not.
     """
     n, me = len(observation), world.take(rows)
     with torch.inference_mode():
@@ -139,9 +143,10 @@ def look_ahead(
     # behind, or stands beside the rear that swings out in a turn. Pedestrians step aside.
     size = np.column_stack([me.length, me.width]) + margin[me.type, None]
     met = meeting(on_paths, size, steered, theirs, ego[others], other[others])
+    touched = meeting(free, size, steered, theirs, ego[others], other[others]) if touching else None
     looked = np.where(known, NEAR, STEPS)
     turned = HELD * DECISION_INTERVAL * yaw_rate
-    return Lookahead(met, off / looked[:, None], free.speed[:, HELD - 1], turned, fits)
+    return Lookahead(met, off / looked[:, None], free.speed[:, HELD - 1], turned, fits, touched)
 
 
 def _off_surface(mine: Courses, me: WorldState, roadmap: RoadMap, route: RouteAhead | None) -> NDArray[np.intp]:
@@ -240,7 +245,11 @@ def with_ahead(
 ) -> Observation:
     """`observation` with what every mode leads to: its `ahead` has the fields of Lookahead and, with `prospects`, of
     OnRoute, in m/s, rad and m."""
-    ahead = look_ahead(bundle, observation, world, rows, roadmap, prospects)
+    return told(observation, look_ahead(bundle, observation, world, rows, roadmap, prospects))
+
+
+def told(observation: Observation, ahead: Lookahead) -> Observation:
+    """`observation` with `ahead` as columns."""
     columns = [ahead.meeting, ahead.off_surface, ahead.speed, ahead.turn]
     if (route := ahead.route) is not None:
         columns += [route.steer, route.aside, route.pace, route.brake, route.follow]

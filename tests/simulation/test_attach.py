@@ -273,9 +273,9 @@ def test_a_step_that_does_not_divide_the_decision_interval_is_refused(step: str)
 def test_the_guard_masks_modes_here_too(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
-    def watched(ahead: Any, kind: Any, route: Any) -> Any:
+    def watched(ahead: Any, kind: Any, route: Any, touching: Any) -> Any:
         asked.append(len(kind))
-        return allowed_modes(ahead, kind, route)
+        return allowed_modes(ahead, kind, route, touching)
 
     monkeypatch.setattr(driver, "allowed_modes", watched)
     for guard, expected in ((False, []), (True, [5, 5])):

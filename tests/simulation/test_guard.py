@@ -13,6 +13,7 @@ from slrl_sumo.simulation import driver
 from slrl_sumo.simulation.events import Decision, RunSettings
 from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.run import run
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.route import RouteAhead
 from slrl_sumo.world.types import RoadUserType
 
@@ -20,14 +21,22 @@ CAR, BICYCLE, PEDESTRIAN = RoadUserType
 MEETING, OFF, SPEED, TURN, STEER, ASIDE, PACE, BRAKE, FOLLOW = range(9)
 
 
-def left(*modes: dict[int, float], kind: int = CAR, closed: bool = False, known: bool = True) -> list[int]:
+def left(
+    *modes: dict[int, float],
+    kind: int = CAR,
+    closed: bool = False,
+    known: bool = True,
+    touching: tuple[float, ...] = (),
+) -> list[int]:
     """The modes that are left of `modes`, which lead to these values by column and to nothing in the others."""
     ahead = np.zeros((1, len(modes), 9), np.float32)
     for mode, values in enumerate(modes):
         for column, value in values.items():
             ahead[0, mode, column] = value
     route = replace(RouteAhead.unknown(1), known=np.array([known]), closed=np.array([closed]))
-    allowed = allowed_modes(ahead, np.array([kind], np.int8), route)
+    touched = np.zeros((1, len(modes)))
+    touched[0, : len(touching)] = touching
+    allowed = allowed_modes(ahead, np.array([kind], np.int8), route, touched)
     assert allowed.shape == (1, len(modes))
     assert allowed.dtype == np.bool_
     return [int(mode) for mode in np.flatnonzero(allowed[0])]
@@ -44,6 +53,12 @@ def test_meeting_somebody_and_leaving_the_surface_are_masked(kind: int) -> None:
     # Who is met later than in 2 s is for the selector to see to.
     assert left({MEETING: 0.375}, {}, {MEETING: 1.0}, kind=kind) == [0, 1]
     assert left({OFF: 1 / 3}, {}, {OFF: 1.0}, kind=kind) == [1]
+
+
+def test_who_is_met_on_the_very_course_of_a_mode_is_met_soon() -> None:
+    # Within 1.2 s, three intervals; later the path says where it goes.
+    assert left({}, {}, {}, {MEETING: 1.0}, touching=(1.0, 0.75, 0.625)) == [2]
+    assert left({}, {}, touching=(1.0, 0.875)) == [1]
 
 
 def test_braking_too_late_counts_before_closed_signals_only() -> None:
@@ -81,12 +96,14 @@ def test_at_least_one_mode_is_left_to_everybody_and_each_is_judged_alone() -> No
     ahead[..., :2] = np.minimum(ahead[..., :2], 1.0)
     kind = random.integers(0, 3, n).astype(np.int8)
     route = replace(RouteAhead.unknown(n), known=random.random(n) < 0.8, closed=random.random(n) < 0.5)
-    allowed = allowed_modes(ahead, kind, route)
+    touching = random.integers(0, 9, (n, 20)) / 8.0 * (random.random((n, 20)) < 0.3)
+    allowed = allowed_modes(ahead, kind, route, touching)
     assert allowed.any(axis=1).all()
     assert 0.05 < allowed.mean() < 0.95
     for row in range(0, n, 23):
         some = np.array([row])
-        np.testing.assert_array_equal(allowed_modes(ahead[some], kind[some], route.take(some)), allowed[some])
+        alone = allowed_modes(ahead[some], kind[some], route.take(some), touching[some])
+        np.testing.assert_array_equal(alone, allowed[some])
 
 
 GUARDED = RunSettings("signalised", agents=6, steps=4, seed=3, bundle="intersection-paper", guard=True)
@@ -102,8 +119,11 @@ def chosen(settings: RunSettings) -> list[list[int]]:
 def test_in_a_run_only_what_the_guard_leaves_is_chosen(monkeypatch: pytest.MonkeyPatch, selector: str) -> None:
     asked: list[NDArray[np.bool_]] = []
 
-    def strict(ahead: NDArray[np.float32], kind: NDArray[np.int8], route: RouteAhead) -> NDArray[np.bool_]:
+    def strict(
+        ahead: NDArray[np.float32], kind: NDArray[np.int8], route: RouteAhead, touching: Floats
+    ) -> NDArray[np.bool_]:
         assert ahead.shape == (6, 20, 9)
+        assert touching.shape == (6, 20)
         assert len(kind) == len(route) == 6
         assert route.known[kind != PEDESTRIAN].all()
         allowed = np.zeros((6, 20), np.bool_)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slrl_sumo.simulation.leaders import ALIKE, SIDE_GAP, STANDING, Leaders, leaders
+from slrl_sumo.simulation.leaders import ALIKE, NEAREST, SIDE_GAP, STANDING, Leaders, leaders
 from slrl_sumo.world.geometry import wrap_angle
 from slrl_sumo.world.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
@@ -160,7 +160,9 @@ def of_everybody(route: RouteAhead, crowd: WorldState) -> Leaders:
             length, width = crowd.length[j], crowd.width[j]
             beside = abs(aside) - 0.5 * (s * length + c * width) - 0.5 * crowd.width[i]
             between = along - 0.5 * (c * length + s * width) - 0.5 * crowd.length[i]
-            leads = abs(turn) < ALIKE or crowd.speed[j] < STANDING
-            if beside < SIDE_GAP and 0.5 < along < AHEAD + 0.5 * length and leads and between < gap[i]:
+            kind = crowd.type[i]
+            leads = abs(turn) < ALIKE or (kind != RoadUserType.PEDESTRIAN and crowd.speed[j] < STANDING)
+            ahead = NEAREST[kind] < along < AHEAD + 0.5 * length
+            if beside < SIDE_GAP[kind] and ahead and leads and between < gap[i]:
                 gap[i], speed[i] = between, max(crowd.speed[j] * np.cos(turn), 0.0)
     return Leaders(gap, speed)

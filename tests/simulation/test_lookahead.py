@@ -275,6 +275,24 @@ def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBund
     assert (wandering.meeting[0, np.abs(ahead.turn[0]) < 0.1] == 0.0).all()
 
 
+def test_who_goes_on_straight_touches_who_stands_beyond_the_corner(shipped_bundle: ModelBundle) -> None:
+    # 6 m eastwards, then to the left; somebody stands straight ahead, where the path does not lead.
+    world = _cars([0.0, 12.0], [0.0, 0.0], [7.0, 0.0])
+    x, y = np.minimum(S, 6.0)[None], np.maximum(S - 6.0, 0.0)[None]
+    prospects = _prospects(0.0)
+    prospects = replace(prospects, route=replace(prospects.route, x=x, y=y))
+    rows = np.array([0])
+    seen = observe(world, rows, ROAD, False)
+    ahead = look_ahead(shipped_bundle, seen, world, rows, ROAD, prospects, touching=True)
+    assert ahead.touching is not None
+    straight = (ahead.speed[0] > 6.0) & (np.abs(ahead.turn[0]) < 0.1)
+    assert straight.any()
+    assert (ahead.meeting[0, straight] == 0.0).all()
+    assert (ahead.touching[0, straight] >= 0.5).all()
+    assert (ahead.touching[0, ahead.speed[0] < 1.0] == 0.0).all()
+    assert look_ahead(shipped_bundle, seen, world, rows, ROAD, prospects).touching is None
+
+
 def test_who_leaves_the_ground_at_the_end_of_its_path_is_right(shipped_bundle: ModelBundle) -> None:
     world = _cars([145.0], [0.0], [8.0])
     rows = np.array([0])
