@@ -11,8 +11,10 @@ quarter to half an hour for each on two cores.
 """
 
 import argparse
+import json
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from slrl_sumo.analysis.training import train_with_progress
@@ -28,10 +30,11 @@ FAMILIES = {
     "shared-space-paper": "shared-space",
 }
 STEPS = {
-    "intersection": 1_200_000,
-    "shared-space": 1_000_000,
-    "intersection-paper": 1_500_000,
-    "shared-space-paper": 1_500_000,
+    # The first part is over before `teacher_first` is: the teacher alone. Then it goes on by PPO.
+    "intersection": (1_200_000, 1_800_000),
+    "shared-space": (1_000_000,),
+    "intersection-paper": (1_500_000,),
+    "shared-space-paper": (1_500_000,),
 }
 
 
@@ -56,11 +59,16 @@ def main() -> None:
                 parser.error("shared-space-paper imitates HC D1: give --hc PATH/TO/hc")
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
-        request = TrainRequest(
-            FAMILIES[name], name, out, arguments.steps or STEPS[name], seed=arguments.seed, recordings=recordings
-        )
-        if not train_with_progress(request, settings, resume=arguments.resume):
-            raise SystemExit(130)
+        request = TrainRequest(FAMILIES[name], name, out, 0, seed=arguments.seed, recordings=recordings)
+        begun = request.folder / "settings.json"
+        asked = json.loads(begun.read_text(encoding="utf-8"))["steps"] if arguments.resume and begun.exists() else 0
+        resume = arguments.resume
+        for steps in (arguments.steps,) if arguments.steps else STEPS[name]:
+            if steps < asked:
+                continue
+            if not train_with_progress(replace(request, steps=steps), settings, resume=resume):
+                raise SystemExit(130)
+            resume = True
     if out.resolve() != arguments.out.resolve():
         load_bundle(out).save(arguments.out)
         shutil.rmtree(out)

@@ -75,7 +75,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
 
     The policy is taught by imitation first (slrl_sumo.learning.imitation), then by PPO. `report` hears of "watching"
     and "imitation", then of "training": agent-steps, and the figures of every update (see EpisodeBook). With `resume`
-    the training goes on at its last checkpoint, exactly as without the break; otherwise the folder must not hold one.
+    the training goes on at its last checkpoint, exactly as without the break, or for more steps than were asked for
+    before (learning_rate and kl_coef are then those of their share of all); otherwise the folder must not hold one.
     Raises InputError, SumoError (a worker that dies again and again).
     """
     bundle = load_bundle(request.bundle)
@@ -99,6 +100,11 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         _save_checkpoint(folder, agent, 0)
     else:
         done = int(state["iteration"])
+        if done < total and done % settings.networks.reset_every:
+            raise InputError(
+                f"{folder}: ended after {done} updates, in the middle of {settings.networks.reset_every} with the same "
+                "simulations, and cannot go on; train anew with more --steps"
+            )
         agent.policy.load_state_dict(state["policy"])
         agent.begin.load_state_dict(state["begin"])
         agent.optimizer.load_state_dict(state["optimizer"])
@@ -163,7 +169,8 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
         raise InputError(f"{folder}: holds a training already; go on with --resume, or give another --out")
     if resume and asked.exists():
         before = json.loads(asked.read_text(encoding="utf-8"))
-        odd = _difference(before, record)
+        longer = max(before.get("steps", 0), record["steps"])
+        odd = _difference(before | {"steps": longer}, record)
         if odd:
             raise InputError(f"{folder}: was begun with another {odd}; resume with the same settings")
     try:

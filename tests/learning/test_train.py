@@ -88,6 +88,23 @@ def test_a_training_that_was_stopped_goes_on_exactly(tmp_path: Path) -> None:
         train(replace(request, seed=2), SETTINGS, resume=True, report=nothing)
     with pytest.raises(InputError, match=r"begun with another settings.ppo.gamma"):
         train(request, replace(SETTINGS, ppo=replace(SETTINGS.ppo, gamma=0.5)), resume=True, report=nothing)
+    with pytest.raises(InputError, match=r"begun with another steps \(192 then, 96 now\)"):
+        train(replace(request, steps=3 * 32), SETTINGS, resume=True, report=nothing)
+
+    # For more steps than were asked for it goes on where it ended, unless that was between two starts.
+    done: list[int] = []
+    longer = train(
+        replace(request, steps=7 * 32),
+        SETTINGS,
+        resume=True,
+        report=lambda stage, now, total, figures: done.append(now),
+    )
+    assert done == [7 * 32]
+    assert longer.policy_training is not None
+    assert longer.policy_training["steps"] == 7 * 32
+    assert (tmp_path / "whole" / "selector.safetensors").read_bytes() != other.read_bytes()
+    with pytest.raises(InputError, match="ended after 7 updates, in the middle of 2"):
+        train(replace(request, steps=8 * 32), SETTINGS, resume=True, report=nothing)
 
 
 def test_the_preset_extended_is_taught_by_looking_ahead_and_reads_the_route(tmp_path: Path) -> None:
