@@ -61,7 +61,9 @@ def _killed(work: Workload, ready: Ready) -> int:
     return 0
 
 
-def test_each_copy_has_a_process_of_its_own_and_errors_come_back() -> None:
+def test_each_copy_has_a_process_of_its_own_and_errors_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Where the new processes find this module.
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])
     pids = measured(_number, WORK)
     assert len({*pids, os.getpid()}) == 3
     with pytest.raises(DoesNotFit, match="4 are too many"):

@@ -49,31 +49,37 @@ def test_balance_weighs_by_what_is_rare() -> None:
 
 
 @pytest.mark.parametrize("kind", [RoadUserType.CAR, RoadUserType.BICYCLE])
-def test_curved_is_distance_and_curvature_of_the_circle(kind: RoadUserType) -> None:
+def test_curved_is_distance_and_curvature_of_the_first_circle(kind: RoadUserType) -> None:
     radius, turned = 10.0, np.array([0.5, 1.0])
     circle = np.stack([radius * np.sin(turned), radius * (1.0 - np.cos(turned))], -1)
-    chord = 2.0 * radius * np.sin(turned / 2)
-    root, bend = curved(circle, kind).T
-    assert root == pytest.approx(np.sqrt(chord))
-    assert bend == pytest.approx(0.1 * chord ** GENTLE[kind] / BEND[kind])
+    far = np.array([[25.0, 0.0], [3.0, 4.0]])
+    root, bend = curved(far, circle, kind).T
+    assert root == pytest.approx(np.sqrt([25.0, 5.0]))
+    assert bend == pytest.approx(0.1 * np.array([25.0, 5.0]) ** GENTLE[kind] / BEND[kind])
     # Right is left in a mirror, straight on is no curve, and standing still is neither far nor bent.
-    assert curved(circle * [1.0, -1.0], kind)[:, 1] == pytest.approx(-bend)
-    assert curved(np.array([[25.0, 0.0], [0.0, 0.0]]), kind).tolist() == [[5.0, 0.0], [0.0, 0.0]]
-    assert abs(curved(np.array([[0.001, 0.002]]), kind)[0, 1]) < 0.3
+    assert curved(far, circle * [1.0, -1.0], kind)[:, 1] == pytest.approx(-bend)
+    still = np.zeros((1, 2))
+    assert curved(np.array([[25.0, 0.0]]), np.array([[10.0, 0.0]]), kind).tolist() == [[5.0, 0.0]]
+    assert curved(still, still, kind).tolist() == [[0.0, 0.0]]
+    assert abs(curved(np.array([[0.001, 0.002]]), np.array([[0.001, 0.002]]), kind)[0, 1]) < 0.5
 
 
 def test_curved_modes_tell_slow_turns_apart() -> None:
     # Mostly straight on at all speeds; some come 5 m far, in turns of 8 m radius to either side.
     random = np.random.default_rng(0)
     straight = np.stack([random.uniform(0, 40, 9600), random.normal(0, 0.05, 9600)], -1)
-    turn = random.normal(5.0, 0.2, 400) / 8.0 * random.choice([-1, 1], 400)
-    slow = np.stack([8.0 * np.sin(np.abs(turn)), np.sign(turn) * 8.0 * (1.0 - np.cos(turn))], -1)
-    points = np.concatenate([straight, slow])
-    goals = curved(points, RoadUserType.CAR)
-    for goal, apart in ((points, False), (goals, True)):
+    turn = random.normal(5.0, 0.2, 400) / 8.0
+    left = random.choice([-1, 1], 400)
+
+    def on_circle(angle: Floats) -> Floats:
+        return np.stack([8.0 * np.sin(angle), left * 8.0 * (1.0 - np.cos(angle))], -1)
+
+    points = np.concatenate([straight, on_circle(turn)])
+    first = np.concatenate([0.4 * straight, on_circle(0.5 * turn)])
+    for goal, apart in ((points, False), (curved(points, first, RoadUserType.CAR), True)):
         mode = assign(goal, cluster(goal, 20, 1, balanced=apart))
-        left, right = set(mode[9600:][turn > 0.0].tolist()), set(mode[9600:][turn < 0.0].tolist())
-        assert (not left & right and not (left | right) & set(mode[:9600].tolist())) == apart
+        one, other = set(mode[9600:][left > 0].tolist()), set(mode[9600:][left < 0].tolist())
+        assert (not one & other and not (one | other) & set(mode[:9600].tolist())) == apart
 
 
 def test_same_seed_same_centres() -> None:

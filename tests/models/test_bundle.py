@@ -173,8 +173,15 @@ def test_bundles_of_the_paper_stay_beside_those_that_know_routes() -> None:
         paper, usual = load_bundle(f"{name}-paper"), load_bundle(name)
         assert paper.policy is not None
         assert paper.policy.config.preset == "paper"
-        # Only the selectors differ: displacement models and prior are the same.
-        for part in ("displacement", "prior"):
-            states = [getattr(bundle, part).state_dict() for bundle in (paper, usual)]
-            assert states[0].keys() == states[1].keys()
-            assert all(torch.equal(states[0][key], states[1][key]) for key in states[0])
+        assert usual.policy is not None
+        assert usual.policy.config.preset == "extended"
+        # In `shared-space` only the selectors differ; those of `intersection` that know routes need other modes.
+        same = [
+            torch.equal(one, other)
+            for part in ("displacement", "prior")
+            for one, other in zip(
+                getattr(paper, part).state_dict().values(), getattr(usual, part).state_dict().values(), strict=True
+            )
+        ]
+        assert all(same) == (name == "shared-space")
+        assert usual.training["modes_by"] == ("curved" if name == "intersection" else paper.training["modes_by"])
