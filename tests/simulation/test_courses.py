@@ -66,7 +66,7 @@ def every_box(mine: Courses, size: Floats, excused: Floats, theirs: Floats, ego:
         for step in range(STEPS):
             for mode in range(MODES):
                 x, y, heading = mine.x[e, step, mode], mine.y[e, step, mode], mine.heading[e, step, mode]
-                box = np.array([[x, y, heading, *(size[e] + MARGIN)]])
+                box = np.array([[x, y, heading, *size[e]]])
                 if not boxes_overlap(box, theirs[o, step][None])[0]:
                     continue
                 ahead = (theirs[o, step, 0] - x) * np.cos(heading) + (theirs[o, step, 1] - y) * np.sin(heading)
@@ -81,8 +81,8 @@ def test_circles_leave_out_nobody_who_is_met(extent: float) -> None:
     users = crowd(24, 3, extent)
     mine, *_ = drawn_courses(users, 4)
     # The others go on along one of their modes.
-    size = np.column_stack([users.length, users.width])
-    boxes = np.broadcast_to(size[:, None] + MARGIN, (len(users), STEPS, 2))
+    size = np.column_stack([users.length, users.width]) + MARGIN[users.type, None]
+    boxes = np.broadcast_to(size[:, None], (len(users), STEPS, 2))
     theirs = np.concatenate([np.stack([mine.x, mine.y, mine.heading], -1)[:, :, 0], boxes], -1)
     excused = np.arange(len(users)) % 3 == 0
     ego, other = np.nonzero(~np.eye(len(users), dtype=np.bool_))

@@ -24,6 +24,12 @@ Played = Finished[Episode, tuple[TypeOutcome, ...]]
 SETTINGS = EpisodeSettings("intersection", "intersection", steps=8)
 
 
+@pytest.fixture(autouse=True)
+def _findable(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Worker processes import this module by its name."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])
+
+
 def episodes(count: int, agents: int = 6) -> list[Episode]:
     return [Episode("prior", agents, 1, number) for number in range(count)]
 
