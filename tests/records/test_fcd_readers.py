@@ -216,8 +216,9 @@ def test_the_commands_of_the_page_run_as_they_stand_there(tmp_path: Path) -> Non
         if kind == "python":
             call(sys.executable, "-c", block, cwd=tmp_path)
             continue
-        block = block.replace(".venv/bin/slrl-sumo ", f"{sys.executable} -m slrl_sumo.cli ")
-        for line in block.replace(".venv/bin/python ", f"{sys.executable} ").splitlines():
+        programs = {"slrl-sumo": f"{sys.executable} -m slrl_sumo.cli", "python": sys.executable}
+        block = re.sub(r"\.venv/bin/(slrl-sumo|python) ", lambda found: f"{programs[found[1]]} ", block)
+        for line in block.splitlines():
             call("bash", "-c", line, cwd=tmp_path)
     made = {file.name for file in (tmp_path / "out").iterdir()}
     assert made == {
