@@ -210,13 +210,13 @@ def test_the_commands_of_the_page_run_as_they_stand_there(tmp_path: Path) -> Non
     blocks = re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL)
     assert [kind for kind, _ in blocks] == ["sh", "python", "sh", "sh", "python"]
     (tmp_path / "out").mkdir()
+    programs = {"slrl-sumo": f"{sys.executable} -m slrl_sumo.cli", "python": sys.executable}
     for kind, block in blocks:
         block = block.replace("path/to/your.net.xml", str(NET))
         block = block.replace("path/to/your.sumocfg", str(NET.with_name("intersection.sumocfg")))
         if kind == "python":
             call(sys.executable, "-c", block, cwd=tmp_path)
             continue
-        programs = {"slrl-sumo": f"{sys.executable} -m slrl_sumo.cli", "python": sys.executable}
         block = re.sub(r"\.venv/bin/(slrl-sumo|python) ", lambda found: f"{programs[found[1]]} ", block)
         for line in block.splitlines():
             call("bash", "-c", line, cwd=tmp_path)
