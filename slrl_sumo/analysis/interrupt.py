@@ -7,13 +7,17 @@ from types import FrameType
 
 
 @contextmanager
-def interruptible() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt; the list then holds the signal's number."""
+def interruptible(patience: int = 0) -> Iterator[list[int]]:
+    """SIGINT and SIGTERM raise KeyboardInterrupt, after `patience` of them that are only collected.
+
+    Yields the list of the signals' numbers.
+    """
     caught: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
         caught.append(number)
-        raise KeyboardInterrupt
+        if len(caught) > patience:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -5,18 +5,17 @@ import io
 import json
 import os
 import resource
-import signal
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.table import Table
 
+from slrl_sumo.analysis.interrupt import interruptible
 from slrl_sumo.analysis.progress import progress
 from slrl_sumo.errors import InputError, SlrlError
 from slrl_sumo.records.fcd_write import check_fcd_path, open_fcd
@@ -61,7 +60,7 @@ def write_run(
     truth = None if recording is None else _recorded(recording)
     failures: list[SlrlError] = []
     with ExitStack() as stack:
-        caught = stack.enter_context(_signals())
+        caught = stack.enter_context(interruptible(patience=1))
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
         events = stack.enter_context(closing(run_contained(settings, VIEWS_AT if report is not None else frozenset())))
         try:
@@ -232,21 +231,3 @@ def _write_json(path: Path, result: dict[str, Any]) -> None:
         if path.is_file():  # half a summary is none
             path.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written ({error.strerror}); name a place where you may write") from None
-
-
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Collects SIGINT and SIGTERM in a list instead of dying of them; from the second one on, KeyboardInterrupt."""
-    caught: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        caught.append(number)
-        if len(caught) > 1:
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield caught
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

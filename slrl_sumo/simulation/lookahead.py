@@ -124,13 +124,12 @@ def look_ahead(
     free = courses(me, acceleration, yaw_rate, bundle.max_speed[me.type, None], halting=prospects is not None)
     known = steered = np.zeros(n, np.bool_)
     margin = np.full_like(MARGIN, MARGIN.max()) if prospects is None else MARGIN
-    theirs = _led_on(world, None, margin)
+    kept = None if prospects is None else _paths_kept(prospects.route, world)
+    theirs = _led_on(world, kept, margin)
     on_paths = free
     mine = fits = None
-    if prospects is not None:
+    if prospects is not None and kept is not None:
         mine, known = prospects.take(rows), prospects.route.known[rows]
-        kept = _paths_kept(prospects.route, world)
-        theirs = _led_on(world, kept, margin)
         own, steered = kept.of(rows)
         on_paths = _steered(free, own, steered)
         fits = _on_route(mine, me, free)
