@@ -1,0 +1,51 @@
+"""What numba's cache cannot know must not happen: compiled functions that depend on other modules."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import slrl_sumo
+from slrl_sumo.world.compiled import compiled
+
+PACKAGE = Path(slrl_sumo.__file__).parent
+MODULES = sorted(file for file in PACKAGE.rglob("*.py") if "@compiled" in file.read_text(encoding="utf-8"))
+
+
+def foreign_names(source: str) -> set[str]:
+    """Names that compiled functions of a module use and that it imports from the package."""
+    tree = ast.parse(source)
+    imported = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("slrl_sumo")
+        for alias in node.names
+    }
+    used: set[str] = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and any(
+            isinstance(d, ast.Name) and d.id == "compiled" for d in node.decorator_list
+        ):
+            used |= {name.id for part in node.body for name in ast.walk(part) if isinstance(name, ast.Name)}
+    return used & imported
+
+
+@pytest.mark.parametrize("file", MODULES, ids=[file.stem for file in MODULES])
+def test_compiled_functions_use_nothing_of_other_modules(file: Path) -> None:
+    assert foreign_names(file.read_text(encoding="utf-8")) == set()
+
+
+def test_what_a_module_imports_is_noticed() -> None:
+    source = "from slrl_sumo.world.route import SPACING\nA = 1\n@compiled\ndef f(x):\n    return x * SPACING + A\n"
+    assert foreign_names(source) == {"SPACING"}
+
+
+@compiled
+def _ratio(a: float, b: float) -> float:
+    return a / b
+
+
+def test_division_by_zero_is_inf_as_in_numpy() -> None:
+    assert _ratio(1.0, 2.0) == 0.5
+    assert _ratio(1.0, 0.0) == np.inf
