@@ -39,9 +39,21 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
     room, reach = SIDE_GAP[world.type] + 0.5 * world.width, 0.5 * np.hypot(world.length, world.width)
     ego, other = beside(route, room, world.x, world.y, reach)
     places = on_path(route, world.x[other, None], world.y[other, None], ego)
-    of_all = world.heading, world.speed, world.length, world.width, world.type
     # What other modules say must not be a constant of the compiled function.
-    return Leaders(*_first(n, ego, other, *places, *of_all, AHEAD, int(RoadUserType.PEDESTRIAN)))
+    gap, speed = _first(
+        n,
+        ego,
+        other,
+        *places,
+        world.heading,
+        world.speed,
+        world.length,
+        world.width,
+        world.type,
+        AHEAD,
+        int(RoadUserType.PEDESTRIAN),
+    )
+    return Leaders(gap, speed)
 
 
 @compiled
