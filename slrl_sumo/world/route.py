@@ -203,8 +203,8 @@ def _beside(
                 continue
             most = room[row] + reach[one]
             if smooth:
-                # How far somebody may be from a point: outside a corner, off the path's end, and to one of these.
-                gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + APART // 2 * LONGEST
+                # How far somebody may be from a point: outside a turn, off the path's end, and on to one of these few.
+                gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * LONGEST
                 for k in range(FEW):
                     dx, dy = px - few_x[k], py - few_y[k]
                     gap = min(gap, dx * dx + dy * dy)

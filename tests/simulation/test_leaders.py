@@ -116,21 +116,25 @@ def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
     assert alone.gap.tolist() == [np.inf]
 
 
-def crooked(n: int, rng: np.random.Generator) -> RouteAhead:
-    """Paths with sharp corners, some of which turn right round, through a place of 60 m x 60 m."""
-    turns = np.where(rng.random((n, POINTS)) < 0.08, rng.choice([-3.1, -1.6, -0.8, 0.8, 1.6, 3.1], (n, POINTS)), 0.0)
+def crooked(n: int, rng: np.random.Generator, share: float) -> RouteAhead:
+    """Paths through a place of 60 m x 60 m, with a `share` of sharp corners, some of which turn right round; winding,
+    and their points not quite as far apart as they should be."""
+    turns = np.where(rng.random((n, POINTS)) < share, rng.choice([-3.1, -1.6, -0.8, 0.8, 1.6, 3.1], (n, POINTS)), 0.0)
+    turns += rng.normal(0.0, 0.15, (n, 1)) * np.sin(rng.uniform(0.1, 0.5, (n, 1)) * S)
     heading = rng.uniform(-np.pi, np.pi, (n, 1)) + turns.cumsum(axis=1)
-    x, y = SPACING * np.cos(heading).cumsum(axis=1), SPACING * np.sin(heading).cumsum(axis=1)
+    step = SPACING * rng.uniform(0.9, 1.49, (n, 1))
+    x, y = (step * np.cos(heading)).cumsum(axis=1), (step * np.sin(heading)).cumsum(axis=1)
     place = rng.uniform(0.0, 60.0, (2, n, 1))
     x, y = x - x[:, HERE, None] + place[0], y - y[:, HERE, None] + place[1]
     return replace(RouteAhead.unknown(n), known=rng.random(n) < 0.9, x=x, y=y)
 
 
-def test_circles_and_boxes_leave_out_no_leader() -> None:
+@pytest.mark.parametrize("share", [0.0, 0.08])
+def test_a_quick_look_leaves_out_no_leader(share: float) -> None:
     rng = np.random.default_rng(1)
     followed = 0
     for _ in range(20):
-        route = crooked(40, rng)
+        route = crooked(40, rng, share)
         sizes = np.array([[5.0, 1.8], [1.6, 0.65], [0.5, 0.5], [18.0, 2.5]])[rng.integers(0, 4, 60)]
         x, y = rng.uniform(0.0, 60.0, (2, 60))
         x[:40], y[:40] = route.x[:, HERE], route.y[:, HERE]
