@@ -1,8 +1,8 @@
 """One running simulation as an environment: every learned road user in it is one slot with episodes of its own."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -180,16 +180,13 @@ class Arena:
         self.simulation.population.world = replace(learned, speed=speed)
         self.simulation.world = self.simulation.population.world.join(background)
 
-    def _look(self) -> Observation:
-        """What everybody sees now, with the routes as they are now."""
-        world, n = self.simulation.world, len(self.simulation.population.world)
+    def _look(self, rows: NDArray[np.intp] | None = None) -> Observation:
+        """What the road users of the slots `rows`, or all, see now, and what each mode would lead to; with everybody's
+        routes as they are now."""
+        simulation, n = self.simulation, len(self.simulation.population.world)
         if self._routes is not None and self._able is not None:
-            self._prospects = prospects_of(self._routes, world, n, self._able)
-        return self._see(np.arange(n))
-
-    def _see(self, rows: NDArray[np.intp]) -> Observation:
-        """What the road users of the slots `rows` see now, and what each mode would lead to."""
-        simulation, prospects = self.simulation, self._prospects
+            self._prospects = prospects_of(self._routes, simulation.world, n, self._able)
+        prospects, rows = self._prospects, np.arange(n) if rows is None else rows
         seen = simulation.observe(rows, True, None if prospects is None else prospects.take(rows).way)
         return with_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, prospects)
 
@@ -232,9 +229,8 @@ class Arena:
         truncated = (self._steps >= self._limit) & ~terminated
         ended = np.flatnonzero(terminated | truncated)
         steps, speed, final = self._steps.copy(), learned.speed, None
-        self.observation = self._look()
         if len(ended):
-            final = _rows(self.observation, ended)
+            final = self._look(ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
             self._stop_some(ended)
             if self._routes is not None:
@@ -242,7 +238,7 @@ class Arena:
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)
-            self.observation = self._look()
+        self.observation = self._look()
         self._touching = touching
         reward = rewards.weighted(terms, self.settings.weights)
         return Outcome(self.observation, reward, terms, terminated, truncated, final, steps, speed)
@@ -299,13 +295,6 @@ class Arena:
         """What a slot sees, enlarged for people, (rows, cols, 3) RGB."""
         assert self.observation.image is not None
         return ego_picture(self.observation.image[slot])
-
-
-def _rows(observation: Observation, rows: NDArray[np.intp]) -> Observation:
-    """What some of those who observed have seen."""
-    seen: dict[str, Any] = {item.name: getattr(observation, item.name) for item in fields(observation)}
-    some: dict[str, Any] = {name: None if value is None else value[rows] for name, value in seen.items()}
-    return Observation(**some)
 
 
 def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
