@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from slrl_sumo.errors import InputError, SlrlError, SumoError
+from slrl_sumo.simulation.child import PRINTED, settle_in
 from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
 
 GRACE = 5.0
@@ -82,9 +83,7 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
 
 def _serve(sender: Connection, settings: RunSettings, views_at: frozenset[int], folder: str) -> None:
     """The child: sends every event, then None; or the error that ended the run, or the traceback of a bug."""
-    # Whatever SUMO leaves behind when it dies lies in a folder that the parent removes.
-    tempfile.tempdir = folder
-    _redirect_output(Path(folder) / "printed")
+    settle_in(folder)
     try:
         sender.send(_send_events(sender, settings, views_at))
     except BrokenPipeError:
@@ -119,14 +118,6 @@ def _open_closed_streams() -> None:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
-def _redirect_output(file: Path) -> None:
-    """What SUMO's C++ code prints would tear the parent's progress bar apart; its last words are kept in a file."""
-    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for number in (1, 2):
-        os.dup2(descriptor, number)
-    os.close(descriptor)
-
-
 def _epitaph(exitcode: int | None, time: float | None, folder: Path) -> str:
     """One line on how the child died."""
     when = "while it was loading" if time is None else f"after {time:g} s of simulation time"
@@ -136,7 +127,7 @@ def _epitaph(exitcode: int | None, time: float | None, folder: Path) -> str:
         if exitcode == -signal.SIGKILL:
             how += ": somebody killed it, or it took too much memory"
     try:
-        printed = (folder / "printed").read_text(errors="replace").splitlines()
+        printed = (folder / PRINTED).read_text(errors="replace").splitlines()
     except OSError:
         printed = []
     words = [line.removeprefix("Error:").strip() for line in printed if line.startswith("Error:")]
