@@ -308,7 +308,7 @@ def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Float
             continue
         nearest = source.nearest(users.x[rows], users.y[rows])[:, 0]
         heading[rows] = source.heading[nearest]
-        limit[rows] = np.array([lane.max_speed for lane in source.lanes])[source.lane[nearest]]
+        limit[rows] = source.max_speed(nearest)
         if kind != RoadUserType.PEDESTRIAN:
             on_lane[rows] = source.lanes_under(users.x[rows], users.y[rows]) >= 0
     return heading, limit, on_lane
