@@ -47,6 +47,7 @@ def approaching(
     path_x: Floats, path_y: Floats, size: Floats, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Whether the path comes near the road user at all, by circles round all its moments, for each of p pairs."""
+    vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
     return _approaching(np.stack([path_x, path_y]), size, vehicle, boxes, agent, SPACING)
 
 
@@ -91,6 +92,7 @@ def meetings(
     enter, leave = np.full((2, len(vehicle), boxes.shape[1]), np.inf)
     leave *= -1.0
     swept = np.stack([ahead.x, ahead.y, ahead.heading, ahead.width])
+    vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
     _meetings(swept, ahead.length, ahead.valid, vehicle, boxes, agent, moving, SPACING, enter, leave)
     return enter, leave
 
