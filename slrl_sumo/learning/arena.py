@@ -18,7 +18,8 @@ from slrl_sumo.simulation.agility import agility
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import Modes, prospects_of
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.lookahead import Prospects, allowed_speed, with_ahead
+from slrl_sumo.simulation.lookahead import with_ahead
+from slrl_sumo.simulation.onroute import Prospects, allowed_speed
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.sumo.lanepoints import LanePoints

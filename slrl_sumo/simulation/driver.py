@@ -12,7 +12,8 @@ from slrl_sumo.perception.observation import Way, observe
 from slrl_sumo.simulation.agility import Agility, agility, fitted
 from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.leaders import leaders
-from slrl_sumo.simulation.lookahead import Prospects, look_ahead, told, with_ahead
+from slrl_sumo.simulation.lookahead import look_ahead, told, with_ahead
+from slrl_sumo.simulation.onroute import Prospects
 from slrl_sumo.simulation.patience import Patience, going
 from slrl_sumo.simulation.stopwatch import Stopwatch
 from slrl_sumo.sumo.lanedriver import LaneDriver

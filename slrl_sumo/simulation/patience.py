@@ -5,7 +5,7 @@ import random
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.simulation.lookahead import Prospects, allowed_speed
+from slrl_sumo.simulation.onroute import Prospects, allowed_speed
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL

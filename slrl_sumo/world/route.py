@@ -1,23 +1,20 @@
 """The way that lies ahead of road users with a route, as plain arrays."""
 
+import math
 from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.world.geometry import Floats, wrap_angle
-
-Complexes = NDArray[np.complex128]
+from slrl_sumo.world.compiled import compiled
+from slrl_sumo.world.geometry import Floats
 
 SPACING = 1.0
 """m between the points of a path."""
 BEHIND, AHEAD = 8.0, 40.0
 """m of a path that are known behind and ahead of the road user's place on it."""
 POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
-CHORD = 3
-"""Points from one end to the other of the chords by which curves are measured: lanes are drawn with corners."""
 HERE = round(BEHIND / SPACING)
 """Index of the point beside the road user."""
 
@@ -50,11 +47,6 @@ class RouteAhead:
 
     def __len__(self) -> int:
         return len(self.known)
-
-    @cached_property
-    def headings(self) -> Floats:
-        """Direction of each path (rad) at each of its points, (n, POINTS)."""
-        return np.asarray(np.arctan2(slopes(self.y), slopes(self.x)))
 
     def take(self, rows: NDArray[np.intp]) -> "RouteAhead":
         """The entries of the road users `rows`."""
@@ -91,67 +83,93 @@ def on_path(
     """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
     direction there (rad), (n, m) each. Beyond its ends a path goes straight on. With `rows` (n,) those paths are
     meant, else all."""
-    path_x, path_y = (route.x, route.y) if rows is None else (route.x[rows], route.y[rows])
-    nearest = np.clip(_nearest(path_x, path_y, x, y), 1, POINTS - 2)
-    own = np.arange(len(route))[:, None] if rows is None else rows[:, None]
-    # Of all paths laid end to end: the nearest points.
-    points_x, points_y, nearest = route.x.ravel(), route.y.ravel(), nearest + own * POINTS
-    # Two pieces meet at the nearest point: the one that the point lies beside.
-    near_x, near_y = points_x[nearest], points_y[nearest]
-    dx, dy = points_x[nearest + 1] - near_x, points_y[nearest + 1] - near_y
-    begin = nearest - ~((x - near_x) * dx + (y - near_y) * dy > 0.0)
-    x0, y0 = points_x[begin], points_y[begin]
-    dx, dy = points_x[begin + 1] - x0, points_y[begin + 1] - y0
-    length = np.maximum(np.hypot(dx, dy), 1e-6)
-    along = ((x - x0) * dx + (y - y0) * dy) / length
-    aside = (dx * (y - y0) - dy * (x - x0)) / length
-    # Directions change from piece to piece: in between they are blended, so that curves have no corners.
-    heading = route.headings.ravel()
-    share = np.clip(along / length, 0.0, 1.0)
-    before = heading[begin]
-    turn = wrap_angle(heading[begin + 1] - before)
-    return (begin - own * POINTS - HERE) * SPACING + along, aside, wrap_angle(before + share * turn)
-
-
-def _nearest(path_x: Floats, path_y: Floats, x: Floats, y: Floats) -> NDArray[np.intp]:
-    """Index of the point of each of n paths, (n, POINTS), that is nearest to points (n, m): (n, m).
-
-    Seen from the road user's place, where single precision is good to 0.01 mm: of two points that are alike to that
-    either will do, because the piece between them is what counts.
-    """
-    here_x, here_y = path_x[:, HERE, None], path_y[:, HERE, None]
-    gap = (x - here_x).astype(np.float32)[:, :, None] - (path_x - here_x).astype(np.float32)[:, None]
-    across = (y - here_y).astype(np.float32)[:, :, None] - (path_y - here_y).astype(np.float32)[:, None]
-    gap *= gap
-    across *= across
-    gap += across
-    return np.asarray(gap.argmin(axis=2), np.intp)
+    rows = np.arange(len(route)) if rows is None else rows
+    return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
 
 
 def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Positions (m) and directions (rad) `along` (n, m) metres from the road user's place on its path, (n, m) each."""
-    place = along / SPACING + HERE
-    begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
-    share = place - begin
-    begin += np.arange(len(route))[:, None] * POINTS
-    # Of all paths laid end to end: from each point to the next one.
-    points_x, points_y = route.x.ravel(), route.y.ravel()
-    dx, dy = np.diff(points_x, append=0.0), np.diff(points_y, append=0.0)
-    direction = np.arctan2(dy, dx)
-    return points_x[begin] + share * dx[begin], points_y[begin] + share * dy[begin], direction[begin]
+    return _at(route.x, route.y, np.ascontiguousarray(along))
 
 
-def curvature(route: RouteAhead) -> Floats:
-    """How sharply the paths turn to the left, 1/m, (n, POINTS); 0 where the ends are too near."""
-    return bend(route.x + 1j * route.y)
+@compiled
+def _on_path(
+    path_x: Floats, path_y: Floats, rows: NDArray[np.intp], x: Floats, y: Floats
+) -> tuple[Floats, Floats, Floats]:
+    n, m = x.shape
+    along, aside, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    squares, directions, known = np.empty(POINTS), np.empty(POINTS), np.zeros(POINTS, np.bool_)
+    for i in range(n):
+        row = rows[i]
+        if i > 0 and row != rows[i - 1]:
+            known[:] = False
+        for j in range(m):
+            px, py = x[i, j], y[i, j]
+            nearest = min(max(_nearest(path_x[row], path_y[row], px, py, squares), 1), POINTS - 2)
+            # Two pieces meet at the nearest point: the one that the point lies beside.
+            x0, y0 = path_x[row, nearest], path_y[row, nearest]
+            dx, dy = path_x[row, nearest + 1] - x0, path_y[row, nearest + 1] - y0
+            begin = nearest
+            if not (px - x0) * dx + (py - y0) * dy > 0.0:
+                begin -= 1
+                x0, y0 = path_x[row, begin], path_y[row, begin]
+                dx, dy = path_x[row, nearest] - x0, path_y[row, nearest] - y0
+            length = max(math.sqrt(dx * dx + dy * dy), 1e-6)
+            ahead = ((px - x0) * dx + (py - y0) * dy) / length
+            along[i, j] = (begin - HERE) * SPACING + ahead
+            aside[i, j] = (dx * (py - y0) - dy * (px - x0)) / length
+            # Directions change from piece to piece: in between they are blended, so that curves have no corners.
+            for k in (begin, begin + 1):
+                if not known[k]:
+                    before, after = max(k - 1, 0), min(k + 1, POINTS - 1)
+                    directions[k] = math.atan2(
+                        path_y[row, after] - path_y[row, before], path_x[row, after] - path_x[row, before]
+                    )
+                    known[k] = True
+            share = min(max(ahead / length, 0.0), 1.0)
+            turn = _wrapped(directions[begin + 1] - directions[begin])
+            heading[i, j] = _wrapped(directions[begin] + share * turn)
+    return along, aside, heading
 
 
-def bend(path: Complexes) -> Floats:
-    """`curvature` of paths given as x + iy in m, (..., points)."""
-    chord = path[..., CHORD:] - path[..., :-CHORD]
-    length = np.abs(chord)
-    turn = chord[..., CHORD:] * chord[..., :-CHORD].conj()
-    middle = np.maximum(0.5 * (length[..., CHORD:] + length[..., :-CHORD]), 0.1)
-    sharp = np.zeros(path.shape)
-    sharp[..., CHORD:-CHORD] = np.arctan2(turn.imag, turn.real) / middle
-    return sharp
+@compiled
+def _nearest(path_x: Floats, path_y: Floats, x: float, y: float, squares: Floats) -> int:
+    """Index of the point of a path that is nearest to a point; `squares` is room for as many numbers as it has."""
+    for k in range(POINTS):
+        dx, dy = x - path_x[k], y - path_y[k]
+        squares[k] = dx * dx + dy * dy
+    # Side by side: one after the other takes twice as long.
+    even, odd = squares[0], squares[1]
+    for k in range(2, POINTS - 1, 2):
+        even, odd = min(even, squares[k]), min(odd, squares[k + 1])
+    least = min(min(even, odd), squares[POINTS - 1])
+    nearest = 0
+    while nearest < POINTS - 1 and squares[nearest] > least:
+        nearest += 1
+    return nearest
+
+
+@compiled
+def _wrapped(angle: float) -> float:
+    """As `wrap_angle`."""
+    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+
+
+@compiled
+def _at(path_x: Floats, path_y: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
+    n, m = along.shape
+    x, y, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    directions, known = np.empty(POINTS), np.empty(POINTS, np.bool_)
+    for i in range(n):
+        known[:] = False
+        for j in range(m):
+            place = along[i, j] / SPACING + HERE
+            # Beyond the ends first: what is far beyond is no index.
+            begin = int(min(max(math.floor(place), 0.0), POINTS - 2.0))
+            dx, dy = path_x[i, begin + 1] - path_x[i, begin], path_y[i, begin + 1] - path_y[i, begin]
+            if not known[begin]:
+                directions[begin], known[begin] = math.atan2(dy, dx), True
+            x[i, j] = path_x[i, begin] + (place - begin) * dx
+            y[i, j] = path_y[i, begin] + (place - begin) * dy
+            heading[i, j] = directions[begin]
+    return x, y, heading

@@ -9,13 +9,11 @@ from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.route import (
     AHEAD,
     BEHIND,
-    CHORD,
     HERE,
     POINTS,
     SPACING,
     RouteAhead,
     at,
-    curvature,
     on_path,
 )
 
@@ -107,27 +105,36 @@ def test_places_on_paths_and_beyond() -> None:
     assert heading[1] == pytest.approx([0.0, 0.0, -np.pi / 2, 0.0])
 
 
-def test_curvatures() -> None:
-    signed = curvature(paths(straight(2.0), circle(12.0), circle(-30.0), corner(np.pi / 3)))
-    inner = slice(CHORD, -CHORD)
-    assert signed[0] == pytest.approx(0.0, abs=1e-9)
-    # Chords of 3 m are shorter than their arcs: 1 part in 400 on a radius of 12 m.
-    assert signed[1, inner] == pytest.approx(1 / 12, rel=5e-3)
-    assert signed[2, inner] == pytest.approx(-1 / 30, rel=5e-3)
-    assert np.abs(signed[:, :CHORD]).max() == np.abs(signed[:, -CHORD:]).max() == 0.0
-    # A corner is spread over the chords beside it, and nothing of it is lost.
-    sharp = np.flatnonzero(np.abs(signed[3]) > 1e-9)
-    assert sharp.min() >= HERE + 10 - CHORD
-    assert sharp.max() <= HERE + 10 + CHORD
-    assert signed[3].argmax() == HERE + 10
-    assert signed[3].sum() * SPACING == pytest.approx(np.pi / 3, rel=0.15)
-    assert signed[3].max() == pytest.approx(np.pi / 3 / CHORD)
-
-
-def test_headings_of_points() -> None:
-    headings = paths(straight(-2.5), circle(20.0)).headings
+def test_directions_at_points_are_those_from_the_one_before_to_the_one_after() -> None:
+    route = paths(straight(-2.5), circle(20.0))
+    _, aside, headings = on_path(route, route.x, route.y)
+    assert aside == pytest.approx(0.0, abs=1e-9)
     assert headings[0] == pytest.approx(-2.5)
     assert headings[1, 1:-1] == pytest.approx(S[1:-1] / 20.0, abs=1e-6)
+
+
+def test_places_are_beside_the_nearest_of_all_points() -> None:
+    rng = np.random.default_rng(3)
+    # Crooked paths that cross themselves, and places all over them.
+    heading = rng.normal(0.0, 0.4, (30, POINTS)).cumsum(axis=1)
+    route = paths(*zip(np.cos(heading).cumsum(axis=1), np.sin(heading).cumsum(axis=1), strict=True))
+    x, y = rng.uniform(-30.0, 30.0, (2, 30, 200))
+    gap_x, gap_y = x[:, :, None] - route.x[:, None], y[:, :, None] - route.y[:, None]
+    nearest = np.hypot(gap_x, gap_y).argmin(axis=2)
+    along, aside, heading_there = on_path(route, x, y)
+    # Within a piece of the nearest point, where that is not an end.
+    inner = (nearest > 0) & (nearest < POINTS - 1)
+    place = np.clip(along, S[nearest] - SPACING, S[nearest] + SPACING)
+    found_x, found_y, _ = at(route, place)
+    assert inner.mean() > 0.5
+    apart = np.hypot(found_x - x, found_y - y)
+    least = np.hypot(gap_x, gap_y).min(axis=2)
+    assert (apart[inner] <= least[inner] + 1e-9).all()
+    # Where the foot of the perpendicular lies on the piece, that is the distance; its direction is blended.
+    beside = inner & (np.abs(place - along) < 1e-12) & (apart < least)
+    assert np.abs(aside)[beside] == pytest.approx(apart[beside])
+    assert beside.any()
+    assert (np.abs(heading_there) <= np.pi).all()
 
 
 def test_rows_can_be_taken() -> None:
@@ -142,7 +149,6 @@ def test_rows_can_be_taken() -> None:
 
 
 def test_places_far_from_the_origin_are_those_near_it() -> None:
-    # The nearest point is looked for in single precision, which has steps of 8 mm at 100 km.
     rng = np.random.default_rng(6)
     near = paths(straight(0.3), circle(12.0), corner(1.2))
     far = replace(near, x=near.x + 1e5, y=near.y - 1e5)
