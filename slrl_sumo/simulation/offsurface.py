@@ -97,5 +97,6 @@ def _share(outside: NDArray[np.bool_], looked: NDArray[np.intp], modes: int) -> 
             for mode in range(modes):
                 share[i, mode] += outside[k]
                 k += 1
-        share[i] /= looked[i]
+        for mode in range(modes):
+            share[i, mode] /= looked[i]
     return share

@@ -100,6 +100,8 @@ def test_speeds_and_turns_are_those_of_advance(shipped_bundle: ModelBundle) -> N
     ahead = look_ahead(shipped_bundle, seen, world, rows, ROAD)
     for mode in (0, 7, 19):
         acceleration, yaw_rate = shipped_bundle.motion(seen, np.array([mode]))
+        np.testing.assert_allclose(ahead.acceleration[:, mode], acceleration, atol=1e-6)
+        np.testing.assert_allclose(ahead.yaw_rate[:, mode], yaw_rate, atol=1e-6)
         state = world
         for _ in range(HELD):
             state = advance(state, acceleration, yaw_rate, shipped_bundle.max_speed[:1], DECISION_INTERVAL)
