@@ -113,28 +113,26 @@ def test_directions_at_points_are_those_from_the_one_before_to_the_one_after() -
     assert headings[1, 1:-1] == pytest.approx(S[1:-1] / 20.0, abs=1e-6)
 
 
-def test_places_are_beside_the_nearest_of_all_points() -> None:
+def test_places_are_beside_the_piece_at_the_nearest_of_all_points() -> None:
     rng = np.random.default_rng(3)
     # Crooked paths that cross themselves, and places all over them.
-    heading = rng.normal(0.0, 0.4, (30, POINTS)).cumsum(axis=1)
-    route = paths(*zip(np.cos(heading).cumsum(axis=1), np.sin(heading).cumsum(axis=1), strict=True))
-    x, y = rng.uniform(-30.0, 30.0, (2, 30, 200))
-    gap_x, gap_y = x[:, :, None] - route.x[:, None], y[:, :, None] - route.y[:, None]
-    nearest = np.hypot(gap_x, gap_y).argmin(axis=2)
-    along, aside, heading_there = on_path(route, x, y)
-    # Within a piece of the nearest point, where that is not an end.
-    inner = (nearest > 0) & (nearest < POINTS - 1)
-    place = np.clip(along, S[nearest] - SPACING, S[nearest] + SPACING)
-    found_x, found_y, _ = at(route, place)
-    assert inner.mean() > 0.5
-    apart = np.hypot(found_x - x, found_y - y)
-    least = np.hypot(gap_x, gap_y).min(axis=2)
-    assert (apart[inner] <= least[inner] + 1e-9).all()
-    # Where the foot of the perpendicular lies on the piece, that is the distance; its direction is blended.
-    beside = inner & (np.abs(place - along) < 1e-12) & (apart < least)
-    assert np.abs(aside)[beside] == pytest.approx(apart[beside])
-    assert beside.any()
-    assert (np.abs(heading_there) <= np.pi).all()
+    turned = rng.normal(0.0, 0.4, (8, POINTS)).cumsum(axis=1)
+    route = paths(*zip(np.cos(turned).cumsum(axis=1), np.sin(turned).cumsum(axis=1), strict=True))
+    x, y = rng.uniform(-25.0, 25.0, (2, 8, 60))
+    along, aside, heading = on_path(route, x, y)
+    for i, j in np.ndindex(x.shape):
+        path, place = route.x[i] + 1j * route.y[i], complex(x[i, j], y[i, j])
+        nearest = int(np.clip(np.abs(path - place).argmin(), 1, POINTS - 2))
+        onward = ((place - path[nearest]) * (path[nearest + 1] - path[nearest]).conjugate()).real > 0.0
+        begin = nearest if onward else nearest - 1
+        piece = path[begin + 1] - path[begin]
+        seen = (place - path[begin]) * piece.conjugate() / abs(piece)
+        assert along[i, j] == pytest.approx(S[begin] + seen.real)
+        assert aside[i, j] == pytest.approx(seen.imag)
+        ends = np.angle(path[[begin + 1, min(begin + 2, POINTS - 1)]] - path[[max(begin - 1, 0), begin]])
+        turn = np.angle(np.exp(1j * (ends[1] - ends[0])))
+        blended = ends[0] + np.clip(seen.real / abs(piece), 0.0, 1.0) * turn
+        assert np.angle(np.exp(1j * (heading[i, j] - blended))) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_rows_can_be_taken() -> None:
