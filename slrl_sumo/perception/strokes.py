@@ -29,6 +29,8 @@ OUTSIDE = 6
 """Lines may end this many rows above or below a view."""
 FARTHEST = 1 << 20
 """Sixteenths of a pixel; columns are less than that to either side."""
+LINES = 256
+"""Lines that are drawn at once: numba counts who uses the canvas in every function that it is given to."""
 CHANNEL = 10
 """Bits of a colour channel where four of them are added up."""
 
@@ -67,21 +69,18 @@ def _twins(canvas: Ids, x0: int, y0: int, x1: int, y1: int, dx: int, dy: int, va
 
 
 @compiled
-def _cut_hairline(canvas: Ids, x0: int, y0: int, dx: int, dy: int, value: int) -> None:
-    """A line one pixel thick, cut at the left and right border of the view before its steps are rounded."""
-    right = (canvas.shape[1] - 2 * EDGE) * ONE - 1
-    x1, y1 = x0 + dx, y0 + dy
-    if (x0 < 0 and x1 < 0) or (x0 > right and x1 > right):
-        return
-    if x0 < 0 or x0 > right:
-        border = 0 if x0 < 0 else right
-        y0 += int(float(border - x0) * float(y1 - y0) / float(x1 - x0))
-        x0 = border
-    if x1 < 0 or x1 > right:
-        border = 0 if x1 < 0 else right
-        y1 += int(float(border - x1) * float(y1 - y0) / float(x1 - x0))
-        x1 = border
-    _twins(canvas, x0, y0, x0, y0, x1 - x0, y1 - y0, value)
+def _cut(x0: int, y0: int, x1: int, y1: int, right: int) -> tuple[int, int, int, int]:
+    """What of a line lies between the left border of the view and the `right` one; the same if nothing does."""
+    if not ((x0 < 0 and x1 < 0) or (x0 > right and x1 > right)):
+        if x0 < 0 or x0 > right:
+            border = 0 if x0 < 0 else right
+            y0 += int(float(border - x0) * float(y1 - y0) / float(x1 - x0))
+            x0 = border
+        if x1 < 0 or x1 > right:
+            border = 0 if x1 < 0 else right
+            y1 += int(float(border - x1) * float(y1 - y0) / float(x1 - x0))
+            x1 = border
+    return x0, y0, x1, y1
 
 
 @compiled
@@ -91,68 +90,66 @@ def _slope(change: int, rows: int) -> int:
 
 
 @compiled
-def _bar(canvas: Ids, x: int, y: int, dx: int, dy: int, aside_x: int, aside_y: int, value: int) -> None:
-    """A parallelogram, outlined and filled: from (x, y) by (dx, dy), and `aside` to both sides."""
-    if dy < 0:
-        x, y, dx, dy = x + dx, y + dy, -dx, -dy
-    if aside_y < 0:
-        aside_x, aside_y = -aside_x, -aside_y
-    # Its corners: the top, the two beside it, the bottom.
-    top_x, top_y = x - aside_x, y - aside_y
-    a_x, a_y = x + aside_x, y + aside_y
-    b_x, b_y = top_x + dx, top_y + dy
-    end_x, end_y = a_x + dx, a_y + dy
-    right = (canvas.shape[1] - 2 * EDGE) * ONE - 1
-    if min(top_x, a_x, b_x, end_x) >= 0 and max(top_x, a_x, b_x, end_x) <= right:
-        _twins(canvas, top_x, top_y, a_x, a_y, dx, dy, value)
-        _twins(canvas, top_x, top_y, b_x, b_y, 2 * aside_x, 2 * aside_y, value)
-    else:
-        _cut_hairline(canvas, top_x, top_y, dx, dy, value)
-        _cut_hairline(canvas, a_x, a_y, dx, dy, value)
-        _cut_hairline(canvas, top_x, top_y, 2 * aside_x, 2 * aside_y, value)
-        _cut_hairline(canvas, b_x, b_y, 2 * aside_x, 2 * aside_y, value)
-    first, last = (top_y + HALF) >> BITS, (end_y + HALF) >> BITS
-    a_row, b_row = (a_y + HALF) >> BITS, (b_y + HALF) >> BITS
-    a_at, a_step = top_x, _slope(a_x - top_x, a_row - first) if a_row > first else 0
-    b_at, b_step = top_x, _slope(b_x - top_x, b_row - first) if b_row > first else 0
-    # The row of the lowest corner is left to the outline.
-    for row in range(first, last):
-        if row == a_row:
-            a_at, a_step = a_x, _slope(end_x - a_x, last - row)
-        if row == b_row:
-            b_at, b_step = b_x, _slope(end_x - b_x, last - row)
-        _span(canvas, row, (min(a_at, b_at) + HALF) >> BITS, (max(a_at, b_at) + HALF) >> BITS, value)
-        a_at, b_at = a_at + a_step, b_at + b_step
-
-
-@compiled
-def _disc(canvas: Ids, x: int, y: int, radius: int, value: int) -> None:
-    col, row = (x + HALF) >> BITS, (y + HALF) >> BITS
-    for k in range(-radius, radius + 1):
-        reach = DISCS[radius, abs(k)]
-        _span(canvas, row + k, col - reach, col + reach, value)
-
-
-@compiled
-def _line(canvas: Ids, x0: int, y0: int, x1: int, y1: int, value: int, thickness: int, first: bool) -> None:
-    """A thick line between points in sixteenths of a pixel, with a disc at its end, and at its begin if that is the
-    `first` of its path."""
+def _draw_lines(canvas: Ids, lines: Ints, count: int) -> None:
+    """Draw the first `count` of `lines` (n, 7): columns and rows of both ends in sixteenths of a pixel, value,
+    thickness in px, and whether it begins with a disc. It ends with one."""
     low, high = -OUTSIDE * SIXTEENTHS, (canvas.shape[0] - 2 * EDGE + OUTSIDE) * SIXTEENTHS
-    right = (canvas.shape[1] - 2 * EDGE + OUTSIDE) * SIXTEENTHS
-    if not (low < min(y0, y1) and max(y0, y1) < high and -FARTHEST < min(x0, x1) and max(x0, x1) < FARTHEST):
-        return
-    if max(x0, x1) < low or min(x0, x1) > right:
-        return
+    border = (canvas.shape[1] - 2 * EDGE + OUTSIDE) * SIXTEENTHS
+    right = (canvas.shape[1] - 2 * EDGE) * ONE - 1
     scale = ONE // SIXTEENTHS
-    x0, y0, x1, y1 = x0 * scale, y0 * scale, x1 * scale, y1 * scale
-    if x0 != x1 or y0 != y1:
-        dx, dy = float(x0 - x1) / ONE, float(y1 - y0) / ONE
+    for k in range(count):
+        x0, y0, x1, y1 = lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]
+        value, thickness = lines[k, 4], lines[k, 5]
+        if max(x0, x1) < low or min(x0, x1) > border:
+            continue
+        if not (low < min(y0, y1) and max(y0, y1) < high and -FARTHEST < min(x0, x1) and max(x0, x1) < FARTHEST):
+            continue
+        x0, y0, x1, y1 = x0 * scale, y0 * scale, x1 * scale, y1 * scale
+        radius = (thickness + 1) // 2
+        for end in range(1 - lines[k, 6], 2):
+            col, row = ((x1 if end else x0) + HALF) >> BITS, ((y1 if end else y0) + HALF) >> BITS
+            for r in range(-radius, radius + 1):
+                reach = DISCS[radius, abs(r)]
+                _span(canvas, row + r, col - reach, col + reach, value)
+        if x0 == x1 and y0 == y1:
+            continue
+
+        # A bar: the line, and as much aside of it as it is thick. Downwards, whichever way the line goes.
+        if y1 < y0:
+            x0, y0, x1, y1 = x1, y1, x0, y0
+        dx, dy = float(x1 - x0) / ONE, float(y1 - y0) / ONE
         share = float((thickness + (thickness & 1)) * HALF) / np.sqrt(dx * dx + dy * dy)
-        _bar(canvas, x0, y0, x1 - x0, y1 - y0, int(np.rint(dy * share)), int(np.rint(dx * share)), value)
-    radius = (thickness + 1) // 2
-    if first:
-        _disc(canvas, x0, y0, radius, value)
-    _disc(canvas, x1, y1, radius, value)
+        aside_x, aside_y = -int(np.rint(dy * share)), int(np.rint(dx * share))
+        if aside_y < 0:
+            aside_x, aside_y = -aside_x, -aside_y
+        # Its corners: the top, the two beside it, the bottom.
+        top_x, top_y = x0 - aside_x, y0 - aside_y
+        a_x, a_y = x0 + aside_x, y0 + aside_y
+        b_x, b_y = x1 - aside_x, y1 - aside_y
+        end_x, end_y = x1 + aside_x, y1 + aside_y
+        if min(top_x, a_x, b_x, end_x) >= 0 and max(top_x, a_x, b_x, end_x) <= right:
+            _twins(canvas, top_x, top_y, a_x, a_y, x1 - x0, y1 - y0, value)
+            _twins(canvas, top_x, top_y, b_x, b_y, 2 * aside_x, 2 * aside_y, value)
+        else:
+            for edge in range(4):
+                # From the top beside both others, and from both others to the bottom.
+                begin_x, begin_y = (top_x, top_y) if edge < 2 else (end_x, end_y)
+                turn_x, turn_y = (a_x, a_y) if edge & 1 else (b_x, b_y)
+                begin_x, begin_y, turn_x, turn_y = _cut(begin_x, begin_y, turn_x, turn_y, right)
+                if 0 <= begin_x <= right and 0 <= turn_x <= right:
+                    _twins(canvas, begin_x, begin_y, begin_x, begin_y, turn_x - begin_x, turn_y - begin_y, value)
+        first, last = (top_y + HALF) >> BITS, (end_y + HALF) >> BITS
+        a_row, b_row = (a_y + HALF) >> BITS, (b_y + HALF) >> BITS
+        a_at, a_step = top_x, _slope(a_x - top_x, a_row - first) if a_row > first else 0
+        b_at, b_step = top_x, _slope(b_x - top_x, b_row - first) if b_row > first else 0
+        # The row of the lowest corner is left to the outline.
+        for row in range(first, last):
+            if row == a_row:
+                a_at, a_step = a_x, _slope(end_x - a_x, last - row)
+            if row == b_row:
+                b_at, b_step = b_x, _slope(end_x - b_x, last - row)
+            _span(canvas, row, (min(a_at, b_at) + HALF) >> BITS, (max(a_at, b_at) + HALF) >> BITS, value)
+            a_at, b_at = a_at + a_step, b_at + b_step
 
 
 @compiled
@@ -186,6 +183,7 @@ def draw_views(
     path_value, path_thickness, group_value, least, widest = look
     bounds, thicknesses = widths
     height = views.shape[1]
+    lines = np.empty((path_x.shape[1] + LINES, 7), np.int64)
     canvas = np.empty((height + 2 * EDGE, views.shape[2] + 2 * EDGE), np.uint8)
     along = np.empty(len(order))
     reach = np.empty(len(order))
@@ -202,19 +200,23 @@ def draw_views(
         for r in range(height):
             for k in range(views.shape[2]):
                 canvas[r + EDGE, k + EDGE] = views[v, r, k]
+        count = 0
         ego = rows[v]
         x, y, c, s = all_x[ego], all_y[ego], all_cos[ego], all_sin[ego]
         if has_path[v]:
-            col0 = row0 = 0
             for k in range(here, path_x.shape[1]):
                 dx, dy = path_x[v, k] - x, path_y[v, k] - y
                 # A path that leaves the view goes on beside it.
                 left = min(max(c * dy - s * dx, -side - 1.5), side + 1.5)
-                col1 = int(np.rint(((c * dx + s * dy + behind) * fine - 0.5) * SIXTEENTHS))
-                row1 = int(np.rint(((side - left) * fine - 0.5) * SIXTEENTHS))
+                lines[count, 2] = int(np.rint(((c * dx + s * dy + behind) * fine - 0.5) * SIXTEENTHS))
+                lines[count, 3] = int(np.rint(((side - left) * fine - 0.5) * SIXTEENTHS))
+                lines[count, 4], lines[count, 5], lines[count, 6] = path_value, path_thickness, k == here + 1
+                # It is where the next one begins; the first point ends nothing.
+                lines[count + 1, 0], lines[count + 1, 1] = lines[count, 2], lines[count, 3]
                 if k > here:
-                    _line(canvas, col0, row0, col1, row1, path_value, path_thickness, k == here + 1)
-                col0, row0 = col1, row1
+                    count += 1
+                else:
+                    lines[count, 0], lines[count, 1] = lines[count, 2], lines[count, 3]
         centre = x + middle * c if by_x else y + middle * s
         for group in range(len(groups) - 1):
             low, high = groups[group], groups[group + 1]
@@ -247,11 +249,16 @@ def draw_views(
                 first = min(max(min(enter, leave), -1.0), 1.0)
                 last = min(max(max(enter, leave), -1.0), 1.0)
                 if first < last:
-                    col0 = int(np.rint((col + first * step_col) * SIXTEENTHS))
-                    row0 = int(np.rint((row + first * step_row) * SIXTEENTHS))
-                    col1 = int(np.rint((col + last * step_col) * SIXTEENTHS))
-                    row1 = int(np.rint((row + last * step_row) * SIXTEENTHS))
-                    _line(canvas, col0, row0, col1, row1, group_value + group, thickness, True)
+                    lines[count, 0] = int(np.rint((col + first * step_col) * SIXTEENTHS))
+                    lines[count, 1] = int(np.rint((row + first * step_row) * SIXTEENTHS))
+                    lines[count, 2] = int(np.rint((col + last * step_col) * SIXTEENTHS))
+                    lines[count, 3] = int(np.rint((row + last * step_row) * SIXTEENTHS))
+                    lines[count, 4], lines[count, 5], lines[count, 6] = group_value + group, thickness, 1
+                    count += 1
+                    if count == len(lines):
+                        _draw_lines(canvas, lines, count)
+                        count = 0
+        _draw_lines(canvas, lines, count)
         _shrink(canvas, images, v, colours)
 
 
