@@ -16,6 +16,8 @@ TURN = 0.3
 """rad from which on the path counts as turning."""
 SHARP = math.sin(TURN) / (math.sin(TURN) + math.cos(TURN))
 """The same as the share of what is aside."""
+BACK = 2.0 - 1e-9
+"""Straight back as that share: see `_turns`."""
 
 ROUTE_FEATURES: tuple[str, ...] = (
     "known",
@@ -71,7 +73,7 @@ def _table(
     for i in range(len(known)):
         if not known[i]:
             continue
-        until, turn = _turns(x[i], y[i], math.cos(direction[i, 0]), math.sin(direction[i, 0]), here)
+        until, turn = _turns(x[i], y[i], direction[i, 0], here)
         table[i, 0], table[i, 1], table[i, 2] = 1.0, min(max(aside[i, 0], -5.0), 5.0), askew[i]
         table[i, 3], table[i, 4] = until * spacing / 10.0, turn
         table[i, 5], table[i, 6] = min(far[i, 0], FAR) / 10.0, min(far[i, 1], FAR) / 10.0
@@ -83,19 +85,32 @@ def _table(
 
 
 @compiled
-def _turns(x: Floats, y: Floats, c: float, s: float, here: int) -> tuple[int, float]:
-    """Pieces of a path from `here` to the first that turns by more than TURN from a direction (its cosine and sine),
-    all that there are if none does, and by how much (rad) that piece turns that does so most."""
-    until, most, best_ahead, best_aside = len(x) - 1 - here, -1.0, 1.0, 0.0
+def _turns(x: Floats, y: Floats, direction: float, here: int) -> tuple[int, float]:
+    """Pieces of a path from `here` to the first that turns by more than TURN from a direction (rad), all that there are
+    if none does, and by how much (rad) that piece turns that does so most."""
+    c, s = math.cos(direction), math.sin(direction)
+    until, most, sharpest = len(x) - 1 - here, -1.0, here
     for k in range(here, len(x) - 1):
         dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
-        ahead, aside = c * dx + s * dy, c * dy - s * dx
+        ahead, aside = c * dx + s * dy, abs(c * dy - s * dx)
         # Grows with the angle, from 0 straight on to 2 straight back, without libm.
-        sharp = abs(aside) / (abs(ahead) + abs(aside))
+        sharp = aside / (abs(ahead) + aside)
         sharp = sharp if ahead >= 0.0 else 2.0 - sharp
         if sharp > most:
-            most, best_ahead, best_aside = sharp, ahead, aside
+            most, sharpest = sharp, k
         if sharp > SHARP:
             until = min(until, k - here)
-    # Straight back is to the left, whatever the last bits say.
-    return until, math.pi if most > 2.0 - 1e-9 else math.atan2(best_aside, best_ahead)
+    turn = _turned(x, y, sharpest, direction)
+    if most > BACK:
+        # To the left or to the right: the last bits say it, and they must be those of the angles.
+        for k in range(here, len(x) - 1):
+            other = _turned(x, y, k, direction)
+            turn = other if k == here or abs(other) > abs(turn) else turn
+    return until, turn
+
+
+@compiled
+def _turned(x: Floats, y: Floats, piece: int, direction: float) -> float:
+    """rad, in (-pi, pi], by which a piece of a path turns from a direction."""
+    turn = math.atan2(y[piece + 1] - y[piece], x[piece + 1] - x[piece]) - direction
+    return turn - 2.0 * math.pi * math.ceil((turn - math.pi) / (2.0 * math.pi))

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
@@ -57,9 +56,8 @@ def look_ahead(
     they turn in the next moment. With `touching` it is also looked whom they meet if they do not.
     """
     me = world.take(rows)
-    with torch.inference_mode():
-        motions = bundle.displacement.motion_all(*tensors(observation))
-        acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
+    motions = bundle.displacement.motion_all(*tensors(observation))
+    acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
     free = courses(me, acceleration, yaw_rate, bundle.max_speed[me.type], halting=prospects is not None)
     turned = HELD * DECISION_INTERVAL * yaw_rate
     # Pedestrians step aside; others are to blame as far as their paths let them choose.
