@@ -96,8 +96,8 @@ class Drives:
     def followed(self, state: WorldState, i: int, dt: float) -> Drive:
         """What is known of the vehicle in row `i` of `state`, which went where it wanted: `s` is that of its front,
         and `beside` that of its centre. `dt`: s since it was looked at last."""
-        road_user, half = state.ids[i], 0.5 * float(state.length[i])
-        x, y, speed = float(state.x[i]), float(state.y[i]), float(state.speed[i])
+        road_user, half = state.ids[i], 0.5 * state.length.item(i)
+        x, y, speed = state.x.item(i), state.y.item(i), state.speed.item(i)
         drive = self._drives.get(road_user)
         if drive is not None:
             begin = drive.s - half - 2.0

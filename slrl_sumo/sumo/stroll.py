@@ -44,6 +44,11 @@ class Strolls:
         self._ways = Walkways(api, network)
         self._network = network
         self._strolls: dict[str, Stroll] = {}
+        self._reds: dict[tuple[str, str], bool | None] = {}
+
+    def renew(self) -> None:
+        """Forget what was read of SUMO's last step."""
+        self._reds.clear()
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
         """Where a person at a position (m) with a heading (rad) is `dt` s later."""
@@ -142,5 +147,9 @@ class Strolls:
 
     def _red(self, kerb: Kerb) -> bool | None:
         """Whether the signal at a crossing is red; None where there is none."""
-        shown = [link[5] for link in self._api.lane.getLinks(kerb.lane) if link[0] == kerb.crossing]
-        return any(state in "ru" for state in shown) if any(state in "gGyYru" for state in shown) else None
+        key = (kerb.lane, kerb.crossing)
+        if key not in self._reds:
+            shown = [link[5] for link in self._api.lane.getLinks(kerb.lane) if link[0] == kerb.crossing]
+            signal = any(state in "gGyYru" for state in shown)
+            self._reds[key] = any(state in "ru" for state in shown) if signal else None
+        return self._reds[key]

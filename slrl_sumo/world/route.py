@@ -79,14 +79,6 @@ class RouteAhead:
         )
 
 
-def slopes(points: Floats) -> Floats:
-    """Change of coordinates (n, points) along each row; np.gradient, without its overhead."""
-    change = np.empty_like(points)
-    change[:, 1:-1] = 0.5 * (points[:, 2:] - points[:, :-2])
-    change[:, 0], change[:, -1] = points[:, 1] - points[:, 0], points[:, -1] - points[:, -2]
-    return change
-
-
 def on_path(
     route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
 ) -> tuple[Floats, Floats, Floats]:
