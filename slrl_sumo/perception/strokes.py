@@ -102,7 +102,7 @@ def _draw_lines(canvas: Ids, lines: Ints, count: int) -> None:
         value, thickness = lines[k, 4], lines[k, 5]
         if max(x0, x1) < low or min(x0, x1) > border:
             continue
-        if not (low < min(y0, y1) and max(y0, y1) < high and -FARTHEST < min(x0, x1) and max(x0, x1) < FARTHEST):
+        if not (low < min(y0, y1) and max(y0, y1) < high and min(x0, x1) > -FARTHEST and max(x0, x1) < FARTHEST):
             continue
         x0, y0, x1, y1 = x0 * scale, y0 * scale, x1 * scale, y1 * scale
         radius = (thickness + 1) // 2

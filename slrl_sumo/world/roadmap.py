@@ -26,6 +26,7 @@ NEAR_CELL = 2.0
 """Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS of them."""
 MAX_CELLS = 16 * 2**20
 
+
 class RoadMap:
     """Surface ids of a whole network as pixels (rows grow northwards), in square tiles of bounded total memory.
 
