@@ -38,7 +38,7 @@ def test_lines_are_opencvs_to_the_pixel(thickness: int) -> None:
     ends = np.rint(16 * ends[np.abs(ends[:, 3] - ROWS / 2) < ROWS / 2 + 5]).astype(np.int64)
     drawn = [ours(line, thickness) for line in ends]
     assert len(drawn) > n / 2
-    assert np.mean(np.array(drawn) > 0) > 0.01
+    assert np.mean(np.array(drawn) > 0) > 0.005
     different = sum(not np.array_equal(a, opencvs(line, thickness)) for a, line in zip(drawn, ends, strict=True))
     # Older releases of OpenCV may round otherwise at the border.
     assert different <= (0 if cv2.__version__ >= "5" else n / 100)
