@@ -81,7 +81,7 @@ def ego_images(
     order = np.lexsort((x if by_x else y, world.type))
     groups = np.searchsorted(world.type[order], np.arange(len(RoadUserType) + 1))
     way = RouteAhead.unknown(len(rows)) if route is None else route
-    known, path_x, path_y = (np.ascontiguousarray(column) for column in (way.known, way.x, way.y))
+    path_x, path_y = (np.ascontiguousarray(column, np.float64) for column in (way.x, way.y))
     window = BEHIND, AHEAD, SIDE, float(FINE), CUT
     look = PATH, PATH_THICKNESS, PAINT, MIN_LENGTH, float(DRAWN_WIDTH[-1]) / FINE
     colours = PAPER_COLOURS if route is None else EXTENDED_COLOURS
@@ -89,13 +89,7 @@ def ego_images(
         some = slice(start, start + VIEWS_AT_ONCE)
         egos = rows[some]
         views = roadmap.ego_surfaces(
-            x[egos],
-            y[egos],
-            world.heading[egos],
-            behind=BEHIND,
-            ahead=AHEAD,
-            side=SIDE,
-            resolution=FINE,
+            x[egos], y[egos], world.heading[egos], behind=BEHIND, ahead=AHEAD, side=SIDE, resolution=FINE
         )
         draw_views(
             views,
@@ -103,7 +97,7 @@ def ego_images(
             egos,
             (x, y, cos, sin, length, width),
             (order, groups, by_x),
-            (known[some], path_x[some], path_y[some], HERE),
+            (way.known[some], path_x[some], path_y[some], HERE),
             window,
             look,
             (WIDTH_BOUNDS, THICKNESS),

@@ -11,7 +11,10 @@ from slrl_sumo.world.geometry import Floats, cos_sin
 from slrl_sumo.world.surfaces import SurfaceShapes, paint
 
 Ids = NDArray[np.uint8]
+Longs = NDArray[np.int64]
 Words = NDArray[np.uint32]
+Store = tuple[Longs, Longs, Longs, int, Words]
+"""Keys of all squares, their slots, when each slot was last used, the time now, and what is painted in the slots."""
 
 PACKED = 8
 """Pixels in a word of 32 bits, the first one in its lowest bits."""
@@ -60,15 +63,15 @@ class Tiles:
     @property
     def resident_bytes(self) -> int:
         """Memory of the squares that are painted now."""
-        return int(np.count_nonzero(self._owner != MISSING)) * self._squares[0].nbytes
+        return int(np.count_nonzero(self._owner != MISSING) * self._squares[0].nbytes)
 
     def at(self, x: Floats, y: Floats) -> Ids:
         """What lies under points (m), (n,); zero outside everything."""
         found = np.zeros(len(x), np.uint8)
         pending = np.ones(len(x), np.bool_)
-        place = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
+        x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
         self._now += 1
-        while (square := _look_up(*place, found, pending, *self._state(), self._measures())) != MISSING:
+        while (square := _look_up(x, y, found, pending, self._state(), self._measures())) != MISSING:
             self._paint(square)
         return found
 
@@ -78,14 +81,14 @@ class Tiles:
         rows to the right. All of a view must lie within the margin round its place."""
         cos, sin = cos_sin(heading)
         pending = np.ones(len(x), np.bool_)
-        place = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
+        x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
         self._now += 1
         while (
-            square := _cut_out(*place, cos, sin, *begin, step, out, pending, *self._state(), self._measures())
+            square := _cut_out(x, y, cos, sin, begin, step, out, pending, self._state(), self._measures())
         ) != MISSING:
             self._paint(square)
 
-    def _state(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], int, Words]:
+    def _state(self) -> Store:
         return self._keys, self._slots, self._used, self._now, self._squares
 
     def _measures(self) -> tuple[float, float, float]:
@@ -127,7 +130,7 @@ def _pack(canvas: Ids, words: Words) -> None:
 
 
 @compiled
-def _square(x: float, y: float, core: float, keys: NDArray[np.int64]) -> int:
+def _square(x: float, y: float, core: float, keys: Longs) -> int:
     """Index of the square that a point (m) lies in, MISSING where there is none."""
     column, row = math.floor(x / core), math.floor(y / core)
     if not (abs(x / core) < FARTHEST - 1 and abs(y / core) < FARTHEST - 1):
@@ -149,14 +152,11 @@ def _look_up(
     y: Floats,
     found: Ids,
     pending: NDArray[np.bool_],
-    keys: NDArray[np.int64],
-    slots: NDArray[np.int64],
-    used: NDArray[np.int64],
-    now: int,
-    squares: Words,
+    store: Store,
     measures: tuple[float, float, float],
 ) -> int:
     """Find what lies under the `pending` points whose square is painted; returns a square that is not, or MISSING."""
+    keys, slots, used, now, squares = store
     resolution, core, margin = measures
     missing = square = MISSING
     west, south = 0.0, 0.0
@@ -188,23 +188,20 @@ def _cut_out(
     y: Floats,
     cos: Floats,
     sin: Floats,
-    ahead: float,
-    left: float,
+    begin: tuple[float, float],
     step: float,
     out: Ids,
     pending: NDArray[np.bool_],
-    keys: NDArray[np.int64],
-    slots: NDArray[np.int64],
-    used: NDArray[np.int64],
-    now: int,
-    squares: Words,
+    store: Store,
     measures: tuple[float, float, float],
 ) -> int:
     """Cut the `pending` views out of squares that are painted; returns a square that is not, or MISSING.
 
     The nearest pixel counts, in single precision: what OpenCV 5 does in warpAffine, to the bit.
     """
+    keys, slots, used, now, squares = store
     resolution, core, margin = measures
+    ahead, left = begin
     missing = MISSING
     rows, cols = out.shape[1], out.shape[2]
     words = squares.shape[2]
