@@ -5,19 +5,19 @@ import statistics
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from slrl_sumo.analysis.bench_process import DoesNotFit, Ready, Workload
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.perception import raster
 from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS, FINE
 from slrl_sumo.records.fcd_write import FcdWriter
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import make_driver, usual_selector
@@ -27,7 +27,7 @@ from slrl_sumo.simulation.tally import Tally
 from slrl_sumo.sumo.placement import KEEP_ROUTE_PERSON, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD, MATCH_THRESHOLD_PERSON
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import front_from_centre, heading_to_sumo
+from slrl_sumo.world.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
@@ -105,18 +105,13 @@ def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, 
     """Seconds per decision of the calls that no implementation of the method can do without."""
     learned = simulation.population.world
     observation = simulation.observe(np.arange(len(learned)), with_image=True)
-    ground = partial(
-        simulation.roadmap.ego_surfaces,
-        behind=raster.BEHIND,
-        ahead=raster.AHEAD,
-        side=raster.SIDE,
-        resolution=raster.FINE,
-    )
+    roadmap = simulation.roadmap
+    ground = np.zeros((round((roadmap.core + 2.0 * roadmap.margin) * roadmap.resolution),) * 2, np.uint8)
     moves, sumo_steps = _bare_sumo(session, learned, min(steps, REPEATS))
     return {
         "moves": session.substeps * moves,
         "sumo": session.substeps * sumo_steps,
-        "crops": _seconds(lambda: ground(learned.x, learned.y, learned.heading)),
+        "crops": _seconds(lambda: _bare_crops(ground, learned.heading, roadmap.resolution)),
         **_bare_models(bundle, observation),
     }
 
@@ -148,6 +143,17 @@ def _bare_sumo(session: SumoSession, learned: WorldState, steps: int) -> tuple[f
         times.append((middle - begin, perf_counter() - middle))
     moves, sumo_steps = (statistics.median(column) for column in zip(*times, strict=True))
     return moves, sumo_steps
+
+
+def _bare_crops(ground: NDArray[np.uint8], heading: Floats, resolution: float) -> None:
+    """One affine crop a road user, of the size that images are drawn in, out of the middle of a tile of ground."""
+    crop = np.empty((FINE * EGO_ROWS, FINE * EGO_COLS), np.uint8)
+    scale, middle = resolution / FINE, 0.5 * len(ground)
+    c, s = scale * np.cos(heading), scale * np.sin(heading)
+    for matrix in np.stack(
+        [np.stack([c, s, np.full_like(c, middle)], 1), np.stack([s, -c, np.full_like(c, middle)], 1)], 1
+    ):
+        cv2.warpAffine(ground, matrix, crop.shape[::-1], dst=crop, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
 
 
 def _bare_models(bundle: ModelBundle, observation: Observation) -> dict[str, float]:

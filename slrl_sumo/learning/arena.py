@@ -18,7 +18,7 @@ from slrl_sumo.simulation.agility import agility
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import Modes, prospects_of
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.lookahead import with_ahead
+from slrl_sumo.simulation.lookahead import Lookahead, look_ahead, told
 from slrl_sumo.simulation.onroute import Prospects, allowed_speed
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
@@ -87,20 +87,20 @@ class Outcome:
 
 
 class _GivenModes:
-    """A driver that does what it is told: the modes of the next decision, chosen from the observation made before."""
+    """A driver that does what it is told: the modes of the next decision, chosen by the lookahead made before."""
 
     def __init__(self, bundle: ModelBundle) -> None:
-        self._bundle = bundle
         self.max_speed = bundle.max_speed
         self.max_length = np.inf
-        self.observation: Observation | None = None
+        self.ahead: Lookahead | None = None
         self.modes: NDArray[np.int64] | None = None
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
-        assert self.observation is not None
+        assert self.ahead is not None
         assert self.modes is not None
-        acceleration, yaw_rate = self._bundle.motion(self.observation, self.modes)
-        if self.observation.route is not None:
+        chosen = np.arange(len(self.modes)), self.modes
+        acceleration, yaw_rate = self.ahead.acceleration[chosen], self.ahead.yaw_rate[chosen]
+        if self.ahead.route is not None:
             acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
         max_speed = self.max_speed[learned.type]
         return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), self.modes
@@ -189,7 +189,8 @@ class Arena:
             self._prospects = prospects_of(self._routes, simulation.world, n, self._able)
         prospects, rows = self._prospects, np.arange(n) if rows is None else rows
         seen = simulation.observe(rows, True, None if prospects is None else prospects.take(rows).way)
-        return with_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, prospects)
+        self._driver.ahead = look_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, prospects)
+        return told(seen, self._driver.ahead)
 
     def guidance(self) -> NDArray[np.float32]:
         """What speaks against each mode of everybody now, (n, modes), 0 or more; zeros without guidance."""
@@ -214,7 +215,7 @@ class Arena:
     def step(self, modes: NDArray[np.int64]) -> Outcome:
         """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
         log_probability = self._log_prior(modes)
-        self._driver.observation, self._driver.modes = self.observation, modes
+        self._driver.modes = modes
         self._before = self.simulation.population.world
         decision = self.simulation.decide()
         n = len(modes)
