@@ -34,6 +34,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
     Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO gives up.
     """
     _check(settings)
+    compiling = first_time()
     scenario = with_options(find_scenario(settings.scenario), _words(settings.sumo_options))
     bundle = load_bundle(settings.bundle)
     # The models are so small that more threads only wait for each other.
@@ -74,7 +75,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             surfaces=simulation.surfaces,
             step=simulation.start(),
             mode_centres=bundle.mode_centres if selector != "lane" else None,
-            first_time=selector != "lane" and first_time(),
+            first_time=compiling,
         )
         for number in range(decisions):
             before, learned = simulation.world, simulation.population.world
