@@ -95,14 +95,12 @@ def _meeting(
     m = len(order)
     met = np.zeros((n, modes))
     first = np.empty(modes, np.int64)
-    # What is near enough is found by circles, in ever smaller ones: round all of a course, round the places of all
-    # modes after one interval, round the box of a mode. Few boxes remain to be compared.
-    their_middle, corner = np.empty((m, 3)), np.empty(m)
+    # What is near enough is found by upright bounds, in ever smaller ones: of all of a course, of the places of all
+    # modes after one interval; then by circles round boxes. Few boxes remain to be compared.
+    places, theirs = _bounds(x, y), _bounds(their_x.reshape(m, 1, steps), their_y.reshape(m, 1, steps))
+    corner = np.empty(m)
     for other in range(m):
         corner[other] = 0.5 * math.sqrt(size[other, 0] ** 2 + size[other, 1] ** 2) + SLACK
-        _circle(their_x[other], their_y[other], their_middle[other])
-        their_middle[other, 2] += corner[other]
-    places, middle = np.empty((steps, 3)), np.empty(3)
     for i in range(n):
         me = rows[i]
         west, east = now_x[me] - REACH, now_x[me] + REACH
@@ -123,18 +121,18 @@ def _meeting(
             if not looked:
                 looked = True
                 first[:] = steps
+                x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
                 for step in range(steps):
-                    _circle(x[i, step], y[i, step], places[step])
-                    places[step, 2] += corner[me]
-                _circle(x[i].ravel(), y[i].ravel(), middle)
-                middle[2] += corner[me]
-            whole = their_middle[other]
-            if not _near(middle[0] - whole[0], middle[1] - whole[1], middle[2] + whole[2]):
-                continue
+                    x0, x1 = min(x0, places[i, step, 0]), max(x1, places[i, step, 1])
+                    y0, y1 = min(y0, places[i, step, 2]), max(y1, places[i, step, 3])
             touching = corner[me] + corner[other]
+            dx = _between(x0, x1, theirs[other, 0, 0], theirs[other, 0, 1])
+            if not _near(dx, _between(y0, y1, theirs[other, 0, 2], theirs[other, 0, 3]), touching):
+                continue
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
-                if not _near(there_x - places[step, 0], there_y - places[step, 1], places[step, 2] + corner[other]):
+                dx = _between(places[i, step, 0], places[i, step, 1], there_x, there_x)
+                if not _near(dx, _between(places[i, step, 2], places[i, step, 3], there_y, there_y), touching):
                     continue
                 for mode in range(modes):
                     dx, dy = there_x - x[i, step, mode], there_y - y[i, step, mode]
@@ -147,7 +145,8 @@ def _meeting(
                     if excused[i] and (speed[i, step, mode] <= STANDING or c * dx + s * dy <= 0.0):
                         continue
                     there_c, there_s = their_cos[other, step], their_sin[other, step]
-                    if _overlap(dx, dy, c, s, there_c, there_s, size[me], size[other]):
+                    length, width, their_length, their_width = size[me, 0], size[me, 1], size[other, 0], size[other, 1]
+                    if _overlap(dx, dy, c, s, there_c, there_s, length, width, their_length, their_width):
                         first[mode] = step
         if looked:
             for mode in range(modes):
@@ -161,22 +160,45 @@ def _near(dx: float, dy: float, reach: float) -> bool:
 
 
 @compiled
-def _circle(x: Floats, y: Floats, out: Floats) -> None:
-    """Centre and radius of a circle round points, (3,), into `out`."""
-    west, east, south, north = x[0], x[0], y[0], y[0]
-    for k in range(1, len(x)):
-        west, east, south, north = min(west, x[k]), max(east, x[k]), min(south, y[k]), max(north, y[k])
-    out[0], out[1] = 0.5 * (west + east), 0.5 * (south + north)
-    out[2] = 0.5 * math.sqrt((east - west) ** 2 + (north - south) ** 2)
+def _between(low: float, high: float, their_low: float, their_high: float) -> float:
+    """How far two spans are apart; 0 where they overlap."""
+    return max(low - their_high, their_low - high, 0.0)
+
+
+@compiled
+def _bounds(x: Floats, y: Floats) -> Floats:
+    """Lowest and highest `x` and `y` (n, m, k) along the last axis, (n, m, 4)."""
+    n, m, places = x.shape
+    bounds = np.empty((n, m, 4))
+    for i in range(n):
+        for j in range(m):
+            x0, x1, y0, y1 = x[i, j, 0], x[i, j, 0], y[i, j, 0], y[i, j, 0]
+            # Not min and max, which look for what is no number as well.
+            for k in range(1, places):
+                at_x, at_y = x[i, j, k], y[i, j, k]
+                x0 = at_x if at_x < x0 else x0
+                x1 = at_x if at_x > x1 else x1
+                y0 = at_y if at_y < y0 else y0
+                y1 = at_y if at_y > y1 else y1
+            bounds[i, j, 0], bounds[i, j, 1], bounds[i, j, 2], bounds[i, j, 3] = x0, x1, y0, y1
+    return bounds
 
 
 @compiled
 def _overlap(
-    dx: float, dy: float, cos: float, sin: float, their_cos: float, their_sin: float, size: Floats, their_size: Floats
+    dx: float,
+    dy: float,
+    cos: float,
+    sin: float,
+    their_cos: float,
+    their_sin: float,
+    length: float,
+    width: float,
+    their_length: float,
+    their_width: float,
 ) -> bool:
-    """`geometry.boxes_overlap` of two boxes of (length, width), the other one `dx`, `dy` away."""
+    """`geometry.boxes_overlap` of two boxes, the other one `dx`, `dy` away."""
     c, s = abs(cos * their_cos + sin * their_sin), abs(their_sin * cos - their_cos * sin)
-    length, width, their_length, their_width = size[0], size[1], their_size[0], their_size[1]
     return bool(
         abs(cos * dx + sin * dy) <= 0.5 * (length + their_length * c + their_width * s)
         and abs(cos * dy - sin * dx) <= 0.5 * (width + their_length * s + their_width * c)
