@@ -17,7 +17,7 @@ TURN = 0.3
 SHARP = math.sin(TURN) / (math.sin(TURN) + math.cos(TURN))
 """The same as the share of what is aside."""
 BACK = 2.0 - 1e-9
-"""Straight back as that share: see `_turns`."""
+"""Straight back as that share."""
 
 ROUTE_FEATURES: tuple[str, ...] = (
     "known",
@@ -89,28 +89,16 @@ def _turns(x: Floats, y: Floats, direction: float, here: int) -> tuple[int, floa
     """Pieces of a path from `here` to the first that turns by more than TURN from a direction (rad), all that there are
     if none does, and by how much (rad) that piece turns that does so most."""
     c, s = math.cos(direction), math.sin(direction)
-    until, most, sharpest = len(x) - 1 - here, -1.0, here
+    until, most, most_ahead, most_aside = len(x) - 1 - here, -1.0, 1.0, 0.0
     for k in range(here, len(x) - 1):
         dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
-        ahead, aside = c * dx + s * dy, abs(c * dy - s * dx)
+        ahead, aside = c * dx + s * dy, c * dy - s * dx
         # Grows with the angle, from 0 straight on to 2 straight back, without libm.
-        sharp = aside / (abs(ahead) + aside)
+        sharp = abs(aside) / (abs(ahead) + abs(aside))
         sharp = sharp if ahead >= 0.0 else 2.0 - sharp
         if sharp > most:
-            most, sharpest = sharp, k
+            most, most_ahead, most_aside = sharp, ahead, aside
         if sharp > SHARP:
             until = min(until, k - here)
-    turn = _turned(x, y, sharpest, direction)
-    if most > BACK:
-        # To the left or to the right: the last bits say it, and they must be those of the angles.
-        for k in range(here, len(x) - 1):
-            other = _turned(x, y, k, direction)
-            turn = other if k == here or abs(other) > abs(turn) else turn
-    return until, turn
-
-
-@compiled
-def _turned(x: Floats, y: Floats, piece: int, direction: float) -> float:
-    """rad, in (-pi, pi], by which a piece of a path turns from a direction."""
-    turn = math.atan2(y[piece + 1] - y[piece], x[piece + 1] - x[piece]) - direction
-    return turn - 2.0 * math.pi * math.ceil((turn - math.pi) / (2.0 * math.pi))
+    # Straight back is to the left, whatever the last bits say.
+    return until, math.pi if most > BACK else math.atan2(most_aside, most_ahead)

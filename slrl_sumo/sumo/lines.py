@@ -86,7 +86,7 @@ def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tupl
     least, found, left = math.inf, max(s[0], begin), 0.0
     # Only pieces of which something lies between.
     for i in range(_piece(s, begin), len(s) - 1):
-        if s[i] > end:
+        if s[i] > end or s[i + 1] < begin:
             break
         dx, dy, step = xs[i + 1] - xs[i], ys[i + 1] - ys[i], s[i + 1] - s[i]
         px, py = x - xs[i], y - ys[i]

@@ -72,22 +72,22 @@ class Routes:
         road_user = world.ids[i]
         drive = self._drives.followed(world, i, DECISION_INTERVAL)
         self._drives.choose_lane(road_user, drive, world, i)
+        way, s = drive.way, drive.s
         stop, look = self._pace.stop(drive, REACTION, SOFT, HESITANT)
         route.known[i] = True
         route.desired[i] = min(self._pace.limit(drive, REACTION, SOFT), look)
         route.stop[i] = stop
-        for gate in drive.way.gates:
-            line = gate.line - drive.s
+        for gate in way.gates:
+            line = gate.line - s
             if line > -0.5:
-                route.line[i], route.out[i] = line, gate.out - drive.s
+                route.line[i], route.out[i] = line, gate.out - s
                 route.signal[i] = shown = self._pace.signal(gate)
                 route.closed[i] = shown >= 2 and stop <= line
                 break
         route.left[i] = self._drives.left(road_user)
         if drive.stood > STUCK and not self._pace.leads_on(drive):
             self._astray.add(road_user)
-        begin = drive.s - 0.5 * world.length.item(i) - BEHIND
-        drive.way.line.draw(begin, SPACING, 0.0, route.x, route.y, i)
+        way.line.draw(s - 0.5 * world.length.item(i) - BEHIND, SPACING, 0.0, route.x, route.y, i)
 
     def _walk(self, route: RouteAhead, world: WorldState, i: int) -> None:
         """As `_drive`, of a person; who goes nowhere is not known. Persons keep their place across the way that they
