@@ -63,7 +63,9 @@ def write_run(
     with ExitStack() as stack:
         caught = stack.enter_context(interruptible(patience=1))
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
-        events = stack.enter_context(closing(run_contained(settings, VIEWS_AT if report is not None else frozenset())))
+        pictured = report is not None
+        views_at = VIEWS_AT if pictured else frozenset[int]()
+        events = stack.enter_context(closing(run_contained(settings, views_at, with_surfaces=pictured)))
         try:
             started = next(events)
         except KeyboardInterrupt:

@@ -68,6 +68,7 @@ class Started:
     notices: tuple[str, ...]
     """What was changed in the scenario, or decided for the user; one line each."""
     surfaces: SurfaceShapes
+    """The ground; from another process only where it was asked for."""
     step: Step
     """Everybody at the start."""
     mode_centres: NDArray[np.float64] | None = None
