@@ -1,16 +1,21 @@
 """Displacement models: what a road user of one type and mode does in the next decision interval."""
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from slrl_sumo.models.stacked import StackedNetworks
 from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 MODES = 20
 """Modes per road user type (paper, section 3.2)."""
 
 SPEED = FEATURES.index("speed")
+
+Singles = NDArray[np.float32]
 
 
 def new_speed(speed: Tensor, acceleration: Tensor, max_speed: Tensor) -> Tensor:
@@ -67,9 +72,23 @@ class DisplacementModels(nn.Module):
         """`motion` for n blocks of rows that share type and mode: `vector` (n, rows, 12), results (n, rows)."""
         return self._bounded(self.networks(vector, kind, mode), vector[..., SPEED], kind)
 
+    @torch.no_grad()
     def motion_all(self, vector: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
-        """`motion` for every mode of the road user's type: acceleration and yaw rate, each (n, modes)."""
-        return self._bounded(self.networks.forward_all(vector, kind), vector[:, None, SPEED], kind)
+        """`motion` for every mode of the road user's type: acceleration and yaw rate, each (n, modes).
+
+        For decisions, not for training: without gradients, on the processor.
+        """
+        acceleration, yaw_rate = _bounded_motion(
+            np.tanh(self.networks.forward_all(vector, kind).numpy()),
+            np.ascontiguousarray(vector[:, SPEED].numpy()),
+            kind.numpy(),
+            self.acceleration_bounds.numpy(),
+            self.yaw_rate_bounds.numpy(),
+            self.max_curvature.numpy(),
+            self.max_speed.numpy(),
+            DECISION_INTERVAL,
+        )
+        return torch.from_numpy(acceleration), torch.from_numpy(yaw_rate)
 
     def _bounded(self, raw: Tensor, speed: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
         """Raw outputs (n, m, 2) as bounded acceleration and yaw rate (n, m); `speed` broadcasts to (n, m)."""
@@ -86,3 +105,30 @@ def _within(raw: Tensor, bounds: Tensor) -> Tensor:
     """tanh of `raw` (n, m) scaled so that -1, 0 and 1 become the lowest bound, 0 and the highest; bounds (..., 2)."""
     unit = torch.tanh(raw)
     return torch.where(unit > 0, unit * bounds[..., 1], -unit * bounds[..., 0])
+
+
+@compiled
+def _bounded_motion(
+    unit: Singles,
+    speed: Singles,
+    kind: NDArray[np.int64],
+    acceleration_bounds: Singles,
+    yaw_rate_bounds: Singles,
+    max_curvature: Singles,
+    max_speed: Singles,
+    dt: float,
+) -> tuple[Singles, Singles]:
+    """What `_bounded` does, from -1 to 1 in `unit` (n, modes, 2) on, for all modes of road users at `speed` (n,)."""
+    n, modes, _ = unit.shape
+    acceleration, yaw_rate = np.empty((n, modes), np.float32), np.empty((n, modes), np.float32)
+    for i in range(n):
+        one = kind[i]
+        low, high = acceleration_bounds[one, 0], acceleration_bounds[one, 1]
+        right, left = yaw_rate_bounds[one, 0], yaw_rate_bounds[one, 1]
+        for mode in range(modes):
+            up, turn = unit[i, mode, 0], unit[i, mode, 1]
+            felt = up * high if up > 0.0 else -up * low
+            most = max_curvature[one] * min(max(speed[i] + felt * dt, 0.0), max_speed[one])
+            acceleration[i, mode] = felt
+            yaw_rate[i, mode] = turn * min(left, most) if turn > 0.0 else -turn * max(right, -most)
+    return acceleration, yaw_rate

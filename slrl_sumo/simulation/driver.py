@@ -12,7 +12,8 @@ from slrl_sumo.perception.observation import Way, observe
 from slrl_sumo.simulation.agility import Agility, agility, fitted
 from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.simulation.leaders import leaders
-from slrl_sumo.simulation.lookahead import Prospects, look_ahead, told, with_ahead
+from slrl_sumo.simulation.lookahead import look_ahead, told
+from slrl_sumo.simulation.onroute import Prospects
 from slrl_sumo.simulation.patience import Patience, going
 from slrl_sumo.simulation.stopwatch import Stopwatch
 from slrl_sumo.sumo.lanedriver import LaneDriver
@@ -95,7 +96,7 @@ class ModelDriver:
         extended = selector.preset == "extended"
         self.way = prospects.way if extended and prospects is not None else None
         observation = observe(world, rows, roadmap, selector.needs_image, self.way)
-        allowed = None
+        allowed = ahead = None
         if prospects is not None:
             ahead = look_ahead(self._bundle, observation, world, rows, roadmap, prospects, touching=self._guard)
             routed = told(observation, ahead)
@@ -105,11 +106,15 @@ class ModelDriver:
             allowed = going(routed.ahead, self._patience.tolerance(learned, prospects), allowed)
             observation = routed if extended else observation
         if selector.looks_ahead and observation.ahead is None:
-            observation = with_ahead(self._bundle, observation, world, rows, roadmap)
+            ahead = look_ahead(self._bundle, observation, world, rows, roadmap)
+            observation = told(observation, ahead)
         self._stopwatch.lap("observe")
         modes = selector.choose(observation, learned.ids, allowed)
         self._stopwatch.lap("decide")
-        acceleration, yaw_rate = self._bundle.motion(observation, modes)
+        if ahead is None:
+            acceleration, yaw_rate = self._bundle.motion(observation, modes)
+        else:
+            acceleration, yaw_rate = ahead.acceleration[rows, modes], ahead.yaw_rate[rows, modes]
         if prospects is not None:
             acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
         # Who was taken over at a higher speed comes down to what the models know as one brakes, not at once.

@@ -1,11 +1,12 @@
 """Who has stood long enough: road users that wait for nothing, or for each other, go on."""
 
 import random
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.simulation.lookahead import Prospects, allowed_speed
+from slrl_sumo.simulation.onroute import Prospects, allowed_speed
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
@@ -51,7 +52,7 @@ class Patience:
         for row, name in enumerate(users.ids):
             if standing[row]:
                 stood[name] = self._stood.get(name, 0.0) + DECISION_INTERVAL
-                most = IDLE if free[row] else HELD + SPREAD * random.Random(name).random()
+                most = IDLE if free[row] else _held(name)
                 if stood[name] >= most:
                     goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
             elif name in self._goes and self._goes[name][0] > users.time:
@@ -59,6 +60,12 @@ class Patience:
         self._stood, self._goes = stood, goes
         most_met = np.array([goes[name][1] if name in goes else 0.0 for name in users.ids], np.float64)
         return np.where(prospects.route.closed | waits, 0.0, most_met)
+
+
+@lru_cache(100_000)
+def _held(name: str) -> float:
+    """s that a road user of this id stands before others."""
+    return HELD + SPREAD * random.Random(name).random()
 
 
 def going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:

@@ -8,25 +8,23 @@ import pytest
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.simulation.agility import SPEEDS, STOPPING, Agility
+from slrl_sumo.simulation.courses import HELD
 from slrl_sumo.simulation.leaders import Leaders
-from slrl_sumo.simulation.lookahead import (
+from slrl_sumo.simulation.lookahead import Lookahead, look_ahead, with_ahead
+from slrl_sumo.simulation.onroute import (
     AIM,
     CALM,
     GAP,
     HEADWAY,
-    HELD,
     LEADER_BRAKES,
     RETURN,
     SLOW,
     SPARE,
     TOO_MUCH,
-    Lookahead,
     OnRoute,
     Prospects,
-    kept_clear,
-    look_ahead,
     strain,
-    with_ahead,
+    ways_left,
 )
 from slrl_sumo.world.advance import advance, halting
 from slrl_sumo.world.geometry import Floats
@@ -102,6 +100,8 @@ def test_speeds_and_turns_are_those_of_advance(shipped_bundle: ModelBundle) -> N
     ahead = look_ahead(shipped_bundle, seen, world, rows, ROAD)
     for mode in (0, 7, 19):
         acceleration, yaw_rate = shipped_bundle.motion(seen, np.array([mode]))
+        np.testing.assert_allclose(ahead.acceleration[:, mode], acceleration, atol=1e-6)
+        np.testing.assert_allclose(ahead.yaw_rate[:, mode], yaw_rate, atol=1e-6)
         state = world
         for _ in range(HELD):
             state = advance(state, acceleration, yaw_rate, shipped_bundle.max_speed[:1], DECISION_INTERVAL)
@@ -241,9 +241,10 @@ def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading
 
 
 def test_strain() -> None:
-    room = np.array([10.0, 4.0, 0.31, 0.0, -3.0])
-    assert strain(np.full(5, 2.0), room) == pytest.approx([0.2, 0.5, 2 / 0.31, 2 / 0.3, 2 / 0.3])
-    assert strain(np.array([9.0, 0.0]), np.zeros(2)).tolist() == [TOO_MUCH, 0.0]
+    room = [10.0, 4.0, 0.31, 0.0, -3.0, np.inf]
+    assert [strain(2.0, one) for one in room] == pytest.approx([0.2, 0.5, 2 / 0.31, 2 / 0.3, 2 / 0.3, 0.0])
+    assert strain(9.0, 0.0) == TOO_MUCH
+    assert strain(0.0, 0.0) == 0.0
 
 
 def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
@@ -254,8 +255,9 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     out = np.array([25.0, 25.0, 25.0, 25.0, 15.8, np.inf, 25.0])
     stop = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0])
     route = replace(RouteAhead.unknown(7), stop=stop, line=line, out=out)
-    clear = kept_clear(route, Leaders(gap, speed), np.full(7, 5.0))
-    assert clear.tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
+    cars, order = _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), np.array([6, 0, 1, 2, 3, 4, 5])
+    stop, _ = ways_left(Prospects(route, Leaders(gap, speed), ABLE), cars, order)
+    assert (stop + SPARE).tolist() == [4.0, 9.0, np.inf, np.inf, np.inf, np.inf, 50.0]
 
 
 def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBundle) -> None:

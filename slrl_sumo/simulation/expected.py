@@ -1,0 +1,184 @@
+"""Where everybody is expected in the next seconds: along their paths, or straight on."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.simulation.courses import STEPS, Courses
+from slrl_sumo.simulation.meeting import Boxes, sizes
+from slrl_sumo.world.compiled import compiled
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.world.route import HERE, SPACING, RouteAhead, on_path
+from slrl_sumo.world.state import WorldState
+from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+
+BESIDE, ASKEW = 1.0, 0.35
+"""m and rad: who is farther off its path in both is led on as it is, not along the path."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """Which of the road users with `route` keep to their paths, (n,), and m to the left of them now, (n,)."""
+
+    route: RouteAhead
+    keeps: NDArray[np.bool_]
+    beside: Floats
+
+
+def paths_kept(route: RouteAhead, users: WorldState) -> Kept:
+    """Who of the first road users of `users`, those of `route`, keeps to its path: vehicles that are on it, or go back
+    to it, so that they will be found there."""
+    n = len(route)
+    keeps, beside = np.zeros(n, np.bool_), np.zeros(n)
+    rows = np.flatnonzero(route.known & (users.type[:n] != RoadUserType.PEDESTRIAN))
+    _, aside, direction = (c[:, 0] for c in on_path(route, users.x[rows, None], users.y[rows, None], rows))
+    keeps[rows] = (np.abs(aside) < BESIDE) | (np.abs(wrap_angle(users.heading[rows] - direction)) < ASKEW)
+    beside[rows] = aside
+    return Kept(route, keeps, beside)
+
+
+def along_paths(free: Courses, kept: Kept, rows: NDArray[np.intp]) -> Courses:
+    """`free`, those of `rows`, as far along the paths for who keeps to one; it comes back to it from beside."""
+    route = kept.route
+    x, y, cos, sin = _along_paths(
+        free.x, free.y, free.cos, free.sin, free.way, rows, kept.keeps, kept.beside, route.x, route.y, SPACING, HERE
+    )
+    return replace(free, x=x, y=y, cos=cos, sin=sin)
+
+
+def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
+    """Of all road users, `margin` of their type, (3,), larger, after each interval at constant speed and yaw rate.
+
+    Vehicles that keep to their paths follow them, up to lines at which they must stop.
+    """
+    if kept is None:
+        kept = Kept(RouteAhead.unknown(0), np.zeros(0, np.bool_), np.zeros(0))
+    route = kept.route
+    begin, half = cos_sin(world.heading), cos_sin(0.5 * DECISION_INTERVAL * world.yaw_rate)
+    places = _led_on(
+        world.x,
+        world.y,
+        *begin,
+        *half,
+        world.speed * DECISION_INTERVAL,
+        kept.keeps,
+        kept.beside,
+        route.stop,
+        route.x,
+        route.y,
+        SPACING,
+        HERE,
+        STEPS,
+    )
+    return Boxes(*places, sizes(world, margin))
+
+
+@compiled
+def _along_paths(
+    free_x: Floats,
+    free_y: Floats,
+    free_cos: Floats,
+    free_sin: Floats,
+    way: Floats,
+    rows: NDArray[np.intp],
+    keeps: NDArray[np.bool_],
+    beside: Floats,
+    path_x: Floats,
+    path_y: Floats,
+    spacing: float,
+    here: int,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """x, y, cos and sin of `along_paths`."""
+    x, y, cos, sin = free_x.copy(), free_y.copy(), free_cos.copy(), free_sin.copy()
+    _, steps, modes = x.shape
+    c, s = np.empty(path_x.shape[1]), np.empty(path_x.shape[1])
+    for i in range(len(rows)):
+        row = rows[i]
+        if not keeps[row]:
+            continue
+        px, py = path_x[row], path_y[row]
+        last, _ = _piece(way[i, steps - 1].max(), spacing, here, len(px))
+        for k in range(here, last + 1):
+            c[k], s[k] = _direction(px, py, k)
+        for step in range(steps):
+            shift = beside[row] * _back(step, steps)
+            for mode in range(modes):
+                k, share = _piece(way[i, step, mode], spacing, here, len(px))
+                x[i, step, mode] = px[k] + share * (px[k + 1] - px[k]) - shift * s[k]
+                y[i, step, mode] = py[k] + share * (py[k + 1] - py[k]) + shift * c[k]
+                cos[i, step, mode], sin[i, step, mode] = c[k], s[k]
+    return x, y, cos, sin
+
+
+@compiled
+def _led_on(
+    world_x: Floats,
+    world_y: Floats,
+    world_cos: Floats,
+    world_sin: Floats,
+    cos_half: Floats,
+    sin_half: Floats,
+    distance: Floats,
+    keeps: NDArray[np.bool_],
+    beside: Floats,
+    stop: Floats,
+    path_x: Floats,
+    path_y: Floats,
+    spacing: float,
+    here: int,
+    steps: int,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """x, y, cos and sin of `boxes`; `distance` (m,) in m, `cos_half` and `sin_half` (m,) of half the turn of one
+    interval."""
+    n = len(world_x)
+    x, y, cos, sin = np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps))
+    for i in range(n):
+        if i < len(keeps) and keeps[i]:
+            px, py, most = path_x[i], path_y[i], max(stop[i], 0.0)
+            for step in range(steps):
+                shift = beside[i] * _back(step, steps)
+                k, share = _piece(min((step + 1) * distance[i], most), spacing, here, len(px))
+                c, s = _direction(px, py, k)
+                x[i, step] = px[k] + share * (px[k + 1] - px[k]) - shift * s
+                y[i, step] = py[k] + share * (py[k + 1] - py[k]) + shift * c
+                cos[i, step], sin[i, step] = c, s
+            continue
+        # The mean heading since now turns half as fast as the heading.
+        half_c, half_s, c, s = cos_half[i], sin_half[i], world_cos[i], world_sin[i]
+        mean_c, mean_s = c, s
+        for step in range(steps):
+            mean_c, mean_s = _turned(mean_c, mean_s, half_c, half_s)
+            c, s = _turned(c, s, half_c * half_c - half_s * half_s, 2.0 * half_c * half_s)
+            x[i, step] = world_x[i] + (step + 1) * distance[i] * mean_c
+            y[i, step] = world_y[i] + (step + 1) * distance[i] * mean_s
+            cos[i, step], sin[i, step] = c, s
+    return x, y, cos, sin
+
+
+@compiled
+def _back(step: int, steps: int) -> float:
+    """How far who is beside its path still is after an interval, relative to now."""
+    return max(0.0, 1.0 - (step + 1) / steps)
+
+
+@compiled
+def _piece(way: float, spacing: float, here: int, points: int) -> tuple[int, float]:
+    """The piece of a path `way` m ahead, and how much of it lies behind that place; the last one goes on straight."""
+    place = way / spacing + here
+    k = max(min(int(place), points - 2), 0)
+    return k, place - k
+
+
+@compiled
+def _direction(px: Floats, py: Floats, k: int) -> tuple[float, float]:
+    """Cosine and sine of the direction of piece `k` of a path."""
+    dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
+    length = math.sqrt(dx * dx + dy * dy)
+    return (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
+
+
+@compiled
+def _turned(cos: float, sin: float, by_cos: float, by_sin: float) -> tuple[float, float]:
+    return cos * by_cos - sin * by_sin, sin * by_cos + cos * by_sin
