@@ -44,7 +44,6 @@ BESIDE = 3
 """As many points to either side of a sharp one are smoothed as well."""
 CHORD = 3
 """Points from one end to the other of the chords by which curves are measured: lanes are drawn with corners."""
-_STOPPING = np.tile(STOPPING, (len(RoadUserType), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +55,6 @@ class Agility:
     falling with speed."""
     stopping: Floats
     """m to a stand from each of STOPPING, (3, speeds), braking as hard as the modes can."""
-
-    def speed_within(self, distance: Floats, kind: NDArray[np.int8]) -> Floats:
-        """m/s from which the types `kind` (n,) come to a stand within `distance` (n, m) in m: (n, m)."""
-        return _interpolated(np.ascontiguousarray(self.stopping), _STOPPING, kind, np.ascontiguousarray(distance))
-
-    def stop_from(self, speed: Floats, kind: NDArray[np.int8]) -> Floats:
-        """m to a stand from speeds (n, m) in m/s, for the types `kind` (n,): (n, m)."""
-        return _interpolated(_STOPPING, np.ascontiguousarray(self.stopping), kind, np.ascontiguousarray(speed))
 
 
 def agility(bundle: ModelBundle) -> Agility:
@@ -227,24 +218,3 @@ def _fastest(curve: float, sharpest: Floats) -> float:
         else:
             high = middle
     return float(SPEEDS[low])
-
-
-@compiled
-def _interpolated(x: Floats, y: Floats, kinds: NDArray[np.int8], places: Floats) -> Floats:
-    """Curves y over x, (types, points), of the types `kinds` (n,), at places (n, m); their end values beyond them."""
-    result = np.empty(places.shape)
-    last = x.shape[1] - 1
-    for i in range(len(places)):
-        kind = kinds[i]
-        for j in range(places.shape[1]):
-            place = min(max(places[i, j], x[kind, 0]), x[kind, last])
-            low, high = 0, last
-            while high - low > 1:
-                middle = (low + high) // 2
-                if x[kind, middle] <= place:
-                    low = middle
-                else:
-                    high = middle
-            slope = (y[kind, high] - y[kind, low]) / (x[kind, high] - x[kind, low])
-            result[i, j] = y[kind, low] + slope * (place - x[kind, low])
-    return result

@@ -91,7 +91,12 @@ def on_path(
 
 def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Positions (m) and directions (rad) `along` (n, m) metres from the road user's place on its path, (n, m) each."""
-    return _at(route.x, route.y, np.ascontiguousarray(along))
+    place = along / SPACING + HERE
+    begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
+    rows, share = np.arange(len(route))[:, None], place - begin
+    x, y = route.x[rows, begin], route.y[rows, begin]
+    dx, dy = route.x[rows, begin + 1] - x, route.y[rows, begin + 1] - y
+    return x + share * dx, y + share * dy, np.asarray(np.arctan2(dy, dx))
 
 
 def beside(
@@ -245,23 +250,3 @@ def _smooth(x: Floats, y: Floats) -> bool:
 def _wrapped(angle: float) -> float:
     """As `wrap_angle`."""
     return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
-
-
-@compiled
-def _at(path_x: Floats, path_y: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
-    n, m = along.shape
-    x, y, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
-    directions, known = np.empty(POINTS), np.empty(POINTS, np.bool_)
-    for i in range(n):
-        known[:] = False
-        for j in range(m):
-            place = along[i, j] / SPACING + HERE
-            # Beyond the ends first: what is far beyond is no index.
-            begin = int(min(max(math.floor(place), 0.0), POINTS - 2.0))
-            dx, dy = path_x[i, begin + 1] - path_x[i, begin], path_y[i, begin + 1] - path_y[i, begin]
-            if not known[begin]:
-                directions[begin], known[begin] = math.atan2(dy, dx), True
-            x[i, j] = path_x[i, begin] + (place - begin) * dx
-            y[i, j] = path_y[i, begin] + (place - begin) * dy
-            heading[i, j] = directions[begin]
-    return x, y, heading

@@ -156,7 +156,6 @@ def test_ways_to_a_stand_are_those_of_the_models(
     way = float(np.hypot(state.x[0], state.y[0]))
     # A touch more, so that faster is always farther.
     assert usual.stopping[kind, np.searchsorted(STOPPING, speed)] == pytest.approx(way + 1e-3 * speed, abs=1e-3)
-    assert usual.stop_from(np.array([[speed]]), np.array([kind], np.int8))[0, 0] == pytest.approx(way, abs=0.01)
     assert way < 0.5 * speed**2 / 1.0 + 2.0 * speed * DECISION_INTERVAL + 0.5
 
 
@@ -178,16 +177,6 @@ def test_the_sharpest_curves_are_those_of_modes_that_do_not_brake_hard(
         # What is possible at some speed is so at any lower one.
         for i in (8, 20, 40, len(SPEEDS) - 1):
             assert usual.sharpest[kind, :, i] == pytest.approx(best[:, i:].max(axis=1), abs=1e-5)
-
-
-def test_speeds_and_ways_to_a_stand_are_each_others_inverse_type_by_type(usual: Agility) -> None:
-    kind = np.array([PEDESTRIAN, CAR, BICYCLE], np.int8)
-    speed = np.array([[0.5, 1.1], [3.3, 12.0], [2.0, 5.1]])
-    ways = usual.stop_from(speed, kind)
-    assert usual.speed_within(ways, kind) == pytest.approx(speed)
-    for row, one in enumerate(kind):
-        assert ways[row] == pytest.approx(np.interp(speed[row], STOPPING, usual.stopping[one]))
-    assert usual.speed_within(np.full((3, 1), -2.0), kind)[:, 0].tolist() == [0.0, 0.0, 0.0]
 
 
 def test_corners_become_as_round_as_they_can_be_driven() -> None:
