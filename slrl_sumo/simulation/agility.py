@@ -139,7 +139,6 @@ def _fit(
         kind = kinds[row]
         right, left = sharpest[kind, 0], sharpest[kind, 1]
         _round(x[row], y[row], SPARE * right[0], SPARE * left[0], bends, sharp)
-        _bend(x[row], y[row], bends)
         slowest = math.inf
         for k in range(here, points):
             allowed, straight = SPEEDS[-1], True
@@ -161,14 +160,16 @@ def _fit(
 def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp: NDArray[np.bool_]) -> None:
     """Draw one path like an elastic band where it is sharper than `right` and `left` (1/m), until it is not.
 
-    `bends` (3, points) and `sharp` (points,) are room to work in.
+    `bends` (3, points) are those of `_bend` at last; `sharp` (points,) is room to work in.
     """
     points = len(x)
+    # Only about what has moved anything changes.
+    begin, end = CHORD, points - CHORD
     for _ in range(PASSES):
-        _bend(x, y, bends)
+        _bend(x, y, bends, begin, end)
         sharp[:] = False
         first, last = points, 0
-        for k in range(CHORD, points - CHORD):
+        for k in range(begin, end):
             most = bends[2, k] * bends[0, k]
             if bends[0, k] > 0.0 and -right * most <= bends[1, k] <= left * most:
                 continue  # its tangent is small enough: so is the angle
@@ -188,13 +189,15 @@ def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp
                 x[k] += 0.25 * ((x[k + 1] - here_x) - (here_x - before_x))
                 y[k] += 0.25 * ((y[k + 1] - here_y) - (here_y - before_y))
             before_x, before_y = here_x, here_y
+        begin, end = max(first - CHORD, CHORD), min(last + 1, points - 2 * CHORD) + CHORD
+    _bend(x, y, bends, begin, end)
 
 
 @compiled
-def _bend(x: Floats, y: Floats, bends: Floats) -> None:
-    """Where chords of one path meet: cosine and sine of the turn to the left, times both lengths, and the mean length
-    (m), to rows 0 to 2 of `bends` (3, points), but for the CHORD points at the ends."""
-    for k in range(CHORD, len(x) - CHORD):
+def _bend(x: Floats, y: Floats, bends: Floats, begin: int, end: int) -> None:
+    """Where chords of one path meet, at points from `begin` to before `end`: cosine and sine of the turn to the left,
+    times both lengths, and the mean length (m), to rows 0 to 2 of `bends` (3, points)."""
+    for k in range(begin, end):
         from_x, from_y = x[k] - x[k - CHORD], y[k] - y[k - CHORD]
         to_x, to_y = x[k + CHORD] - x[k], y[k + CHORD] - y[k]
         bends[0, k] = to_x * from_x + to_y * from_y
