@@ -74,6 +74,16 @@ def test_background_traffic_counts_as_well(place: Callable[..., WorldState]) -> 
     assert features(world, np.array([0]))[0, 9] == 1
 
 
+def test_scenes_do_not_see_each_other(crowd: Callable[..., WorldState]) -> None:
+    world, scene = crowd(4, 90, 30.0), np.random.default_rng(4).integers(0, 3, 90)
+    found = features(world, np.arange(90), scene)
+    for one in range(3):
+        rows = np.flatnonzero(scene == one)
+        assert np.array_equal(found[rows], features(world.take(rows), np.arange(len(rows))))
+    assert found[:, 6:].any()
+    assert (found != features(world, np.arange(90))).any()
+
+
 def test_alone_and_nobody(place: Callable[..., WorldState]) -> None:
     world = place([(BICYCLE, 0, 0, 0)])
     assert features(world, np.array([0]))[0].tolist() == [0.5, -3.25, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0]

@@ -69,6 +69,13 @@ def test_the_next_turn_and_its_distance_in_any_direction(
     assert row["askew"] == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.parametrize("heading", [0.0, 0.3, 1.0, 2.0, -0.7, -2.9, np.pi])
+def test_straight_back_is_to_the_left(place: Worlds, routed: Routes, heading: float) -> None:
+    for turn in (np.pi, -np.pi):
+        (row,) = told(place([(0, 7.0, -3.0, heading)]), routed((7.0, -3.0, heading), turn=turn, after=30))
+        assert (row["turn"], row["turn_distance"]) == (pytest.approx(np.pi), pytest.approx(3.0))
+
+
 def test_turns_that_lie_behind_or_are_slight_do_not_count(place: Worlds, routed: Routes) -> None:
     behind = routed((0.0, 0.0, 0.0))
     # The path came from the right, round a corner 4 m behind.
