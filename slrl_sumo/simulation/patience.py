@@ -43,21 +43,28 @@ class Patience:
 
         Call it once per decision.
         """
-        free = allowed_speed(prospects, users) > FREE
         waits = prospects.route.stop < WAITING
         standing = prospects.route.known & (users.speed < STANDING) & ~prospects.route.closed & ~waits
-        stood: dict[str, float] = {}
-        goes: dict[str, tuple[float, float]] = {}
-        for row, name in enumerate(users.ids):
-            if standing[row]:
-                stood[name] = self._stood.get(name, 0.0) + DECISION_INTERVAL
-                most = IDLE if free[row] else HELD + SPREAD * random.Random(name).random()
-                if stood[name] >= most:
-                    goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
-            elif name in self._goes and self._goes[name][0] > users.time:
-                goes[name] = self._goes[name]
+        rows = np.flatnonzero(standing).tolist()
+        free = (allowed_speed(prospects, users) > FREE).tolist() if rows else []
+        stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) + DECISION_INTERVAL for row in rows}
+        goes = {
+            name: self._goes[name]
+            for name in (users.ids if self._goes else ())
+            if name in self._goes and name not in stood and self._goes[name][0] > users.time
+        }
+        for row in rows:
+            name = users.ids[row]
+            # The draw takes its time: only where it may be over.
+            most = IDLE if free[row] else HELD
+            if stood[name] >= most and not free[row]:
+                most += SPREAD * random.Random(name).random()
+            if stood[name] >= most:
+                goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
         self._stood, self._goes = stood, goes
-        most_met = np.array([goes[name][1] if name in goes else 0.0 for name in users.ids], np.float64)
+        most_met = np.zeros(len(users))
+        if goes:
+            most_met[:] = [goes[name][1] if name in goes else 0.0 for name in users.ids]
         return np.where(prospects.route.closed | waits, 0.0, most_met)
 
 
