@@ -4,7 +4,7 @@ PYTHON ?= $(shell python3.11 -c "" 2>/dev/null && echo python3.11 || echo python
 
 demo: .venv/.installed
 	mkdir -p out
-	.venv/bin/slrl-sumo run intersection --agents 64 --steps 150 --seed 1 \
+	.venv/bin/slrl-sumo run district --agents 64 --steps 150 --seed 1 \
 		--fcd out/fcd.xml --summary out/summary.json --report out/report
 
 test: .venv/.installed-dev

@@ -13,7 +13,9 @@ import sumo
 import torch
 
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.simulation import driver  # noqa: F401 (imports what is compiled)
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.world.compiled import first_time
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 CopyScenario = Callable[..., Path]
@@ -23,6 +25,16 @@ CopyScenario = Callable[..., Path]
 def _one_thread() -> None:
     """As in a run: models are so small that more threads only wait for each other, on busy cores ten times longer."""
     torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled() -> None:
+    """The inner loops, once on a new machine: the first run says so, and takes longer."""
+    if first_time():
+        command = [sys.executable, "-m", "slrl_sumo.cli", "run", "intersection", "--agents", "16", "--steps", "3"]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        assert "note: the inner loops are being compiled" in done.stderr
+        assert "compiled" not in subprocess.run(command, capture_output=True, text=True, check=True).stderr
 
 
 @pytest.fixture(scope="session")

@@ -7,17 +7,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from slrl_sumo.analysis.bench_process import DoesNotFit, Ready, Workload
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.perception.raster import COLS, FINE, ROWS
+from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS, FINE
 from slrl_sumo.records.fcd_write import FcdWriter
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import make_driver, usual_selector
@@ -106,12 +106,12 @@ def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, 
     learned = simulation.population.world
     observation = simulation.observe(np.arange(len(learned)), with_image=True)
     roadmap = simulation.roadmap
-    tile = roadmap._tile(*(int(c // roadmap.core) for c in (learned.x[0], learned.y[0])))
+    ground = np.zeros((round((roadmap.core + 2.0 * roadmap.margin) * roadmap.resolution),) * 2, np.uint8)
     moves, sumo_steps = _bare_sumo(session, learned, min(steps, REPEATS))
     return {
         "moves": session.substeps * moves,
         "sumo": session.substeps * sumo_steps,
-        "crops": _seconds(lambda: _bare_crops(tile, learned.heading, roadmap.resolution)),
+        "crops": _seconds(lambda: _bare_crops(ground, learned.heading, roadmap.resolution)),
         **_bare_models(bundle, observation),
     }
 
@@ -145,15 +145,15 @@ def _bare_sumo(session: SumoSession, learned: WorldState, steps: int) -> tuple[f
     return moves, sumo_steps
 
 
-def _bare_crops(tile: Any, heading: Floats, resolution: float) -> None:
-    """One affine crop a road user, of the size that images are drawn in, out of the middle of one tile."""
-    crop = np.empty((ROWS, COLS), np.uint8)
-    scale, middle = resolution / FINE, 0.5 * len(tile)
+def _bare_crops(ground: NDArray[np.uint8], heading: Floats, resolution: float) -> None:
+    """One affine crop a road user, of the size that images are drawn in, out of the middle of a tile of ground."""
+    crop = np.empty((FINE * EGO_ROWS, FINE * EGO_COLS), np.uint8)
+    scale, middle = resolution / FINE, 0.5 * len(ground)
     c, s = scale * np.cos(heading), scale * np.sin(heading)
     for matrix in np.stack(
         [np.stack([c, s, np.full_like(c, middle)], 1), np.stack([s, -c, np.full_like(c, middle)], 1)], 1
     ):
-        cv2.warpAffine(tile, matrix, (COLS, ROWS), dst=crop, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        cv2.warpAffine(ground, matrix, crop.shape[::-1], dst=crop, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
 
 
 def _bare_models(bundle: ModelBundle, observation: Observation) -> dict[str, float]:

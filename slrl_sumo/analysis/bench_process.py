@@ -1,7 +1,6 @@
 """One measurement in a process of its own: with its own peak of memory, and its own simulation."""
 
 import multiprocessing
-import os
 import signal
 import tempfile
 import traceback
@@ -12,10 +11,10 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Barrier
-from pathlib import Path
 from typing import Any, TypeVar
 
 from slrl_sumo.errors import SlrlError, SumoError
+from slrl_sumo.simulation.child import settle_in
 
 Result = TypeVar("Result")
 Ready = Callable[[], object]
@@ -98,12 +97,8 @@ def _received(pipe: Connection, work: Workload) -> Any:
 def _serve(
     sender: Connection, measure: Callable[[Workload, Ready], object], work: Workload, barrier: Barrier, folder: str
 ) -> None:
-    """The child. What SUMO's C++ code prints would tear the parent's progress bar apart."""
-    tempfile.tempdir = folder
-    descriptor = os.open(Path(folder) / "printed", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for number in (1, 2):
-        os.dup2(descriptor, number)
-    os.close(descriptor)
+    """The child."""
+    settle_in(folder)
     answer: object
     try:
         answer = measure(work, barrier.wait)

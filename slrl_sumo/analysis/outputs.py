@@ -28,6 +28,7 @@ from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 if TYPE_CHECKING:
     from slrl_sumo.analysis.report import ReportBuilder
 
+FIRST_TIME = "the inner loops are being compiled for this machine; the next runs need not wait for that"
 VIEWS_AT = frozenset({10, 40, 80, 140})
 """Decisions before which the report takes a picture of what some road users see."""
 
@@ -62,7 +63,9 @@ def write_run(
     with ExitStack() as stack:
         caught = stack.enter_context(interruptible(patience=1))
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
-        events = stack.enter_context(closing(run_contained(settings, VIEWS_AT if report is not None else frozenset())))
+        pictured = report is not None
+        views_at = VIEWS_AT if pictured else frozenset[int]()
+        events = stack.enter_context(closing(run_contained(settings, views_at, with_surfaces=pictured)))
         try:
             started = next(events)
         except KeyboardInterrupt:
@@ -70,7 +73,8 @@ def write_run(
         assert isinstance(started, Started)
         begin = time.perf_counter()
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
-        for notice in () if quiet else started.notices:
+        notices = (*started.notices, *((FIRST_TIME,) if started.first_time else ()))
+        for notice in () if quiet else notices:
             with suppress(OSError):  # nobody reads stderr: that is no reason to stop
                 print(f"note: {notice}", file=sys.stderr)
         tally = Tally(started.step.world)

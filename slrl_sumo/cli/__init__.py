@@ -1,5 +1,6 @@
 """The command line: parses, calls, prints. Heavy modules are imported inside the commands, so that --help is quick."""
 
+import os
 import shlex
 import sys
 
@@ -12,6 +13,8 @@ from slrl_sumo.simulation.ray_address import LOCAL, may_be_address
 
 def main() -> None:
     """Entry point. Exit codes: 0 done, 1 wrong input (one line on stderr), 2 usage, 3 SUMO died."""
+    # PyTorch reads it when it is loaded. Threads that spin while they wait are several times slower on busy machines.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         app(with_ray_address(sys.argv[1:]))
     except InputError as error:

@@ -109,7 +109,9 @@ def train(
     seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
     config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
     device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
-    threads: Annotated[int, typer.Option(help="Threads of the policy's update.")] = 1,
+    threads: Annotated[
+        int | None, typer.Option(help="Of the policy's update. [default: as many as workers, which wait meanwhile]")
+    ] = None,
     recording: Annotated[
         list[Path] | None,
         typer.Option(help="Trajectories to imitate first, besides SUMO's own traffic in the networks."),
@@ -124,7 +126,11 @@ def train(
     from slrl_sumo.learning.train_settings import read_settings
 
     check_output(out)
-    for name, value, most in (("steps", steps, 10**12), ("workers", workers, 16_384), ("threads", threads, 1024)):
+    for name, value, most in (
+        ("steps", steps, 10**12),
+        ("workers", workers, 16_384),
+        ("threads", 1 if threads is None else threads, 1024),
+    ):
         if not 1 <= value <= most:
             raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
     if not 0 <= seed < 2**31:

@@ -1,8 +1,8 @@
 """One running simulation as an environment: every learned road user in it is one slot with episodes of its own."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from slrl_sumo.simulation.agility import agility
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.driver import Modes, prospects_of
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.lookahead import with_ahead
+from slrl_sumo.simulation.lookahead import Lookahead, look_ahead, told
 from slrl_sumo.simulation.onroute import Prospects, allowed_speed
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.tally import OWN_SURFACE
@@ -87,20 +87,20 @@ class Outcome:
 
 
 class _GivenModes:
-    """A driver that does what it is told: the modes of the next decision, chosen from the observation made before."""
+    """A driver that does what it is told: the modes of the next decision, chosen by the lookahead made before."""
 
     def __init__(self, bundle: ModelBundle) -> None:
-        self._bundle = bundle
         self.max_speed = bundle.max_speed
         self.max_length = np.inf
-        self.observation: Observation | None = None
+        self.ahead: Lookahead | None = None
         self.modes: NDArray[np.int64] | None = None
 
     def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
-        assert self.observation is not None
+        assert self.ahead is not None
         assert self.modes is not None
-        acceleration, yaw_rate = self._bundle.motion(self.observation, self.modes)
-        if self.observation.route is not None:
+        chosen = np.arange(len(self.modes)), self.modes
+        acceleration, yaw_rate = self.ahead.acceleration[chosen], self.ahead.yaw_rate[chosen]
+        if self.ahead.route is not None:
             acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
         max_speed = self.max_speed[learned.type]
         return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), self.modes
@@ -181,18 +181,16 @@ class Arena:
         self.simulation.population.world = replace(learned, speed=speed)
         self.simulation.world = self.simulation.population.world.join(background)
 
-    def _look(self) -> Observation:
-        """What everybody sees now, with the routes as they are now."""
-        world, n = self.simulation.world, len(self.simulation.population.world)
+    def _look(self, rows: NDArray[np.intp] | None = None) -> Observation:
+        """What the road users of the slots `rows`, or all, see now, and what each mode would lead to; with everybody's
+        routes as they are now."""
+        simulation, n = self.simulation, len(self.simulation.population.world)
         if self._routes is not None and self._able is not None:
-            self._prospects = prospects_of(self._routes, world, n, self._able)
-        return self._see(np.arange(n))
-
-    def _see(self, rows: NDArray[np.intp]) -> Observation:
-        """What the road users of the slots `rows` see now, and what each mode would lead to."""
-        simulation, prospects = self.simulation, self._prospects
+            self._prospects = prospects_of(self._routes, simulation.world, n, self._able)
+        prospects, rows = self._prospects, np.arange(n) if rows is None else rows
         seen = simulation.observe(rows, True, None if prospects is None else prospects.take(rows).way)
-        return with_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, prospects)
+        self._driver.ahead = look_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, prospects)
+        return told(seen, self._driver.ahead)
 
     def guidance(self) -> NDArray[np.float32]:
         """What speaks against each mode of everybody now, (n, modes), 0 or more; zeros without guidance."""
@@ -217,7 +215,7 @@ class Arena:
     def step(self, modes: NDArray[np.int64]) -> Outcome:
         """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
         log_probability = self._log_prior(modes)
-        self._driver.observation, self._driver.modes = self.observation, modes
+        self._driver.modes = modes
         self._before = self.simulation.population.world
         decision = self.simulation.decide()
         n = len(modes)
@@ -233,9 +231,8 @@ class Arena:
         truncated = (self._steps >= self._limit) & ~terminated
         ended = np.flatnonzero(terminated | truncated)
         steps, speed, final = self._steps.copy(), learned.speed, None
-        self.observation = self._look()
         if len(ended):
-            final = _rows(self.observation, ended)
+            final = self._look(ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
             self._stop_some(ended)
             if self._routes is not None:
@@ -243,7 +240,7 @@ class Arena:
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)
-            self.observation = self._look()
+        self.observation = self._look()
         self._touching = touching
         reward = rewards.weighted(terms, self.settings.weights)
         return Outcome(self.observation, reward, terms, terminated, truncated, final, steps, speed)
@@ -302,13 +299,6 @@ class Arena:
         return ego_picture(self.observation.image[slot])
 
 
-def _rows(observation: Observation, rows: NDArray[np.intp]) -> Observation:
-    """What some of those who observed have seen."""
-    seen: dict[str, Any] = {item.name: getattr(observation, item.name) for item in fields(observation)}
-    some: dict[str, Any] = {name: None if value is None else value[rows] for name, value in seen.items()}
-    return Observation(**some)
-
-
 def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Heading (rad) and speed limit (m/s) of the nearest lane for the type of each of n road users, and whether it is
     on a lane with a direction, (n,) each. Pedestrians walk either way; junctions have no lanes here."""
@@ -320,7 +310,7 @@ def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Float
             continue
         nearest = source.nearest(users.x[rows], users.y[rows])[:, 0]
         heading[rows] = source.heading[nearest]
-        limit[rows] = np.array([lane.max_speed for lane in source.lanes])[source.lane[nearest]]
+        limit[rows] = source.max_speed(nearest)
         if kind != RoadUserType.PEDESTRIAN:
             on_lane[rows] = source.lanes_under(users.x[rows], users.y[rows]) >= 0
     return heading, limit, on_lane

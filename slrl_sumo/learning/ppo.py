@@ -154,7 +154,7 @@ class Agent(Actor):
     def __init__(self, policy: Policy, prior: Prior, settings: PpoSettings, device: torch.device) -> None:
         super().__init__(policy, prior, settings.explore, device)
         self.begin = copy.deepcopy(policy).requires_grad_(False)
-        self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5)
+        self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5, fused=True)
 
     def teacher_logits(self, seen: dict[str, Tensor], guidance: Tensor) -> Tensor:
         """Log probabilities (n, modes) of the teacher: see PpoSettings.kl_coef."""

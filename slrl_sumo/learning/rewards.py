@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.world.contacts import close_pairs
-from slrl_sumo.world.geometry import Floats, boxes_overlap, to_ego, wrap_angle
+from slrl_sumo.world.geometry import Floats, boxes_overlap, cos_sin, to_ego, wrap_angle
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
@@ -123,20 +123,22 @@ def danger(world: WorldState, n: int) -> Floats:
     room = 0.5 * (np.hypot(world.length, world.width)[ego] + np.hypot(world.length, world.width)[other])
     near = apart - room - 2 * MARGIN < (world.speed[ego] + world.speed[other]) * HORIZON
     ego, other = ego[near], other[near]
-    for ahead_s in np.arange(HORIZON, 0.0, -DECISION_INTERVAL):
-        boxes = _led_on(world, float(ahead_s))
-        hit = boxes_overlap(boxes[ego], boxes[other])
-        result[ego[hit]] = -(1.0 - (ahead_s - DECISION_INTERVAL) / HORIZON)
+    seconds = np.arange(HORIZON, 0.0, -DECISION_INTERVAL)
+    boxes = _led_on(world, seconds)
+    hit = boxes_overlap(boxes[:, ego].reshape(-1, 5), boxes[:, other].reshape(-1, 5)).reshape(len(seconds), -1)
+    for ahead_s, meets in zip(seconds, hit, strict=True):
+        result[ego[meets]] = -(1.0 - (ahead_s - DECISION_INTERVAL) / HORIZON)
     return result
 
 
-def _led_on(world: WorldState, seconds: float) -> Floats:
-    """Boxes (m, 5), half of MARGIN larger on all sides, after some seconds at constant speed and yaw rate."""
-    turn = world.yaw_rate * seconds
-    middle = world.heading + 0.5 * turn
-    x = world.x + world.speed * seconds * np.cos(middle)
-    y = world.y + world.speed * seconds * np.sin(middle)
-    return np.column_stack([x, y, world.heading + turn, world.length + MARGIN, world.width + MARGIN])
+def _led_on(world: WorldState, seconds: Floats) -> Floats:
+    """Boxes (s, m, 5), half of MARGIN larger on all sides, after some seconds (s,) at constant speed and yaw rate."""
+    boxes = np.empty((len(seconds), len(world), 5))
+    turn, way = world.yaw_rate * seconds[:, None], world.speed * seconds[:, None]
+    c, s = cos_sin(world.heading + 0.5 * turn)
+    boxes[..., 0], boxes[..., 1], boxes[..., 2] = world.x + way * c, world.y + way * s, world.heading + turn
+    boxes[..., 3], boxes[..., 4] = world.length + MARGIN, world.width + MARGIN
+    return boxes
 
 
 def speed_kept(speed: Floats, desired: Floats) -> Floats:

@@ -54,9 +54,10 @@ class TrainRequest:
     workers: int = 2
     seed: int = 1
     device: str = "auto"
-    threads: int = 1
-    """Of PyTorch in the update. More pay only where as many cores are idle: threads that wait for each other on busy
-    cores made updates ten times slower."""
+    threads: int | None = None
+    """Of PyTorch in the update; None: as many as workers, which wait meanwhile, but no more than there are cores. On
+    cores that others keep busy, threads that wait for each other make updates slower; by ten times where they spin
+    (OMP_WAIT_POLICY)."""
 
     recordings: tuple[Path, ...] = ()
     """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
@@ -87,7 +88,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     state = _prepare(folder, record, resume)
     scenarios = _scenarios(request.scenarios, settings, folder / "networks")
     device = _device(request.device)
-    torch.set_num_threads(request.threads)
+    torch.set_num_threads(request.threads or min(request.workers, os.cpu_count() or 1))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(request.seed)
         policy = Policy(replace(settings.policy, modes=bundle.config.modes))

@@ -1,9 +1,12 @@
 """What a road user knows as numbers: its own motion and how many others are near (paper, section 3.1)."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from slrl_sumo.world.compiled import compiled
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import RoadUserType
 
@@ -33,32 +36,42 @@ def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64]
     All road users of the world are counted, learned or background, except the road user itself. Where `world` holds
     several scenes that do not see each other, `scene` (n,) says which one each road user belongs to.
     """
-    table = np.zeros((len(rows), len(FEATURES)), np.float32)
-    if len(rows) == 0:
-        return table
-    own_type = world.type[rows]
-    table[:, 0] = world.speed[rows]
-    table[:, 1] = world.acceleration[rows]
-    table[np.arange(len(rows)), 2 + own_type] = 1.0
-    table[:, 5] = world.heading[rows]
-    table[:, 6:] = _counts(world, rows, scene)
+    scene = np.zeros(len(world), np.int64) if scene is None else scene
+    # Scene by scene, from west to east: who is near is found side by side.
+    order = np.lexsort((world.x, scene))
+    own = np.column_stack([world.speed, world.acceleration, world.heading])
+    return _table(own, world.x, world.y, world.type, scene, rows, order, int(RoadUserType.CAR))
+
+
+@compiled
+def _table(
+    own: Floats,
+    x: Floats,
+    y: Floats,
+    kinds: NDArray[np.int8],
+    scene: NDArray[np.int64],
+    rows: NDArray[np.intp],
+    order: NDArray[np.intp],
+    car: int,
+) -> NDArray[np.float32]:
+    """`own`: speed, acceleration and heading of everybody, (n, 3); `order`: everybody by scene, then by x."""
+    table = np.zeros((len(rows), 2 + 3 + 1 + 2 * len(RADII)), np.float32)
+    place = np.empty(len(order), np.intp)
+    place[order] = np.arange(len(order))
+    for i in range(len(rows)):
+        ego = rows[i]
+        table[i, 0], table[i, 1], table[i, 5] = own[ego, 0], own[ego, 1], own[ego, 2]
+        table[i, 2 + kinds[ego]] = 1.0
+        for step in (-1, 1):
+            k = place[ego] + step
+            while 0 <= k < len(order):
+                other = order[k]
+                dx, dy = x[other] - x[ego], y[other] - y[ego]
+                if abs(dx) > RADII[-1] or scene[other] != scene[ego]:
+                    break
+                distance = math.sqrt(dx * dx + dy * dy)
+                first = 6 + len(RADII) * (kinds[other] == car)
+                for ring in range(len(RADII)):
+                    table[i, first + ring] += distance <= RADII[ring]
+                k += step
     return table
-
-
-def _counts(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None) -> NDArray[np.intp]:
-    """VRUs within each radius, then non-VRUs within each radius, (len(rows), 6)."""
-    # Scenes lie one above the other, out of sight: within one the distances are those in the plane, to the bit.
-    height = [] if scene is None else [4 * RADII[-1] * scene]
-    everyone = np.stack([world.x, world.y, *height], axis=1)
-    # One search for the largest radius, then counting by ring: several times quicker than a search per radius and kind.
-    # Distances are compared again below, so the search may be a little wider than the radius.
-    pairs = cKDTree(everyone[rows]).sparse_distance_matrix(
-        cKDTree(everyone), RADII[-1] * (1 + 1e-9), output_type="ndarray"
-    )
-    ego, other = pairs["i"], pairs["j"]
-    ring = np.searchsorted(RADII, pairs["v"])  # 0: within the first radius, …, len(RADII): beyond the last
-    kind = (world.type[other] == RoadUserType.CAR).astype(np.intp)
-    counted = (ring < len(RADII)) & (rows[ego] != other)
-    cell = ((ego * 2 + kind) * len(RADII) + ring)[counted]
-    by_ring = np.bincount(cell, minlength=len(rows) * 2 * len(RADII)).reshape(len(rows), 2, len(RADII))
-    return by_ring.cumsum(axis=2).reshape(len(rows), 2 * len(RADII))

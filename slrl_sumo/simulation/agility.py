@@ -1,5 +1,6 @@
 """What curves the models of a bundle can take, and paths and speeds that ask no more of them."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.world.advance import halting
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import CHORD, HERE, SPACING, Complexes, RouteAhead, bend
+from slrl_sumo.world.route import HERE, SPACING, RouteAhead
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -38,10 +40,11 @@ REACTION = 2 * DECISION_INTERVAL
 """s before braking shows."""
 PASSES = 60
 """Times at most that a path is smoothed."""
-WIDE = np.ones(7)
-"""As many points round a sharp one are smoothed."""
-SELDOM = 4
-"""Passes after which it is looked who is round enough."""
+BESIDE = 3
+"""As many points to either side of a sharp one are smoothed as well."""
+CHORD = 3
+"""Points from one end to the other of the chords by which curves are measured: lanes are drawn with corners."""
+_STOPPING = np.tile(STOPPING, (len(RoadUserType), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +59,11 @@ class Agility:
 
     def speed_within(self, distance: Floats, kind: NDArray[np.int8]) -> Floats:
         """m/s from which the types `kind` (n,) come to a stand within `distance` (n, m) in m: (n, m)."""
-        result = np.empty(distance.shape)
-        for one in RoadUserType:
-            rows = kind == one
-            result[rows] = np.interp(distance[rows], self.stopping[one], STOPPING)
-        return result
+        return _interpolated(np.ascontiguousarray(self.stopping), _STOPPING, kind, np.ascontiguousarray(distance))
 
     def stop_from(self, speed: Floats, kind: NDArray[np.int8]) -> Floats:
         """m to a stand from speeds (n, m) in m/s, for the types `kind` (n,): (n, m)."""
-        result = np.empty(speed.shape)
-        for one in RoadUserType:
-            rows = kind == one
-            result[rows] = np.interp(speed[rows], STOPPING, self.stopping[one])
-        return result
+        return _interpolated(_STOPPING, np.ascontiguousarray(self.stopping), kind, np.ascontiguousarray(speed))
 
 
 def agility(bundle: ModelBundle) -> Agility:
@@ -85,7 +80,8 @@ def agility(bundle: ModelBundle) -> Agility:
         stopping[kind] = _stopping(bundle, kind)
     # Who can take a curve at some speed can do so at any lower one: it speeds up first.
     usual = np.median(sharpest, axis=0)
-    return Agility(np.maximum.accumulate(usual[..., ::-1], axis=-1)[..., ::-1], stopping)
+    falling = np.maximum.accumulate(usual[..., ::-1], axis=-1)[..., ::-1]
+    return Agility(np.ascontiguousarray(falling), stopping)
 
 
 def _stopping(bundle: ModelBundle, kind: RoadUserType) -> Floats:
@@ -122,57 +118,133 @@ def fitted(route: RouteAhead, users: WorldState, able: Agility) -> RouteAhead:
 
     Pedestrians' paths stay as they are.
     """
-    n = len(route)
-    rows = np.flatnonzero(route.known & (users.type[:n] != RoadUserType.PEDESTRIAN))
-    if not len(rows):
+    drives = route.known & (users.type[: len(route)] != RoadUserType.PEDESTRIAN)
+    if not drives.any():
         return route
-    kind, speed = users.type[rows], users.speed[rows]
-    limit = SPARE * able.sharpest[kind, :, 0]
-    path = _rounded(route.x[rows] + 1j * route.y[rows], limit)
-    signed = bend(path)[:, HERE:]
-    # The highest speed at which each curve is still possible.
-    allowed = np.empty(signed.shape)
-    for one in np.unique(kind):
-        for side, sign in enumerate((-1.0, 1.0)):
-            here = (kind == one)[:, None] & ((signed < 0.0) == (sign < 0.0))
-            possible = SPARE * able.sharpest[one, side]
-            fastest = np.searchsorted(-possible, -sign * signed[here], side="right") - 1
-            # Where no speed will do, the highest one of those at which they turn best: slower ones do not help.
-            nimble = np.searchsorted(-possible, -NIMBLE * possible[0], side="right") - 1
-            allowed[here] = SPEEDS[np.maximum(fastest, nimble)]
-    allowed[np.abs(signed) < STRAIGHT] = SPEEDS[-1]
-    allowed = np.maximum(np.minimum(allowed, np.sqrt(COMFORT / np.maximum(np.abs(signed), 1e-6))), SLOWEST)
-    distance = np.arange(signed.shape[1]) * SPACING - REACTION * speed[:, None]
-    slowing = np.sqrt(allowed**2 + 2.0 * BRAKING[kind, None] * np.maximum(distance, 0.0)).min(axis=1)
     x, y, desired = route.x.copy(), route.y.copy(), route.desired.copy()
-    x[rows], y[rows], desired[rows] = path.real, path.imag, np.minimum(desired[rows], slowing)
+    sharpest = np.ascontiguousarray(able.sharpest)
+    # What other modules say must not be a constant of the compiled function.
+    _fit(x, y, desired, np.flatnonzero(drives), users.type, users.speed, sharpest, HERE, SPACING, REACTION)
     return replace(route, x=x, y=y, desired=desired)
 
 
-def _rounded(path: Complexes, limit: Floats) -> Complexes:
-    """Paths drawn like an elastic band where they are sharper than `limit`, until they are not.
+@compiled
+def _fit(
+    x: Floats,
+    y: Floats,
+    desired: Floats,
+    rows: NDArray[np.intp],
+    kinds: NDArray[np.int8],
+    speed: Floats,
+    sharpest: Floats,
+    here: int,
+    spacing: float,
+    reaction: float,
+) -> None:
+    """Round the paths `rows` of x and y, (n, points), and lower `desired`, (n,), to what their curves allow."""
+    points = x.shape[1]
+    bends, sharp = np.empty((3, points)), np.empty(points, np.bool_)
+    for row in rows:
+        kind = kinds[row]
+        right, left = sharpest[kind, 0], sharpest[kind, 1]
+        _round(x[row], y[row], SPARE * right[0], SPARE * left[0], bends, sharp)
+        _bend(x[row], y[row], bends)
+        slowest = math.inf
+        for k in range(here, points):
+            allowed, straight = SPEEDS[-1], True
+            if k < points - CHORD:
+                # Most are straight: an angle is smaller than its tangent, and that is known without libm.
+                straight = bends[0, k] > 0.0 and abs(bends[1, k]) < 0.99 * STRAIGHT * bends[2, k] * bends[0, k]
+            if not straight:
+                signed = math.atan2(bends[1, k], bends[0, k]) / bends[2, k]
+                if abs(signed) >= STRAIGHT:
+                    allowed = min(
+                        _fastest(abs(signed), right if signed < 0.0 else left), math.sqrt(COMFORT / abs(signed))
+                    )
+            distance = max((k - here) * spacing - reaction * speed[row], 0.0)
+            slowest = min(slowest, max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kind] * distance)
+        desired[row] = min(desired[row], math.sqrt(slowest))
 
-    `path`: x + iy in m, (n, points); `limit`: 1/m, to the right and to the left, (n, 2).
+
+@compiled
+def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp: NDArray[np.bool_]) -> None:
+    """Draw one path like an elastic band where it is sharper than `right` and `left` (1/m), until it is not.
+
+    `bends` (3, points) and `sharp` (points,) are room to work in.
     """
-    path, inner = path.copy(), slice(CHORD, -CHORD)
-    # Paths are laid end to end: what is computed across their ends is sharper than nothing there, and moves nothing.
-    low, high, share = np.full(path.shape, -np.inf), np.full(path.shape, np.inf), np.zeros(path.shape)
-    low[:, inner], high[:, inner], share[:, 1:-1] = -limit[:, :1], limit[:, 1:], 0.25
-    rows, some = np.arange(len(path)), path.copy()
-    for count in range(PASSES):
-        curve = bend(some.ravel())
-        sharp = (curve > high.ravel()) | (curve < low.ravel())
-        # Round the points beside sharp ones as well: the turn spreads to both sides.
-        sharp = np.convolve(sharp, WIDE, "same") > 0.0
-        if count % SELDOM == 0:
-            still = sharp.reshape(some.shape).any(axis=1)
-            path[rows], rows = some, rows[still]
-            if not len(rows):
-                return path
-            some, low, high, share = some[still], low[still], high[still], share[still]
-            sharp = sharp.reshape(-1, path.shape[1])[still].ravel()
-        line = some.reshape(-1)
-        step = line[1:] - line[:-1]
-        line[1:-1] += (sharp * share.ravel())[1:-1] * (step[1:] - step[:-1])
-    path[rows] = some
-    return path
+    points = len(x)
+    for _ in range(PASSES):
+        _bend(x, y, bends)
+        sharp[:] = False
+        first, last = points, 0
+        for k in range(CHORD, points - CHORD):
+            most = bends[2, k] * bends[0, k]
+            if bends[0, k] > 0.0 and -right * most <= bends[1, k] <= left * most:
+                continue  # its tangent is small enough: so is the angle
+            curve = math.atan2(bends[1, k], bends[0, k]) / bends[2, k]
+            if -right <= curve <= left:
+                continue
+            # Round the points beside sharp ones as well: the turn spreads to both sides.
+            sharp[k - BESIDE : k + BESIDE + 1] = True
+            first, last = min(first, k - BESIDE), k + BESIDE
+        # The ends stay where they are.
+        before_x, before_y = x[max(first, 1) - 1], y[max(first, 1) - 1]
+        if first == points:
+            return
+        for k in range(max(first, 1), min(last, points - 2) + 1):
+            here_x, here_y = x[k], y[k]
+            if sharp[k]:
+                x[k] += 0.25 * ((x[k + 1] - here_x) - (here_x - before_x))
+                y[k] += 0.25 * ((y[k + 1] - here_y) - (here_y - before_y))
+            before_x, before_y = here_x, here_y
+
+
+@compiled
+def _bend(x: Floats, y: Floats, bends: Floats) -> None:
+    """Where chords of one path meet: cosine and sine of the turn to the left, times both lengths, and the mean length
+    (m), to rows 0 to 2 of `bends` (3, points), but for the CHORD points at the ends."""
+    for k in range(CHORD, len(x) - CHORD):
+        from_x, from_y = x[k] - x[k - CHORD], y[k] - y[k - CHORD]
+        to_x, to_y = x[k + CHORD] - x[k], y[k + CHORD] - y[k]
+        bends[0, k] = to_x * from_x + to_y * from_y
+        bends[1, k] = to_y * from_x - to_x * from_y
+        lengths = math.sqrt(to_x * to_x + to_y * to_y) + math.sqrt(from_x * from_x + from_y * from_y)
+        bends[2, k] = max(0.5 * lengths, 0.1)
+
+
+@compiled
+def _fastest(curve: float, sharpest: Floats) -> float:
+    """The highest speed (m/s) at which a curve (1/m) is still possible; `sharpest` falls with speed, as in Agility.
+
+    Where no speed will do, the highest one of those at which they turn best: slower ones do not help.
+    """
+    curve = min(curve, NIMBLE * SPARE * sharpest[0])
+    low, high = 0, len(sharpest)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if SPARE * sharpest[middle] >= curve:
+            low = middle
+        else:
+            high = middle
+    return float(SPEEDS[low])
+
+
+@compiled
+def _interpolated(x: Floats, y: Floats, kinds: NDArray[np.int8], places: Floats) -> Floats:
+    """Curves y over x, (types, points), of the types `kinds` (n,), at places (n, m); their end values beyond them."""
+    result = np.empty(places.shape)
+    last = x.shape[1] - 1
+    for i in range(len(places)):
+        kind = kinds[i]
+        for j in range(places.shape[1]):
+            place = min(max(places[i, j], x[kind, 0]), x[kind, last])
+            low, high = 0, last
+            while high - low > 1:
+                middle = (low + high) // 2
+                if x[kind, middle] <= place:
+                    low = middle
+                else:
+                    high = middle
+            slope = (y[kind, high] - y[kind, low]) / (x[kind, high] - x[kind, low])
+            result[i, j] = y[kind, low] + slope * (place - x[kind, low])
+    return result

@@ -8,19 +8,25 @@ import tempfile
 import traceback
 from collections.abc import Generator
 from contextlib import closing
+from dataclasses import replace
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from slrl_sumo.errors import InputError, SlrlError, SumoError
+from slrl_sumo.simulation.child import PRINTED, settle_in
 from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
+from slrl_sumo.world.surfaces import SurfaceShapes
 
 GRACE = 5.0
 """s that a process may take to end by itself."""
 
 
-def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
-    """The same events as `slrl_sumo.simulation.run.run`, from a child process.
+def run_contained(
+    settings: RunSettings, views_at: frozenset[int] = frozenset(), *, with_surfaces: bool = False
+) -> Generator[Event, None, None]:
+    """The same events as `slrl_sumo.simulation.run.run`, from a child process; Started.surfaces are left empty unless
+    `with_surfaces`: those of a city take 80 MiB in each of the two processes.
 
     Raises what `run` raises, InputError when SUMO crashes on loading, SumoError when the child dies later (segmentation
     fault, kill): the message says of what and at which simulation time, and RuntimeError with the child's traceback
@@ -33,7 +39,7 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
         folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
     except OSError as error:
         raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
-    child = context.Process(target=_serve, args=(sender, settings, views_at, str(folder)), daemon=True)
+    child = context.Process(target=_serve, args=(sender, settings, views_at, with_surfaces, str(folder)), daemon=True)
     # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask; the
     # tracker that comes with the first child would lift it again.
     resource_tracker.ensure_running()
@@ -80,25 +86,29 @@ def run_contained(settings: RunSettings, views_at: frozenset[int] = frozenset())
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _serve(sender: Connection, settings: RunSettings, views_at: frozenset[int], folder: str) -> None:
+def _serve(
+    sender: Connection, settings: RunSettings, views_at: frozenset[int], with_surfaces: bool, folder: str
+) -> None:
     """The child: sends every event, then None; or the error that ended the run, or the traceback of a bug."""
-    # Whatever SUMO leaves behind when it dies lies in a folder that the parent removes.
-    tempfile.tempdir = folder
-    _redirect_output(Path(folder) / "printed")
+    settle_in(folder)
     try:
-        sender.send(_send_events(sender, settings, views_at))
+        sender.send(_send_events(sender, settings, views_at, with_surfaces))
     except BrokenPipeError:
         # The parent has gone or wants no more; if it was killed, nobody else clears up.
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _send_events(sender: Connection, settings: RunSettings, views_at: frozenset[int]) -> SlrlError | str | None:
+def _send_events(
+    sender: Connection, settings: RunSettings, views_at: frozenset[int], with_surfaces: bool
+) -> SlrlError | str | None:
     """Send every event; returns what is to be said in the end."""
     try:
         from slrl_sumo.simulation.run import run
 
         with closing(run(settings, views_at)) as events:
             for event in events:
+                if isinstance(event, Started) and not with_surfaces:
+                    event = replace(event, surfaces=SurfaceShapes(()))
                 sender.send(event)
     except SlrlError as error:
         return error
@@ -119,14 +129,6 @@ def _open_closed_streams() -> None:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
-def _redirect_output(file: Path) -> None:
-    """What SUMO's C++ code prints would tear the parent's progress bar apart; its last words are kept in a file."""
-    descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for number in (1, 2):
-        os.dup2(descriptor, number)
-    os.close(descriptor)
-
-
 def _epitaph(exitcode: int | None, time: float | None, folder: Path) -> str:
     """One line on how the child died."""
     when = "while it was loading" if time is None else f"after {time:g} s of simulation time"
@@ -136,7 +138,7 @@ def _epitaph(exitcode: int | None, time: float | None, folder: Path) -> str:
         if exitcode == -signal.SIGKILL:
             how += ": somebody killed it, or it took too much memory"
     try:
-        printed = (folder / "printed").read_text(errors="replace").splitlines()
+        printed = (folder / PRINTED).read_text(errors="replace").splitlines()
     except OSError:
         printed = []
     words = [line.removeprefix("Error:").strip() for line in printed if line.startswith("Error:")]

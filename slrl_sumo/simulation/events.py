@@ -68,10 +68,13 @@ class Started:
     notices: tuple[str, ...]
     """What was changed in the scenario, or decided for the user; one line each."""
     surfaces: SurfaceShapes
+    """The ground; from another process only where it was asked for."""
     step: Step
     """Everybody at the start."""
     mode_centres: NDArray[np.float64] | None = None
     """Where each mode leads to in 4.8 s, in the ego frame, m, (3, modes, 2); None where the driver knows no modes."""
+    first_time: bool = False
+    """Whether the inner loops are yet to be compiled for this machine, during the first decisions."""
 
 
 @dataclass(frozen=True)

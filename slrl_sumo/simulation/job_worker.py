@@ -1,7 +1,6 @@
 """A process that does jobs: libsumo holds one simulation per process, and SUMO may take its process along."""
 
 import multiprocessing
-import os
 import pickle
 import shutil
 import signal
@@ -11,10 +10,10 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.simulation.child import settle_in
 
 LIFE = 500
 """Jobs after which a process is replaced: SUMO and its libraries do not give back all memory."""
@@ -90,12 +89,7 @@ class JobWorker:
 
 def _serve(pipe: Connection, work: bytes, folder: str) -> None:
     """The process: does what it is sent until the other side is closed."""
-    tempfile.tempdir = folder
-    # What SUMO's C++ code prints would tear the parent's progress bar apart.
-    descriptor = os.open(Path(folder) / "printed", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for number in (1, 2):
-        os.dup2(descriptor, number)
-    os.close(descriptor)
+    settle_in(folder)
     perform: list[Callable[[Any], Any]] = []
     try:
         while True:

@@ -7,8 +7,9 @@ from slrl_sumo.simulation.courses import STEPS, Courses
 from slrl_sumo.simulation.tally import OWN_SURFACE
 from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.roadmap import Ids, RoadMap
+from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.route import HERE, SPACING, RouteAhead
+from slrl_sumo.world.tiles import Ids
 
 NEAR = 3
 """Intervals, 1.2 s, in which who has a route must not leave its surface: later it turns with its path."""

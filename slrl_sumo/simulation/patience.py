@@ -1,6 +1,7 @@
 """Who has stood long enough: road users that wait for nothing, or for each other, go on."""
 
 import random
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,17 +56,19 @@ class Patience:
         }
         for row in rows:
             name = users.ids[row]
-            # The draw takes its time: only where it may be over.
-            most = IDLE if free[row] else HELD
-            if stood[name] >= most and not free[row]:
-                most += SPREAD * random.Random(name).random()
-            if stood[name] >= most:
+            if stood[name] >= (IDLE if free[row] else _held(name)):
                 goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
         self._stood, self._goes = stood, goes
         most_met = np.zeros(len(users))
         if goes:
             most_met[:] = [goes[name][1] if name in goes else 0.0 for name in users.ids]
         return np.where(prospects.route.closed | waits, 0.0, most_met)
+
+
+@lru_cache(100_000)
+def _held(name: str) -> float:
+    """s that a road user of this id stands before others."""
+    return HELD + SPREAD * random.Random(name).random()
 
 
 def going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:

@@ -21,7 +21,7 @@ CYCLING = 5.6
 """m/s of bicycles that we added: their type has no speed of its own."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Drive:
     """What the driver knows of one vehicle."""
 
@@ -79,9 +79,10 @@ class Drives:
         drive = self._drives.get(road_user)
         if drive is None or drive.held or road_user.startswith("learned_"):
             return math.inf
-        last = self._graph.lanes[drive.way.lanes[-1]].edge
-        ends = last == drive.edges[-1] if drive.edges else last == self._graph.lanes[drive.way.lanes[0]].edge
-        return drive.way.end - drive.s if ends else math.inf
+        way, lanes = drive.way, self._graph.lanes
+        last = lanes[way.lanes[-1]].edge
+        ends = last == (drive.edges[-1] if drive.edges else lanes[way.lanes[0]].edge)
+        return way.end - drive.s if ends else math.inf
 
     def known(self, state: WorldState, i: int) -> Drive:
         """What is known of the vehicle in row `i` of `state`, brought up to date; asked of SUMO where it is new."""
@@ -96,15 +97,16 @@ class Drives:
     def followed(self, state: WorldState, i: int, dt: float) -> Drive:
         """What is known of the vehicle in row `i` of `state`, which went where it wanted: `s` is that of its front,
         and `beside` that of its centre. `dt`: s since it was looked at last."""
-        road_user, half = state.ids[i], 0.5 * float(state.length[i])
-        x, y, speed = float(state.x[i]), float(state.y[i]), float(state.speed[i])
+        road_user, half = state.ids[i], 0.5 * state.length.item(i)
+        x, y, speed = state.x.item(i), state.y.item(i), state.speed.item(i)
         drive = self._drives.get(road_user)
         if drive is not None:
             begin = drive.s - half - 2.0
             place, drive.beside, distance = drive.way.line.place(x, y, begin, begin + 6.0 + 1.5 * speed * dt)
             if distance < ASTRAY:
                 drive.s = max(place + half, 0.0)
-                self._roll_on(road_user, drive, 2.0 * half)
+                if drive.s >= drive.way.ends[0]:
+                    self._roll_on(road_user, drive, 2.0 * half)
             else:
                 drive = None
         if drive is None:
@@ -205,7 +207,7 @@ class Drives:
     def choose_lane(self, road_user: str, drive: Drive, world: WorldState, i: int) -> None:
         """Begin to change to the lane that the route needs, where there is a gap."""
         lane = drive.way.lanes[0]
-        if lane.startswith(":") or drive.way.lane_at(drive.s) > 0 or abs(drive.beside) > 0.8 or not drive.edges:
+        if not drive.edges or lane.startswith(":") or drive.way.lane_at(drive.s) > 0 or abs(drive.beside) > 0.8:
             return
         edges = (self._graph.lanes[lane].edge, *drive.edges)
         target = self._graph.beside(lane, drive.vehicle_class, edges)

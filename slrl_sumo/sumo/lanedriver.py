@@ -55,6 +55,7 @@ class LaneDriver:
         are the distance that centres cover, over time.
         """
         self._pace.renew()
+        self._strolls.renew()
         x, y, heading = learned.x.copy(), learned.y.copy(), learned.heading.copy()
         walking = learned.type == RoadUserType.PEDESTRIAN
         for i in np.flatnonzero(walking).tolist():

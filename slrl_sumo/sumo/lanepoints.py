@@ -35,6 +35,7 @@ class LanePoints:
         self.x, self.y, self.heading, self.offset = (np.ascontiguousarray(c) for c in stacked.T)
         self.lane = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
+        self._max_speed = np.array([lane.max_speed for lane in self.lanes])
         self._spacing = spacing
         self._tree = None
         if len(stacked):
@@ -59,6 +60,10 @@ class LanePoints:
         count = min(count, len(self))
         _, rows = self._tree.query(np.column_stack([x, y]), k=np.arange(1, count + 1))
         return np.asarray(rows, np.intp)
+
+    def max_speed(self, rows: NDArray[np.intp]) -> Floats:
+        """Speed limit (m/s) of the lanes of the points `rows`."""
+        return self._max_speed[self.lane[rows]]
 
     def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
         """Index of the lane whose surface lies under each of n positions, -1 where none does."""

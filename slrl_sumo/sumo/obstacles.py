@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.sumo.meetings import MARGIN, approaching, meetings, predicted, speed_along
-from slrl_sumo.sumo.paths import SPACING, sweep
+from slrl_sumo.sumo.paths import SPACING
+from slrl_sumo.sumo.sweeps import sweep
 from slrl_sumo.sumo.yielding import MOMENTS, safe_speeds
 from slrl_sumo.world.geometry import Floats, cos_sin, front_from_centre
 from slrl_sumo.world.state import WorldState
@@ -20,7 +21,7 @@ GRAZE = 0.4
 
 @dataclass(frozen=True)
 class Approach:
-    """The ways of n driven vehicles, as `paths.sweep` wants them."""
+    """The ways of n driven vehicles, as `sweeps.sweep` wants them."""
 
     rows: NDArray[np.intp]
     """Their rows in the world, (n,)."""

@@ -81,8 +81,7 @@ class Pace:
     def _gates_near(self, drive: Drive, dt: float) -> list[tuple[Gate, float]]:
         """Gates that matter at the present speed, with the way to them in m."""
         look = _sight(drive.speed, drive.decel, dt) + 5.0
-        near = [(gate, gate.line - drive.s) for gate in drive.way.gates]
-        return [(gate, distance) for gate, distance in near if -0.5 < distance < look]
+        return [(gate, near) for gate in drive.way.gates if -0.5 < (near := gate.line - drive.s) < look]
 
     def leads_on(self, drive: Drive) -> bool:
         """Whether the lane under a vehicle leads on along its route; inside a junction it does, whatever follows."""

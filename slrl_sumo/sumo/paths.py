@@ -1,13 +1,12 @@
-"""The ways that vehicles are about to drive: centre lines along lanes and routes, and the boxes swept on them."""
+"""The ways that vehicles are about to drive: centre lines along lanes and routes."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.sumo.network import Lane, Network
-from slrl_sumo.world.geometry import Floats, cos_sin
+from slrl_sumo.world.geometry import Floats
 
 SPACING = 0.5
 """m between the points of a path."""
@@ -17,8 +16,6 @@ MOST_POINTS = 2_000_000
 """Paths kept at a time, counted in points (32 MB); beyond that they are forgotten and made again when needed."""
 MOST_LANES = 40
 """Of a path, where they are very short."""
-STRAIGHTENING = 15.0
-"""m in which a vehicle that drives beside its lane's centre is expected to have come back to it, at the latest."""
 
 
 class Paths:
@@ -129,69 +126,3 @@ def resampled(line: Floats, spacing: float) -> Floats:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
     s = np.arange(0.0, along[-1] + 1e-9, spacing)
     return np.column_stack([np.interp(s, along, line[:, 0]), np.interp(s, along, line[:, 1])])
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """Boxes of n vehicles at k places ahead, `SPACING` m apart, the first where they are now; arrays (n, k)."""
-
-    x: Floats
-    y: Floats
-    heading: Floats
-    width: Floats
-    """m; wider than the vehicle where it is not known how far beside the lane's centre it will drive."""
-    length: Floats
-    """m, (n,)."""
-    valid: NDArray[np.bool_]
-    """False past the end of a path."""
-
-
-def sweep(
-    path_x: Floats, path_y: Floats, room: Floats, front_x: Floats, front_y: Floats, heading: Floats, size: Floats
-) -> Sweep:
-    """The boxes that vehicles sweep on their paths.
-
-    `path_x`, `path_y`: points ahead, (n, k), the first beside the front; `room`: m to the path's end, (n,);
-    `front_x`, `front_y`, `heading`: the middle of the front edge and the direction now, (n,); `size`: rows of length
-    and width, (n, 2). Fronts follow the path, rears follow the fronts: long vehicles cut corners, as SUMO draws them.
-    """
-    k = path_x.shape[1]
-    s = SPACING * np.arange(k)
-    direction_x, direction_y = cos_sin(heading)
-    along_x, along_y = np.gradient(path_x, axis=1), np.gradient(path_y, axis=1)
-    norm = np.maximum(np.hypot(along_x, along_y), 1e-9)
-    along_x, along_y = along_x / norm, along_y / norm
-    # Against its lane (overtaking on the opposite side, or a path of one point): straight on is the better guess.
-    astray = along_x[:, 0] * direction_x + along_y[:, 0] * direction_y < 0.5
-    path_x = np.where(astray[:, None], front_x[:, None] + s * direction_x[:, None], path_x)
-    path_y = np.where(astray[:, None], front_y[:, None] + s * direction_y[:, None], path_y)
-    along_x = np.where(astray[:, None], direction_x[:, None], along_x)
-    along_y = np.where(astray[:, None], direction_y[:, None], along_y)
-
-    beside = (front_y - path_y[:, 0]) * along_x[:, 0] - (front_x - path_x[:, 0]) * along_y[:, 0]
-    kept = np.maximum(1.0 - s / STRAIGHTENING, 0.0)
-    # Between staying beside the centre and coming back to it: the box covers both.
-    lateral = beside[:, None] * (1.0 + kept) / 2.0
-    width = size[:, 1:] + np.abs(beside)[:, None] * (1.0 - kept)
-    fronts_x, fronts_y = path_x - lateral * along_y, path_y + lateral * along_x
-
-    length = size[:, 0]
-    before = np.arange(k) - np.rint(length / SPACING).astype(np.intp)[:, None]
-    back = np.maximum(before, 0)
-    still_behind = np.maximum(length[:, None] - s, 0.0)
-    rear_x = np.where(
-        before >= 0, np.take_along_axis(fronts_x, back, 1), front_x[:, None] - still_behind * direction_x[:, None]
-    )
-    rear_y = np.where(
-        before >= 0, np.take_along_axis(fronts_y, back, 1), front_y[:, None] - still_behind * direction_y[:, None]
-    )
-    turned = np.arctan2(fronts_y - rear_y, fronts_x - rear_x)
-    half, (turned_x, turned_y) = 0.5 * length[:, None], cos_sin(turned)
-    return Sweep(
-        x=fronts_x - half * turned_x,
-        y=fronts_y - half * turned_y,
-        heading=turned,
-        width=width,
-        length=length,
-        valid=(s <= room[:, None] + 1e-9) | astray[:, None] | (s == 0.0),
-    )

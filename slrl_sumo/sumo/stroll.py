@@ -23,7 +23,7 @@ STRAYED = 0.5
 """m from where it was moved to: somebody else moved the person, and its walk is looked for anew."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Stroll:
     """What is known of one person."""
 
@@ -44,11 +44,17 @@ class Strolls:
         self._ways = Walkways(api, network)
         self._network = network
         self._strolls: dict[str, Stroll] = {}
+        self._reds: dict[tuple[str, str], bool | None] = {}
+
+    def renew(self) -> None:
+        """Forget what was read of SUMO's last step."""
+        self._reds.clear()
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
         """Where a person at a position (m) with a heading (rad) is `dt` s later."""
         stroll = self._strolls.get(person)
-        if stroll is None or math.hypot(x - stroll.x, y - stroll.y) > STRAYED or self._is_out(person, stroll):
+        moved = math.inf if stroll is None else math.hypot(x - stroll.x, y - stroll.y)
+        if stroll is None or moved > STRAYED or (person.startswith("learned_") and _is_out(stroll)):
             stroll = self._strolls[person] = self._begin(person, x, y, heading)
         if stroll.walk is not None:
             x, y, heading = self._onward(stroll, stroll.walk, x, y, heading, dt)
@@ -58,14 +64,15 @@ class Strolls:
     def followed(self, person: str, x: float, y: float, heading: float) -> Stroll:
         """What is known of a person that goes where it wants, at a position (m), with a heading (rad)."""
         stroll = self._strolls.get(person)
-        if stroll is not None and stroll.walk is not None:
-            place, _, distance = stroll.walk.line.place(x, y, stroll.s - 2.0, stroll.s + 4.0)
+        if stroll is not None and (walk := stroll.walk) is not None:
+            place, _, distance = walk.line.place(x, y, stroll.s - 2.0, stroll.s + 4.0)
             if distance > ASTRAY:
                 # The walk is asked for once, when a person of the scenario is taken over: later it is cut.
-                place, _ = stroll.walk.line.nearest(x, y, stroll.s - 2.0)
+                place, _ = walk.line.nearest(x, y, stroll.s - 2.0)
             stroll.s = place
-        moved = stroll is None or math.hypot(x - stroll.x, y - stroll.y) > ASTRAY
-        if stroll is None or self._is_out(person, stroll) or (moved and person.startswith("learned_")):
+        if stroll is None or (
+            person.startswith("learned_") and (_is_out(stroll) or math.hypot(x - stroll.x, y - stroll.y) > ASTRAY)
+        ):
             stroll = self._strolls[person] = self._begin(person, x, y, heading)
         stroll.x, stroll.y = x, y
         return stroll
@@ -73,12 +80,13 @@ class Strolls:
     def stop(self, stroll: Stroll) -> tuple[float, float, bool]:
         """m to where a person must stop (inf: nowhere), m to the next crossing with a signal, and whether that is
         red."""
-        walk = stroll.walk
-        kerb = None if walk is None else next((kerb for kerb in walk.kerbs if kerb.s > stroll.s), None)
-        red = None if kerb is None else self._red(kerb)
-        if kerb is None or red is None:
-            return math.inf, math.inf, False
-        return (kerb.s - KERB - stroll.s if red else math.inf), kerb.s - stroll.s, red
+        for kerb in stroll.walk.kerbs if stroll.walk is not None else ():
+            if kerb.s > stroll.s:
+                red = self._red(kerb)
+                if red is None:
+                    break
+                return (kerb.s - KERB - stroll.s if red else math.inf), kerb.s - stroll.s, red
+        return math.inf, math.inf, False
 
     def left(self, person: str) -> float:
         """m that a person still has to walk on edges; inf for one not known, or who walks without destination."""
@@ -91,10 +99,6 @@ class Strolls:
         """Drop what is known of persons."""
         for person in ids:
             self._strolls.pop(person, None)
-
-    def _is_out(self, person: str, stroll: Stroll) -> bool:
-        """Walks without destination are drawn anew at their end."""
-        return person.startswith("learned_") and stroll.walk is not None and stroll.walk.line.end - stroll.s < 2.0 * AIM
 
     def _begin(self, person: str, x: float, y: float, heading: float) -> Stroll:
         if person.startswith("learned_"):
@@ -142,5 +146,14 @@ class Strolls:
 
     def _red(self, kerb: Kerb) -> bool | None:
         """Whether the signal at a crossing is red; None where there is none."""
-        shown = [link[5] for link in self._api.lane.getLinks(kerb.lane) if link[0] == kerb.crossing]
-        return any(state in "ru" for state in shown) if any(state in "gGyYru" for state in shown) else None
+        key = (kerb.lane, kerb.crossing)
+        if key not in self._reds:
+            shown = [link[5] for link in self._api.lane.getLinks(kerb.lane) if link[0] == kerb.crossing]
+            signal = any(state in "gGyYru" for state in shown)
+            self._reds[key] = any(state in "ru" for state in shown) if signal else None
+        return self._reds[key]
+
+
+def _is_out(stroll: Stroll) -> bool:
+    """Whether a walk without destination is at its end: it is drawn anew there."""
+    return stroll.walk is not None and stroll.walk.line.end - stroll.s < 2.0 * AIM

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from slrl_sumo.sumo.lines import Line, line_through
 from slrl_sumo.sumo.network import Lane, Network
-from slrl_sumo.sumo.ways import Line, line_through
 from slrl_sumo.world.surfaces import Surface
 
 WANDERING = 12

@@ -2,12 +2,12 @@
 
 import math
 import random
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections import OrderedDict
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from slrl_sumo.sumo.lines import Line, line_through
 from slrl_sumo.sumo.network import MOTOR_CLASSES, Lane, Network
 
 MOST_EDGES = 12
@@ -19,74 +19,6 @@ REACH = 150.0
 
 VIEW = 4.0
 """m beyond its end that a line goes on, so that vehicles see who walks across there."""
-
-
-@dataclass(frozen=True)
-class Line:
-    """A polyline that is at least one piece long; `s` is m along it. Lists, for their single items are what is read."""
-
-    x: list[float]
-    y: list[float]
-    s: list[float]
-
-    @property
-    def end(self) -> float:
-        """m along the line where it ends."""
-        return self.s[-1]
-
-    def at(self, s: float) -> tuple[float, float, float]:
-        """Position (m) and direction (rad) at `s`; straight on before the first and after the last point."""
-        i = min(max(bisect_right(self.s, s) - 1, 0), len(self.s) - 2)
-        dx, dy = self.x[i + 1] - self.x[i], self.y[i + 1] - self.y[i]
-        share = (s - self.s[i]) / (self.s[i + 1] - self.s[i])
-        return self.x[i] + share * dx, self.y[i] + share * dy, math.atan2(dy, dx)
-
-    def nearest(self, x: float, y: float, begin: float = -math.inf, end: float = math.inf) -> tuple[float, float]:
-        """Where on the line, between `begin` and `end`, a position is nearest: m along it, and m to the left of it."""
-        return self.place(x, y, begin, end)[:2]
-
-    def place(self, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
-        """As `nearest`, and m from there to the position (inf where nothing of the line lies between)."""
-        xs, ys, s = self.x, self.y, self.s
-        best, found, left = math.inf, max(s[0], begin), 0.0
-        # Only pieces of which something lies between.
-        for i in range(max(bisect_left(s, begin) - 1, 0), min(bisect_right(s, end), len(s) - 1)):
-            here = s[i]
-            dx, dy, step = xs[i + 1] - xs[i], ys[i + 1] - ys[i], s[i + 1] - here
-            px, py = x - xs[i], y - ys[i]
-            low, high = max(begin - here, 0.0), min(end - here, step)
-            along = min(max((px * dx + py * dy) / step, low), high)
-            distance = math.hypot(px - along * dx / step, py - along * dy / step)
-            if distance < best:
-                best, found, left = distance, here + along, (dx * py - dy * px) / step
-        return found, left, best
-
-    def between(self, begin: float, end: float) -> list[tuple[float, float]]:
-        """The points of the line from `begin` to `end`, both included."""
-        inner = [(self.x[i], self.y[i]) for i in range(len(self.s)) if begin < self.s[i] < end]
-        return [self.at(begin)[:2], *inner, self.at(end)[:2]]
-
-
-def line_through(points: Iterable[tuple[float, float]]) -> tuple[Line, list[float]]:
-    """A line, and how far along it each of the given points lies. Points closer than 5 cm become one.
-
-    Lanes meet in a point that both have; two equal points would have no direction between them.
-    """
-    x: list[float] = []
-    y: list[float] = []
-    s: list[float] = []
-    along = []
-    for px, py in points:
-        step = math.hypot(px - x[-1], py - y[-1]) if x else 0.0
-        if not x or step > 0.05:
-            x.append(px)
-            y.append(py)
-            s.append(s[-1] + step if s else 0.0)
-        along.append(s[-1])
-    if len(x) == 1:
-        # No extent: any direction will do.
-        x, y, s = [x[0], x[0] + 0.1], [y[0], y[0]], [0.0, 0.1]
-    return Line(x, y, s), along
 
 
 @dataclass(frozen=True)
@@ -124,6 +56,8 @@ class Way:
 
     def lane_at(self, s: float) -> int:
         """Index of the lane at `s`."""
+        if s < self.ends[0]:
+            return 0
         return min(bisect_right(self.ends, s), len(self.lanes) - 1)
 
 

@@ -7,6 +7,7 @@ the next `HORIZON`, and the speed of vehicles that would not stop in time is set
 force: a vehicle that is held drives as fast as set, or slower where SUMO wants that. See docs/yielding.md.
 """
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.sumo.meetings import approaching, meetings, predicted, speed_along
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.paths import SPACING, Paths, sweep
+from slrl_sumo.sumo.paths import SPACING, Paths
 from slrl_sumo.sumo.reader import Snapshot
+from slrl_sumo.sumo.sweeps import sweep
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.geometry import Floats, front_from_centre
 from slrl_sumo.world.state import WorldState
 
@@ -198,24 +201,42 @@ def safe_speeds(
     step (https://sumo.dlr.de/docs/Car-Following-Models.html); where `decel` does not suffice it is the least braking
     that does, up to the emergency deceleration.
     """
-    acceleration, comfortable, emergency = limits[:, :1], limits[:, 1:2], limits[:, 2:]
-    v = speed[:, None]
-    hard_gap = np.maximum(enter - SPACING, 1e-3)
-    needed = (v * v - leading * leading) / (2.0 * hard_gap)
-    # Who will only come later is met if it stays (last moment) or if the vehicle may be there at the same time ...
-    reached = v * MOMENTS + 0.5 * acceleration * MOMENTS**2 + STOP_SHORT
-    matters = (enter <= reached) | (MOMENTS == 0.0) | (MOMENTS >= HORIZON)
-    # ... and is not past before. Who can no longer stop had better go, even if it is a near thing.
-    ahead_by = np.where(needed > emergency, 0.0, AHEAD_BY)
-    matters &= (MOMENTS == 0.0) | (leave + SPACING >= v * np.maximum(MOMENTS - ahead_by, 0.0))
-    enter = np.where(matters, enter, np.inf)
-    gap = np.maximum(enter - STOP_SHORT, 0.0)
-    delay = comfortable * dt
-    target = np.sqrt(delay * delay + leading * leading + 2.0 * comfortable * gap) - delay
-    least = v - comfortable * dt
-    needed = np.clip(needed, comfortable, emergency)
-    hard = (target < least) & (needed > comfortable)
-    target = np.maximum(np.where(target < least, v - needed * dt, target), 0.0)
-    which = np.argmin(target, axis=1)
-    pick = np.arange(len(target)), which
-    return target[pick], hard[pick]
+    return _safe_speeds(enter, leave, speed, leading, limits, dt, MOMENTS, SPACING)
+
+
+@compiled
+def _safe_speeds(
+    enter: Floats,
+    leave: Floats,
+    speed: Floats,
+    leading: Floats,
+    limits: Floats,
+    dt: float,
+    moments: Floats,
+    spacing: float,
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """See `safe_speeds`."""
+    targets, hard = np.full(len(speed), np.inf), np.zeros(len(speed), np.bool_)
+    for p, v in enumerate(speed):
+        acceleration, comfortable, emergency = limits[p, 0], limits[p, 1], limits[p, 2]
+        delay = comfortable * dt
+        for m, moment in enumerate(moments):
+            first, following = enter[p, m], leading[p, m]
+            needed = (v * v - following * following) / (2.0 * max(first - spacing, 1e-3))
+            # Who will only come later is met if it stays (last moment), or if the vehicle may be there then ...
+            now, last = moment == 0.0, moment >= HORIZON
+            matters = now or last or first <= v * moment + 0.5 * acceleration * moment * moment + STOP_SHORT
+            # ... and is not past before. Who can no longer stop had better go, even if it is a near thing.
+            ahead_by = 0.0 if needed > emergency else AHEAD_BY
+            if not matters or not (now or leave[p, m] + spacing >= v * max(moment - ahead_by, 0.0)):
+                continue
+            gap = max(first - STOP_SHORT, 0.0)
+            target = math.sqrt(delay * delay + following * following + 2.0 * comfortable * gap) - delay
+            needed = min(max(needed, comfortable), emergency)
+            breaks = target < v - comfortable * dt
+            if breaks:
+                target = v - needed * dt
+            target = max(target, 0.0)
+            if target < targets[p]:
+                targets[p], hard[p] = target, breaks and needed > comfortable
+    return targets, hard

@@ -1,12 +1,15 @@
 """Inner loops that numba compiles to machine code, once per machine."""
 
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
 
 from numba import njit
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+_FUNCTIONS: list[Any] = []
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -17,5 +20,22 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     arguments (tests/world/test_compiled.py sees to it). Divisions by zero give inf or nan as in numpy; there are no
     bounds checks, so indices must be right. With NUMBA_DISABLE_JIT=1 it runs as Python, for debugging.
     """
-    machine_code: Callable[P, R] = njit(cache=True, error_model="numpy")(function)
+    machine_code: Callable[P, R]
+    try:
+        machine_code = njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:  # nowhere to keep it: neither the package nor the user has a folder to write into
+        machine_code = njit(error_model="numpy")(function)
+    _FUNCTIONS.append(machine_code)
     return machine_code
+
+
+def first_time() -> bool:
+    """Whether this machine has none of the compiled functions that have been imported yet: they will take a while."""
+    return bool(_FUNCTIONS) and not any(_kept(function) for function in _FUNCTIONS)
+
+
+def _kept(function: Any) -> bool:
+    if not hasattr(function, "stats"):  # NUMBA_DISABLE_JIT
+        return True
+    folder, code = function.stats.cache_path, function.py_func.__code__
+    return folder is not None and any(Path(folder).glob(f"*.{code.co_name}-{code.co_firstlineno}.py*.nbi"))

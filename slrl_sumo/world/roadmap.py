@@ -1,16 +1,16 @@
 """The ground of a scene as pixels, in tiles that are painted when somebody comes near."""
 
 import math
-from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.world.geometry import Floats, cos_sin
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.shapeindex import index_by_tile, piece_boxes
 from slrl_sumo.world.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, paint
+from slrl_sumo.world.tiles import Ids, Tiles
 
 __all__ = ["Area", "Ribbon", "RoadMap", "Surface", "SurfaceShapes"]
 
@@ -18,14 +18,13 @@ CORE = 128.0
 """Side of the square that one tile answers for, in m."""
 MARGIN = 48.0
 """What a tile shows around its core, in m: the ego view (33.5 m) of all in the core lies within this one tile."""
-MEMORY_LIMIT = 256 * 2**20
+MEMORY_LIMIT = 128 * 2**20
+"""Bytes: 334 tiles."""
 NEAR = 10.0
 """Who is farther than this (m) from every surface has left the scene."""
 NEAR_CELL = 2.0
 """Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS of them."""
 MAX_CELLS = 16 * 2**20
-
-Ids = NDArray[np.uint8]
 
 
 class RoadMap:
@@ -54,11 +53,14 @@ class RoadMap:
         self.bounds: tuple[float, float, float, float] = boxes.bounds
         """(x0, y0, x1, y1) of all shapes in m; zeros without shapes."""
         self._surfaces = frozenset(shape.surface for shape in shapes.shapes)
-        self._pixels = round((core + 2 * margin) * resolution)
-        self._tiles: OrderedDict[tuple[int, int], Ids] = OrderedDict()
-        self._blank: Ids = np.zeros((self._pixels, self._pixels), np.uint8)
-        self._blank.flags.writeable = False
-        self._index = index_by_tile(boxes, core, margin)
+        self._tiles = Tiles(
+            shapes,
+            index_by_tile(boxes, core, margin),
+            resolution=resolution,
+            core=core,
+            margin=margin,
+            memory_limit=memory_limit,
+        )
         self._near_cell, self._near = _occupancy(shapes.shapes, self.bounds)
 
     def has(self, surface: Surface) -> bool:
@@ -68,16 +70,11 @@ class RoadMap:
     @property
     def resident_bytes(self) -> int:
         """Memory of the painted tiles that are kept now."""
-        return sum(tile.nbytes for tile in self._tiles.values())
+        return self._tiles.resident_bytes
 
     def surface_at(self, x: Floats, y: Floats) -> Ids:
         """Surface under each point (m), (n,); NONE outside everything."""
-        ids = np.zeros(len(x), np.uint8)
-        for tile, x0, y0, members in self._by_tile(x, y):
-            row = ((y[members] - y0) * self.resolution).astype(np.intp)
-            col = ((x[members] - x0) * self.resolution).astype(np.intp)
-            ids[members] = tile[row, col]
-        return ids
+        return self._tiles.at(x, y)
 
     def near_surface(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Whether some surface lies near each point (m), (n,): True up to 10 m, False beyond 20 m.
@@ -116,52 +113,8 @@ class RoadMap:
             raise ValueError(f"the ego view reaches beyond the tile margin of {self.margin} m")
         rows, cols = round(2 * side * resolution), round((behind + ahead) * resolution)
         crops = np.empty((len(x), rows, cols), np.uint8) if out is None else out
-        scale = self.resolution / resolution
-        c, s = cos_sin(heading)
-        # Crop pixel -> ego frame -> world -> tile pixel in one affine map, (col, row) to (col, row) as cv2 has it.
-        ex, ey = 0.5 / resolution - behind, side - 0.5 / resolution
-        matrices = np.empty((len(x), 2, 3))
-        matrices[:, 0] = np.stack([scale * c, scale * s, (x + c * ex - s * ey) * self.resolution - 0.5], axis=1)
-        matrices[:, 1] = np.stack([scale * s, -scale * c, (y + s * ex + c * ey) * self.resolution - 0.5], axis=1)
-        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
-        for tile, x0, y0, members in self._by_tile(x, y):
-            if tile is self._blank:
-                crops[members] = Surface.NONE
-                continue
-            matrices[members, :, 2] -= np.array([x0, y0]) * self.resolution
-            for i in members.tolist():
-                cv2.warpAffine(tile, matrices[i], (cols, rows), dst=crops[i], flags=flags)
+        self._tiles.views(x, y, heading, (0.5 / resolution - behind, side - 0.5 / resolution), 1.0 / resolution, crops)
         return crops
-
-    def _by_tile(self, x: Floats, y: Floats) -> Iterator[tuple[Ids, float, float, NDArray[np.intp]]]:
-        """Points grouped by the tile whose core they lie in: (tile, its x0 and y0 in m, indices of the points)."""
-        if len(x) == 0:
-            return
-        column = np.floor(x / self.core).astype(np.int64)
-        row = np.floor(y / self.core).astype(np.int64)
-        order = np.lexsort((column, row))
-        column, row = column[order], row[order]
-        cuts = np.flatnonzero((np.diff(column) != 0) | (np.diff(row) != 0)) + 1
-        for members in np.split(np.arange(len(x)), cuts):
-            i, j = int(column[members[0]]), int(row[members[0]])
-            yield self._tile(i, j), i * self.core - self.margin, j * self.core - self.margin, order[members]
-
-    def _tile(self, i: int, j: int) -> Ids:
-        """The pixels around the core with column `i` and row `j`, painted if it is not kept."""
-        indices = self._index.get((i, j))
-        if indices is None:
-            return self._blank
-        tile = self._tiles.get((i, j))
-        if tile is not None:
-            self._tiles.move_to_end((i, j))
-            return tile
-        while self._tiles and (len(self._tiles) + 1) * self._blank.nbytes > self.memory_limit:
-            self._tiles.popitem(last=False)
-        tile = np.zeros((self._pixels, self._pixels), np.uint8)
-        shapes = [self.shapes.shapes[k] for k in indices.tolist()]
-        paint(tile, shapes, i * self.core - self.margin, j * self.core - self.margin, self.resolution)
-        self._tiles[i, j] = tile
-        return tile
 
 
 def _near_reach(cell: float) -> float:

@@ -1,23 +1,30 @@
 """The way that lies ahead of road users with a route, as plain arrays."""
 
+import math
 from dataclasses import dataclass, fields
-from functools import cached_property
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.world.geometry import Floats, wrap_angle
-
-Complexes = NDArray[np.complex128]
+from slrl_sumo.world.compiled import compiled
+from slrl_sumo.world.geometry import Floats
 
 SPACING = 1.0
 """m between the points of a path."""
 BEHIND, AHEAD = 8.0, 40.0
 """m of a path that are known behind and ahead of the road user's place on it."""
 POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
-CHORD = 3
-"""Points from one end to the other of the chords by which curves are measured: lanes are drawn with corners."""
+SEVEN = 7
+"""Points of a path that are looked at together for the nearest one."""
+ROOM = SEVEN * math.ceil(POINTS / SEVEN)
+APART = 3
+"""Points from one to the next of those that are looked at first; the last one is among them."""
+FEW = 1 + (POINTS - 1) // APART
+LONGEST = 1.5 * SPACING
+"""m at most from point to point of smooth paths: beside a line they are a bit more or less than SPACING."""
+WITHIN = 0.75 * AHEAD + 10.0
+"""m from the middle of a path within which somebody may be on it."""
 HERE = round(BEHIND / SPACING)
 """Index of the point beside the road user."""
 
@@ -51,11 +58,6 @@ class RouteAhead:
     def __len__(self) -> int:
         return len(self.known)
 
-    @cached_property
-    def headings(self) -> Floats:
-        """Direction of each path (rad) at each of its points, (n, POINTS)."""
-        return np.asarray(np.arctan2(slopes(self.y), slopes(self.x)))
-
     def take(self, rows: NDArray[np.intp]) -> "RouteAhead":
         """The entries of the road users `rows`."""
         return RouteAhead(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
@@ -77,81 +79,189 @@ class RouteAhead:
         )
 
 
-def slopes(points: Floats) -> Floats:
-    """Change of coordinates (n, points) along each row; np.gradient, without its overhead."""
-    change = np.empty_like(points)
-    change[:, 1:-1] = 0.5 * (points[:, 2:] - points[:, :-2])
-    change[:, 0], change[:, -1] = points[:, 1] - points[:, 0], points[:, -1] - points[:, -2]
-    return change
-
-
 def on_path(
     route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
 ) -> tuple[Floats, Floats, Floats]:
     """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
     direction there (rad), (n, m) each. Beyond its ends a path goes straight on. With `rows` (n,) those paths are
     meant, else all."""
-    path_x, path_y = (route.x, route.y) if rows is None else (route.x[rows], route.y[rows])
-    nearest = np.clip(_nearest(path_x, path_y, x, y), 1, POINTS - 2)
-    own = np.arange(len(route))[:, None] if rows is None else rows[:, None]
-    # Of all paths laid end to end: the nearest points.
-    points_x, points_y, nearest = route.x.ravel(), route.y.ravel(), nearest + own * POINTS
-    # Two pieces meet at the nearest point: the one that the point lies beside.
-    near_x, near_y = points_x[nearest], points_y[nearest]
-    dx, dy = points_x[nearest + 1] - near_x, points_y[nearest + 1] - near_y
-    begin = nearest - ~((x - near_x) * dx + (y - near_y) * dy > 0.0)
-    x0, y0 = points_x[begin], points_y[begin]
-    dx, dy = points_x[begin + 1] - x0, points_y[begin + 1] - y0
-    length = np.maximum(np.hypot(dx, dy), 1e-6)
-    along = ((x - x0) * dx + (y - y0) * dy) / length
-    aside = (dx * (y - y0) - dy * (x - x0)) / length
-    # Directions change from piece to piece: in between they are blended, so that curves have no corners.
-    heading = route.headings.ravel()
-    share = np.clip(along / length, 0.0, 1.0)
-    before = heading[begin]
-    turn = wrap_angle(heading[begin + 1] - before)
-    return (begin - own * POINTS - HERE) * SPACING + along, aside, wrap_angle(before + share * turn)
-
-
-def _nearest(path_x: Floats, path_y: Floats, x: Floats, y: Floats) -> NDArray[np.intp]:
-    """Index of the point of each of n paths, (n, POINTS), that is nearest to points (n, m): (n, m).
-
-    Seen from the road user's place, where single precision is good to 0.01 mm: of two points that are alike to that
-    either will do, because the piece between them is what counts.
-    """
-    here_x, here_y = path_x[:, HERE, None], path_y[:, HERE, None]
-    gap = (x - here_x).astype(np.float32)[:, :, None] - (path_x - here_x).astype(np.float32)[:, None]
-    across = (y - here_y).astype(np.float32)[:, :, None] - (path_y - here_y).astype(np.float32)[:, None]
-    gap *= gap
-    across *= across
-    gap += across
-    return np.asarray(gap.argmin(axis=2), np.intp)
+    rows = np.arange(len(route)) if rows is None else rows
+    return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
 
 
 def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
     """Positions (m) and directions (rad) `along` (n, m) metres from the road user's place on its path, (n, m) each."""
-    place = along / SPACING + HERE
-    begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
-    share = place - begin
-    begin += np.arange(len(route))[:, None] * POINTS
-    # Of all paths laid end to end: from each point to the next one.
-    points_x, points_y = route.x.ravel(), route.y.ravel()
-    dx, dy = np.diff(points_x, append=0.0), np.diff(points_y, append=0.0)
-    direction = np.arctan2(dy, dx)
-    return points_x[begin] + share * dx[begin], points_y[begin] + share * dy[begin], direction[begin]
+    return _at(route.x, route.y, np.ascontiguousarray(along))
 
 
-def curvature(route: RouteAhead) -> Floats:
-    """How sharply the paths turn to the left, 1/m, (n, POINTS); 0 where the ends are too near."""
-    return bend(route.x + 1j * route.y)
+def beside(
+    route: RouteAhead, room: Floats, x: Floats, y: Floats, reach: Floats
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs (p,) of those with a route and of who may be on it: whose path, and who.
+
+    Places (m,), in m, are those of road users, the first n of them those of the paths, who are not beside their own.
+    All are found who are at most `room` (n,) and `reach` (m,) aside of a path, as `on_path` has it, at most `reach`
+    beyond its ends, and within WITHIN of its middle.
+    """
+    rows = np.flatnonzero(route.known)
+    # From west to east, so that who is near a path is found side by side.
+    order = np.argsort(x)
+    begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN)
+    return _beside(route.x, route.y, rows, room, x[order], y[order], reach, order, begin)
 
 
-def bend(path: Complexes) -> Floats:
-    """`curvature` of paths given as x + iy in m, (..., points)."""
-    chord = path[..., CHORD:] - path[..., :-CHORD]
-    length = np.abs(chord)
-    turn = chord[..., CHORD:] * chord[..., :-CHORD].conj()
-    middle = np.maximum(0.5 * (length[..., CHORD:] + length[..., :-CHORD]), 0.1)
-    sharp = np.zeros(path.shape)
-    sharp[..., CHORD:-CHORD] = np.arctan2(turn.imag, turn.real) / middle
-    return sharp
+@compiled
+def _on_path(
+    path_x: Floats, path_y: Floats, rows: NDArray[np.intp], x: Floats, y: Floats
+) -> tuple[Floats, Floats, Floats]:
+    n, m = x.shape
+    along, aside, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    squares, directions, known = np.full(ROOM, np.inf), np.empty(POINTS), np.zeros(POINTS, np.bool_)
+    for i in range(n):
+        xs, ys = path_x[rows[i]], path_y[rows[i]]
+        if i > 0 and rows[i] != rows[i - 1]:
+            known[:] = False
+        for j in range(m):
+            px, py = x[i, j], y[i, j]
+            nearest = _nearest(xs, ys, px, py, squares)
+            # Two pieces meet at the nearest point: the one that the point lies beside.
+            x0, y0 = xs[nearest], ys[nearest]
+            dx, dy = xs[nearest + 1] - x0, ys[nearest + 1] - y0
+            begin = nearest
+            if not (px - x0) * dx + (py - y0) * dy > 0.0:
+                begin -= 1
+                x0, y0 = xs[begin], ys[begin]
+                dx, dy = xs[nearest] - x0, ys[nearest] - y0
+            length = max(math.sqrt(dx * dx + dy * dy), 1e-6)
+            ahead = ((px - x0) * dx + (py - y0) * dy) / length
+            along[i, j] = (begin - HERE) * SPACING + ahead
+            aside[i, j] = (dx * (py - y0) - dy * (px - x0)) / length
+            # Directions change from piece to piece: in between they are blended, so that curves have no corners.
+            for k in (begin, begin + 1):
+                if not known[k]:
+                    before, after = max(k - 1, 0), min(k + 1, POINTS - 1)
+                    directions[k], known[k] = math.atan2(ys[after] - ys[before], xs[after] - xs[before]), True
+            share = min(max(ahead / length, 0.0), 1.0)
+            turn = _wrapped(directions[begin + 1] - directions[begin])
+            heading[i, j] = _wrapped(directions[begin] + share * turn)
+    return along, aside, heading
+
+
+@compiled
+def _nearest(path_x: Floats, path_y: Floats, x: float, y: float, squares: Floats) -> int:
+    """Index of the point of a path that is nearest to a point, but for its ends, where only one piece is.
+
+    `squares` is room for as many numbers as there are points.
+    """
+    for k in range(POINTS):
+        dx, dy = x - path_x[k], y - path_y[k]
+        squares[k] = dx * dx + dy * dy
+    # The nearest SEVEN, then the nearest of them, without jumps: twice as fast as one after the other.
+    least, begin = math.inf, 0
+    for k in range(0, POINTS, SEVEN):
+        a, b, c = (
+            min(squares[k], squares[k + 1]),
+            min(squares[k + 2], squares[k + 3]),
+            min(squares[k + 4], squares[k + 5]),
+        )
+        nearer = min(min(a, b), min(c, squares[k + 6]))
+        begin = k if nearer < least else begin
+        least = min(nearer, least)
+    nearest = begin
+    for k in range(begin + SEVEN - 1, begin - 1, -1):
+        nearest = k if squares[k] <= least else nearest
+    return min(max(nearest, 1), POINTS - 2)
+
+
+@compiled
+def _beside(
+    path_x: Floats,
+    path_y: Floats,
+    rows: NDArray[np.intp],
+    room: Floats,
+    x: Floats,
+    y: Floats,
+    reach: Floats,
+    order: NDArray[np.intp],
+    begin: NDArray[np.intp],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """x and y as in `order`; `begin`: where in it those begin that are not too far west of each of `rows`."""
+    squares, few_x, few_y, found = np.full(ROOM, np.inf), np.empty(FEW), np.empty(FEW), 0
+    ego, other = np.empty(2 * len(x), np.intp), np.empty(2 * len(x), np.intp)
+    for i in range(len(rows)):
+        row = rows[i]
+        xs, ys = path_x[row], path_y[row]
+        middle_x, middle_y = xs[POINTS // 2], ys[POINTS // 2]
+        smooth = _smooth(xs, ys)
+        for k in range(FEW):
+            few_x[k], few_y[k] = xs[k * APART], ys[k * APART]
+        for j in range(begin[i], len(x)):
+            px, py, one = x[j], y[j], order[j]
+            if px - middle_x > WITHIN:
+                break
+            if (px - middle_x) * (px - middle_x) + (py - middle_y) * (py - middle_y) > WITHIN * WITHIN or one == row:
+                continue
+            most = room[row] + reach[one]
+            if smooth:
+                # How far somebody may be from a point: outside a corner, off the path's end, and to one of these.
+                gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + APART // 2 * LONGEST
+                for k in range(FEW):
+                    dx, dy = px - few_x[k], py - few_y[k]
+                    gap = min(gap, dx * dx + dy * dy)
+                if gap > far * far:
+                    continue
+            nearest = _nearest(xs, ys, px, py, squares)
+            # One of these two pieces counts.
+            fits = False
+            for k in range(nearest - 1, nearest + 1):
+                dx, dy = xs[k + 1] - xs[k], ys[k + 1] - ys[k]
+                aside = dx * (py - ys[k]) - dy * (px - xs[k])
+                fits |= aside * aside <= most * most * max(dx * dx + dy * dy, 1e-12)
+            if fits:
+                if found == len(ego):
+                    ego, other = np.concatenate((ego, ego)), np.concatenate((other, other))
+                ego[found], other[found] = row, one
+                found += 1
+    return ego[:found], other[:found]
+
+
+@compiled
+def _smooth(x: Floats, y: Floats) -> bool:
+    """Whether a path turns by less than 30 degrees from piece to piece, none of which is longer than LONGEST."""
+    smooth = True
+    for k in range(1, POINTS - 1):
+        from_x, from_y, to_x, to_y = x[k] - x[k - 1], y[k] - y[k - 1], x[k + 1] - x[k], y[k + 1] - y[k]
+        before, after, along = (
+            from_x * from_x + from_y * from_y,
+            to_x * to_x + to_y * to_y,
+            from_x * to_x + from_y * to_y,
+        )
+        smooth &= (along > 0.0) & (4.0 * along * along > 3.0 * before * after)
+        smooth &= max(before, after) <= LONGEST * LONGEST
+    return smooth
+
+
+@compiled
+def _wrapped(angle: float) -> float:
+    """As `wrap_angle`."""
+    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+
+
+@compiled
+def _at(path_x: Floats, path_y: Floats, along: Floats) -> tuple[Floats, Floats, Floats]:
+    n, m = along.shape
+    x, y, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    directions, known = np.empty(POINTS), np.empty(POINTS, np.bool_)
+    for i in range(n):
+        known[:] = False
+        for j in range(m):
+            place = along[i, j] / SPACING + HERE
+            # Beyond the ends first: what is far beyond is no index.
+            begin = int(min(max(math.floor(place), 0.0), POINTS - 2.0))
+            dx, dy = path_x[i, begin + 1] - path_x[i, begin], path_y[i, begin + 1] - path_y[i, begin]
+            if not known[begin]:
+                directions[begin], known[begin] = math.atan2(dy, dx), True
+            x[i, j] = path_x[i, begin] + (place - begin) * dx
+            y[i, j] = path_y[i, begin] + (place - begin) * dy
+            heading[i, j] = directions[begin]
+    return x, y, heading

@@ -9,22 +9,27 @@ import torch
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.simulation.agility import (
+    BESIDE,
     BRAKING,
+    CHORD,
     COMFORT,
     COMPANY,
+    NIMBLE,
+    PASSES,
     PATIENCE,
     REACTION,
     SLOWEST,
     SPARE,
     SPEEDS,
     STOPPING,
+    STRAIGHT,
     Agility,
     agility,
     fitted,
 )
 from slrl_sumo.world.advance import advance, halting
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import AHEAD, CHORD, HERE, POINTS, SPACING, RouteAhead, curvature
+from slrl_sumo.world.route import AHEAD, HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -75,6 +80,37 @@ def corner(turn: float, after: float = 15.0) -> tuple[Floats, Floats]:
 def circle(radius: float) -> tuple[Floats, Floats]:
     """Eastwards through the origin; radius > 0: to the left."""
     return radius * np.sin(S / radius), radius - radius * np.cos(S / radius)
+
+
+def straight(heading: float) -> tuple[Floats, Floats]:
+    return S * np.cos(heading), S * np.sin(heading)
+
+
+def curvature(route: RouteAhead) -> Floats:
+    """How sharply the paths turn to the left, 1/m, (n, POINTS): from one chord to the next, over their mean length."""
+    path = route.x + 1j * route.y
+    chord = path[:, CHORD:] - path[:, :-CHORD]
+    turn = np.angle(chord[:, CHORD:] * chord[:, :-CHORD].conj())
+    sharp = np.zeros(path.shape)
+    sharp[:, CHORD:-CHORD] = turn / np.maximum(0.5 * np.abs(chord[:, CHORD:]) + 0.5 * np.abs(chord[:, :-CHORD]), 0.1)
+    return sharp
+
+
+def test_curvatures() -> None:
+    signed = curvature(routes(straight(2.0), circle(12.0), circle(-30.0), corner(np.pi / 3, after=10.0)))
+    inner = slice(CHORD, -CHORD)
+    assert signed[0] == pytest.approx(0.0, abs=1e-9)
+    # Chords of 3 m are shorter than their arcs: 1 part in 400 on a radius of 12 m.
+    assert signed[1, inner] == pytest.approx(1 / 12, rel=5e-3)
+    assert signed[2, inner] == pytest.approx(-1 / 30, rel=5e-3)
+    assert np.abs(signed[:, :CHORD]).max() == np.abs(signed[:, -CHORD:]).max() == 0.0
+    # A corner is spread over the chords beside it, and nothing of it is lost.
+    sharp = np.flatnonzero(np.abs(signed[3]) > 1e-9)
+    assert sharp.min() >= HERE + 10 - CHORD
+    assert sharp.max() <= HERE + 10 + CHORD
+    assert signed[3].argmax() == HERE + 10
+    assert signed[3].sum() * SPACING == pytest.approx(np.pi / 3, rel=0.15)
+    assert signed[3].max() == pytest.approx(np.pi / 3 / CHORD)
 
 
 def able(right: float, left: float, fade: float = 0.0) -> Agility:
@@ -223,6 +259,44 @@ def test_speeds_in_curves() -> None:
     # Too sharp at any speed: the highest of those at which they turn best, for slower ones do not help.
     keen = fitted(routes(corner(2.5)), users((CAR, 6.0)), able(0.05, 0.05))
     assert keen.desired[0] > SLOWEST
+
+
+def banded(path: Floats, right: float, left: float) -> tuple[Floats, Floats]:
+    """One path (x + iy) drawn like an elastic band as the text says it, all points at once, and its curvature."""
+    for _ in range(PASSES):
+        curve = curvature(routes((path.real, path.imag)))[0]
+        sharp = (curve > left) | (curve < -right)
+        if not sharp.any():
+            break
+        moved = [k for k in range(1, POINTS - 1) if sharp[max(k - BESIDE, 0) : k + BESIDE + 1].any()]
+        path = path.copy()
+        path[moved] += 0.25 * (path[[k + 1 for k in moved]] - 2.0 * path[moved] + path[[k - 1 for k in moved]])
+    return path, curvature(routes((path.real, path.imag)))[0]
+
+
+def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
+    rng = np.random.default_rng(2)
+    n = 40
+    turns = np.where(
+        rng.random((n, POINTS)) < 0.08, rng.uniform(-1.6, 1.6, (n, POINTS)), rng.normal(0, 2e-3, (n, POINTS))
+    )
+    heading = turns.cumsum(axis=1)
+    before = routes(*zip(np.cos(heading).cumsum(axis=1), np.sin(heading).cumsum(axis=1), strict=True), desired=40.0)
+    kinds, speeds = rng.integers(0, 2, n), rng.uniform(0.0, 15.0, n)
+    limits = able(0.2, 0.3, fade=0.02)
+    after = fitted(before, users(*zip(kinds.tolist(), speeds.tolist(), strict=True)), limits)
+    possible = SPARE * limits.sharpest[0]
+    for i in range(n):
+        path, signed = banded(before.x[i] + 1j * before.y[i], *possible[:, 0])
+        assert np.abs(after.x[i] + 1j * after.y[i] - path).max() < 1e-9
+        least = np.inf
+        for way, curve in enumerate(signed[HERE:]):
+            can = possible[int(curve > 0.0)]
+            fast = SPEEDS[(can >= np.abs(curve)) | (can >= NIMBLE * can[0])].max()
+            allowed = SPEEDS[-1] if abs(curve) < STRAIGHT else min(fast, np.sqrt(COMFORT / abs(curve)))
+            early = max(way * SPACING - REACTION * speeds[i], 0.0)
+            least = min(least, np.sqrt(max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kinds[i]] * early))
+        assert after.desired[i] == pytest.approx(least)
 
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from slrl_sumo.sumo.meetings import MARGIN, approaching, meetings, predicted, speed_along
-from slrl_sumo.sumo.paths import SPACING, Sweep, sweep
+from slrl_sumo.sumo.paths import SPACING
+from slrl_sumo.sumo.sweeps import Sweep, sweep
 from slrl_sumo.world.state import WorldState
 
 MOMENTS = np.array([0.0, 1.0, 2.0])

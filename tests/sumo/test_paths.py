@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from slrl_sumo.sumo.network import Lane, Network
-from slrl_sumo.sumo.paths import SPACING, STRAIGHTENING, Paths, resampled, sweep
+from slrl_sumo.sumo.paths import SPACING, Paths, resampled
+from slrl_sumo.sumo.sweeps import STRAIGHTENING, sweep
 from slrl_sumo.world.surfaces import Surface
 
 

@@ -1,6 +1,10 @@
 """What numba's cache cannot know must not happen: compiled functions that depend on other modules."""
 
 import ast
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -49,3 +53,41 @@ def _ratio(a: float, b: float) -> float:
 def test_division_by_zero_is_inf_as_in_numpy() -> None:
     assert _ratio(1.0, 2.0) == 0.5
     assert _ratio(1.0, 0.0) == np.inf
+
+
+SOURCE = """
+from slrl_sumo.world.compiled import compiled, first_time
+
+@compiled
+def twice(x):
+    return 2 * x
+
+if __name__ == "__main__":
+    before = first_time()
+    print(before, twice(21), first_time())
+"""
+
+
+def run_in(folder: Path, **environment: str) -> str:
+    file = folder / "loops.py"
+    if not file.exists():
+        file.write_text(SOURCE)
+    return subprocess.run(
+        [sys.executable, "-W", "error", file], env=os.environ | environment, capture_output=True, text=True, check=True
+    ).stdout
+
+
+def test_what_is_not_compiled_yet_is_known(tmp_path: Path) -> None:
+    assert run_in(tmp_path).split() == ["True", "42", "False"]
+    assert run_in(tmp_path).split() == ["False", "42", "False"]
+    # Numba can be told to leave Python as it is.
+    assert run_in(tmp_path, NUMBA_DISABLE_JIT="1").split() == ["False", "42", "False"]
+
+
+def test_where_nothing_can_be_kept_it_is_compiled_every_time(tmp_path: Path) -> None:
+    nowhere = "/proc/nowhere"
+    run_in(tmp_path)
+    cache = tmp_path / "__pycache__"
+    shutil.rmtree(cache)
+    cache.write_text("no folder")
+    assert run_in(tmp_path, HOME=nowhere, XDG_CACHE_HOME=nowhere).split() == ["True", "42", "True"]

@@ -2,15 +2,18 @@
 
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from slrl_sumo.world import roadmap as roadmap_module
+from slrl_sumo.world import tiles
 from slrl_sumo.world.roadmap import Area, Ribbon, RoadMap, Surface, SurfaceShapes
 from slrl_sumo.world.shapeindex import index_by_tile, piece_boxes
+from slrl_sumo.world.surfaces import paint
 
 PIXEL = 0.25  # m, at the default 4 px/m
+TILE = 896 * 896 // 2  # bytes: 128 m and twice 48 m of margin
 
 
 def roadmap(*shapes: Ribbon | Area, **options: float) -> RoadMap:
@@ -170,6 +173,35 @@ def test_ego_surfaces_are_the_surfaces_at_the_pixels_of_the_view() -> None:
     assert np.mean(crops != expected) < 5e-3
 
 
+def test_ego_surfaces_are_opencvs_affine_warps() -> None:
+    shapes = scene()
+    where = roadmap(*shapes)
+    rng = np.random.default_rng(7)
+    x, y, heading = rng.uniform(0, 128, 200), rng.uniform(0, 128, 200), rng.uniform(-np.pi, np.pi, 200)
+    heading[:40] = np.pi / 2 * rng.integers(-2, 3, 40)
+    crops = where.ego_surfaces(x, y, heading, behind=8, ahead=32, side=10, resolution=2)
+    tile = np.zeros((896, 896), np.uint8)
+    paint(tile, shapes, -48.0, -48.0, 4.0)
+    warped = []
+    for c, s, u, v in zip(np.cos(heading), np.sin(heading), x + 48.0, y + 48.0, strict=True):
+        column, row = 4 * (u - 7.75 * c - 9.75 * s) - 0.5, 4 * (v - 7.75 * s + 9.75 * c) - 0.5
+        matrix = np.array([[2 * c, 2 * s, column], [2 * s, -2 * c, row]])
+        warped.append(cv2.warpAffine(tile, matrix, (80, 40), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP))
+    # Ties of the rounding; older releases of OpenCV round to 1/1024 px before.
+    assert np.mean(crops != warped) < (1e-5 if cv2.__version__ >= "5" else 1e-3)
+
+
+def test_what_has_no_place_has_no_ground() -> None:
+    where = roadmap(*scene())
+    far = np.array([np.nan, np.inf, -np.inf, 1e300, 2.0**31 * 128, 2.0**32 * 128, 1e12, 64.0])
+    assert where.surface_at(np.zeros(8), far)[:-1].tolist() == [0] * 7
+    assert where.surface_at(far, np.zeros(8))[:-1].tolist() == [0] * 7
+    view = {"behind": 8.0, "ahead": 32.0, "side": 10.0, "resolution": 2.0}
+    crops = where.ego_surfaces(far, np.zeros(8), np.zeros(8), **view)
+    assert not crops[:-1].any()
+    assert crops[-1].any()
+
+
 def test_ego_surfaces_fill_the_given_array_only() -> None:
     where = roadmap(*scene())
     x, y, heading = np.random.default_rng(3).uniform(-100, 100, (3, 20))
@@ -223,9 +255,8 @@ def test_memory_stays_bounded_on_a_network_of_10_km() -> None:
 
 def test_the_least_recently_used_tile_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     painted = []
-    monkeypatch.setattr(roadmap_module, "paint", lambda canvas, shapes, x0, y0, *rest, **more: painted.append(x0))
-    where = roadmap(road([(0, 0), (1000, 0)]), memory_limit=2 * 896 * 896)
-    painted.clear()  # the grid for near_surface
+    monkeypatch.setattr(tiles, "paint", lambda canvas, shapes, x0, y0, *rest, **more: painted.append(x0))
+    where = roadmap(road([(0, 0), (1000, 0)]), memory_limit=2 * TILE)
     for column in (0, 1, 0, 2, 0, 1):
         surfaces(where, (128.0 * column + 5.0, 5.0))
     assert painted == [128.0 * column - 48.0 for column in (0, 1, 2, 1)]
@@ -235,7 +266,7 @@ def test_a_limit_below_one_tile_keeps_one() -> None:
     where = roadmap(*scene(), memory_limit=1)
     x, y = np.random.default_rng(6).uniform(-200, 200, (2, 500))
     assert np.array_equal(where.surface_at(x, y), roadmap(*scene()).surface_at(x, y))
-    assert where.resident_bytes == 896 * 896
+    assert where.resident_bytes == TILE
 
 
 def test_the_index_lists_a_long_diagonal_where_it_shows_and_hardly_elsewhere() -> None:

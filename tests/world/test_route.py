@@ -9,13 +9,11 @@ from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.route import (
     AHEAD,
     BEHIND,
-    CHORD,
     HERE,
     POINTS,
     SPACING,
     RouteAhead,
     at,
-    curvature,
     on_path,
 )
 
@@ -107,27 +105,34 @@ def test_places_on_paths_and_beyond() -> None:
     assert heading[1] == pytest.approx([0.0, 0.0, -np.pi / 2, 0.0])
 
 
-def test_curvatures() -> None:
-    signed = curvature(paths(straight(2.0), circle(12.0), circle(-30.0), corner(np.pi / 3)))
-    inner = slice(CHORD, -CHORD)
-    assert signed[0] == pytest.approx(0.0, abs=1e-9)
-    # Chords of 3 m are shorter than their arcs: 1 part in 400 on a radius of 12 m.
-    assert signed[1, inner] == pytest.approx(1 / 12, rel=5e-3)
-    assert signed[2, inner] == pytest.approx(-1 / 30, rel=5e-3)
-    assert np.abs(signed[:, :CHORD]).max() == np.abs(signed[:, -CHORD:]).max() == 0.0
-    # A corner is spread over the chords beside it, and nothing of it is lost.
-    sharp = np.flatnonzero(np.abs(signed[3]) > 1e-9)
-    assert sharp.min() >= HERE + 10 - CHORD
-    assert sharp.max() <= HERE + 10 + CHORD
-    assert signed[3].argmax() == HERE + 10
-    assert signed[3].sum() * SPACING == pytest.approx(np.pi / 3, rel=0.15)
-    assert signed[3].max() == pytest.approx(np.pi / 3 / CHORD)
-
-
-def test_headings_of_points() -> None:
-    headings = paths(straight(-2.5), circle(20.0)).headings
+def test_directions_at_points_are_those_from_the_one_before_to_the_one_after() -> None:
+    route = paths(straight(-2.5), circle(20.0))
+    _, aside, headings = on_path(route, route.x, route.y)
+    assert aside == pytest.approx(0.0, abs=1e-9)
     assert headings[0] == pytest.approx(-2.5)
     assert headings[1, 1:-1] == pytest.approx(S[1:-1] / 20.0, abs=1e-6)
+
+
+def test_places_are_beside_the_piece_at_the_nearest_of_all_points() -> None:
+    rng = np.random.default_rng(3)
+    # Crooked paths that cross themselves, and places all over them.
+    turned = rng.normal(0.0, 0.4, (8, POINTS)).cumsum(axis=1)
+    route = paths(*zip(np.cos(turned).cumsum(axis=1), np.sin(turned).cumsum(axis=1), strict=True))
+    x, y = rng.uniform(-25.0, 25.0, (2, 8, 60))
+    along, aside, heading = on_path(route, x, y)
+    for i, j in np.ndindex(x.shape):
+        path, place = route.x[i] + 1j * route.y[i], complex(x[i, j], y[i, j])
+        nearest = int(np.clip(np.abs(path - place).argmin(), 1, POINTS - 2))
+        onward = ((place - path[nearest]) * (path[nearest + 1] - path[nearest]).conjugate()).real > 0.0
+        begin = nearest if onward else nearest - 1
+        piece = path[begin + 1] - path[begin]
+        seen = (place - path[begin]) * piece.conjugate() / abs(piece)
+        assert along[i, j] == pytest.approx(S[begin] + seen.real)
+        assert aside[i, j] == pytest.approx(seen.imag)
+        ends = np.angle(path[[begin + 1, min(begin + 2, POINTS - 1)]] - path[[max(begin - 1, 0), begin]])
+        turn = np.angle(np.exp(1j * (ends[1] - ends[0])))
+        blended = ends[0] + np.clip(seen.real / abs(piece), 0.0, 1.0) * turn
+        assert np.angle(np.exp(1j * (heading[i, j] - blended))) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_rows_can_be_taken() -> None:
@@ -142,7 +147,6 @@ def test_rows_can_be_taken() -> None:
 
 
 def test_places_far_from_the_origin_are_those_near_it() -> None:
-    # The nearest point is looked for in single precision, which has steps of 8 mm at 100 km.
     rng = np.random.default_rng(6)
     near = paths(straight(0.3), circle(12.0), corner(1.2))
     far = replace(near, x=near.x + 1e5, y=near.y - 1e5)
