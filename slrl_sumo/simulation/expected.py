@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.simulation.courses import STEPS, Courses
 from slrl_sumo.simulation.meeting import Boxes, sizes
 from slrl_sumo.world.compiled import compiled
-from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
@@ -54,13 +54,12 @@ def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
     if kept is None:
         kept = Kept(RouteAhead.unknown(0), np.zeros(0, np.bool_), np.zeros(0))
     route = kept.route
-    begin, half = cos_sin(world.heading), cos_sin(0.5 * DECISION_INTERVAL * world.yaw_rate)
     places = _led_on(
         world.x,
         world.y,
-        *begin,
-        *half,
-        world.speed * DECISION_INTERVAL,
+        world.heading,
+        world.speed,
+        world.yaw_rate,
         kept.keeps,
         kept.beside,
         route.stop,
@@ -69,6 +68,7 @@ def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
         SPACING,
         HERE,
         STEPS,
+        DECISION_INTERVAL,
     )
     return Boxes(*places, sizes(world, margin))
 
@@ -115,11 +115,9 @@ def _bring_to_paths(
 def _led_on(
     world_x: Floats,
     world_y: Floats,
-    world_cos: Floats,
-    world_sin: Floats,
-    cos_half: Floats,
-    sin_half: Floats,
-    distance: Floats,
+    heading: Floats,
+    speed: Floats,
+    yaw_rate: Floats,
     keeps: NDArray[np.bool_],
     beside: Floats,
     stop: Floats,
@@ -128,30 +126,32 @@ def _led_on(
     spacing: float,
     here: int,
     steps: int,
+    dt: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y, cos and sin of `boxes`; `distance` (m,) in m, `cos_half` and `sin_half` (m,) of half the turn of one
-    interval."""
+    """x, y, cos and sin of `boxes`."""
     n = len(world_x)
     x, y, cos, sin = np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps))
     for i in range(n):
+        distance = speed[i] * dt
         if i < len(keeps) and keeps[i]:
             most = max(stop[i], 0.0)
             for step in range(steps):
                 shift = beside[i] * _back(step, steps)
-                k, share = _piece(min((step + 1) * distance[i], most), spacing, here, path_x.shape[1])
+                k, share = _piece(min((step + 1) * distance, most), spacing, here, path_x.shape[1])
                 c, s = _direction(path_x, path_y, i, k)
                 x[i, step] = path_x[i, k] + share * (path_x[i, k + 1] - path_x[i, k]) - shift * s
                 y[i, step] = path_y[i, k] + share * (path_y[i, k + 1] - path_y[i, k]) + shift * c
                 cos[i, step], sin[i, step] = c, s
             continue
         # The mean heading since now turns half as fast as the heading.
-        half_c, half_s, c, s = cos_half[i], sin_half[i], world_cos[i], world_sin[i]
+        half_c, half_s = math.cos(0.5 * dt * yaw_rate[i]), math.sin(0.5 * dt * yaw_rate[i])
+        c, s = math.cos(heading[i]), math.sin(heading[i])
         mean_c, mean_s = c, s
         for step in range(steps):
             mean_c, mean_s = _turned(mean_c, mean_s, half_c, half_s)
             c, s = _turned(c, s, half_c * half_c - half_s * half_s, 2.0 * half_c * half_s)
-            x[i, step] = world_x[i] + (step + 1) * distance[i] * mean_c
-            y[i, step] = world_y[i] + (step + 1) * distance[i] * mean_s
+            x[i, step] = world_x[i] + (step + 1) * distance * mean_c
+            y[i, step] = world_y[i] + (step + 1) * distance * mean_s
             cos[i, step], sin[i, step] = c, s
     return x, y, cos, sin
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.simulation.onroute import Prospects, allowed_speed
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
@@ -80,12 +81,18 @@ def going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.boo
     """
     if not tolerance.any():
         return allowed
-    modes = np.ones(ahead.shape[:2], np.bool_) if allowed is None else allowed.copy()
-    moving = (ahead[..., 2] > MOVING) & (ahead[..., 0] < tolerance[:, None])
+    return _going(ahead, tolerance, np.ones(ahead.shape[:2], np.bool_) if allowed is None else allowed)
+
+
+@compiled
+def _going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    modes, moving = allowed.copy(), np.empty(allowed.shape[1], np.bool_)
     for row in np.flatnonzero(tolerance):
-        both = modes[row] & moving[row]
-        if both.any():
-            modes[row] = both
-        elif moving[row].any():
-            modes[row] = moving[row]
+        both = False
+        for mode in range(len(moving)):
+            moving[mode] = ahead[row, mode, 2] > MOVING and ahead[row, mode, 0] < tolerance[row]
+            both |= moving[mode] and modes[row, mode]
+        if moving.any():
+            for mode in range(len(moving)):
+                modes[row, mode] = moving[mode] and (modes[row, mode] or not both)
     return modes
