@@ -14,7 +14,7 @@ in the middle of turns, where the models can then not turn any more."""
 AT_ONCE = 0.75
 """`touching` of who is met within 1.2 s on the very course of a mode: who has lost its path is not where that leads."""
 LATE = 1.0
-"""Strain (see lookahead.strain) from which it is too late to stop."""
+"""Strain (see onroute.strain) from which it is too late to stop."""
 ALIKE = 1e-6
 
 
