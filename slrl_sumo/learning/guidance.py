@@ -9,7 +9,7 @@ from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.types import RoadUserType
 
 EASY = 0.8
-"""Strain (see simulation.lookahead.strain) up to which braking need not be harder."""
+"""Strain (see simulation.onroute.strain) up to which braking need not be harder."""
 TURNING = 2.0
 """m/s from which steering counts in full: who hardly moves goes nowhere else for it."""
 LEAST = 0.05

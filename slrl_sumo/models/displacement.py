@@ -72,14 +72,15 @@ class DisplacementModels(nn.Module):
         """`motion` for n blocks of rows that share type and mode: `vector` (n, rows, 12), results (n, rows)."""
         return self._bounded(self.networks(vector, kind, mode), vector[..., SPEED], kind)
 
-    @torch.no_grad()
     def motion_all(self, vector: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
         """`motion` for every mode of the road user's type: acceleration and yaw rate, each (n, modes).
 
         For decisions, not for training: without gradients, on the processor.
         """
+        with torch.inference_mode():
+            raw = self.networks.forward_all(vector, kind).numpy()
         acceleration, yaw_rate = _bounded_motion(
-            np.tanh(self.networks.forward_all(vector, kind).numpy()),
+            np.tanh(raw),
             np.ascontiguousarray(vector[:, SPEED].numpy()),
             kind.numpy(),
             self.acceleration_bounds.numpy(),

@@ -46,9 +46,11 @@ class StackedNetworks(nn.Module):
         self.weight[-1].zero_()
 
     def standardised(self, vector: Tensor, kind: Tensor) -> Tensor:
-        """Feature vectors (n, rows, in) of the types `kind` (n,), standardised and kept within ±LIMIT."""
-        scaled = (vector - self.mean[kind][:, None]) * self.scale[kind][:, None]
-        return scaled.clamp(-LIMIT, LIMIT)
+        """Feature vectors (n, in) or (n, rows, in) of the types `kind` (n,), standardised and kept within ±LIMIT."""
+        mean, scale = self.mean.index_select(0, kind), self.scale.index_select(0, kind)
+        if vector.dim() > mean.dim():
+            mean, scale = mean[:, None], scale[:, None]
+        return ((vector - mean) * scale).clamp(-LIMIT, LIMIT)
 
     def forward(self, vector: Tensor, kind: Tensor, member: Tensor) -> Tensor:
         """Outputs (n, rows, out) of one chosen network for each of n blocks of rows.
@@ -67,7 +69,7 @@ class StackedNetworks(nn.Module):
     def forward_all(self, vector: Tensor, kind: Tensor) -> Tensor:
         """Outputs (n, members, out) of all networks of each row's type; `vector` (n, in), `kind` (n,) int64."""
         order = torch.argsort(kind)
-        x = self.standardised(vector[:, None], kind)[order, 0]
+        x = self.standardised(vector, kind).index_select(0, order)
         *inner, last = list(zip(self.weight, self.bias, strict=True))
         results = [x.new_empty(0, self.members, last[0].shape[-1])]
         counts = torch.bincount(kind, minlength=len(RoadUserType)).tolist()

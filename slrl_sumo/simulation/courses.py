@@ -1,12 +1,13 @@
 """Where road users get to in the next seconds under each of their modes."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from slrl_sumo.world.advance import HALT, INTENT
 from slrl_sumo.world.compiled import compiled
-from slrl_sumo.world.geometry import Floats, cos_sin
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
 
@@ -35,9 +36,10 @@ def courses(users: WorldState, acceleration: Floats, yaw_rate: Floats, top: Floa
     intervals, and then speed and heading; up to the speed `top`, (n,). With `halting` as `world.advance.halting` has
     it."""
     intent = INTENT if halting else -np.inf
-    begin, half = cos_sin(users.heading), cos_sin(0.5 * DECISION_INTERVAL * yaw_rate)
+    # numpy's tan takes a tenth of the time of a compiled cosine and sine (see geometry.cos_sin).
+    tan = np.tan(0.25 * DECISION_INTERVAL * yaw_rate)
     return Courses(
-        *_courses(users.x, users.y, *begin, users.speed, acceleration, *half, top, intent, HALT, DECISION_INTERVAL)
+        *_courses(users.x, users.y, users.heading, users.speed, acceleration, tan, top, intent, HALT, DECISION_INTERVAL)
     )
 
 
@@ -45,27 +47,27 @@ def courses(users: WorldState, acceleration: Floats, yaw_rate: Floats, top: Floa
 def _courses(
     x: Floats,
     y: Floats,
-    cos: Floats,
-    sin: Floats,
+    heading: Floats,
     speed: Floats,
     acceleration: Floats,
-    cos_half: Floats,
-    sin_half: Floats,
+    tan: Floats,
     top: Floats,
     intent: float,
     halt: float,
     dt: float,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """The fields of Courses; `cos_half` and `sin_half` (n, modes) of half the turn of one interval. Who accelerates by
+    """The fields of Courses; `tan` (n, modes) of a quarter of the turn of one interval. Who accelerates by
     less than `intent` and would be slower than `halt` stops."""
     n, modes = acceleration.shape
     at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
     at_sin, at_speed, at_way = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
     for i in range(n):
+        begin_c, begin_s = math.cos(heading[i]), math.sin(heading[i])
         for mode in range(modes):
-            felt, half_c, half_s = acceleration[i, mode], cos_half[i, mode], sin_half[i, mode]
-            gain, ends = dt * felt, felt < intent
-            px, py, way, now, c, s = x[i], y[i], 0.0, speed[i], cos[i], sin[i]
+            gain, ends = dt * acceleration[i, mode], acceleration[i, mode] < intent
+            px, py, way, now, c, s = x[i], y[i], 0.0, speed[i], begin_c, begin_s
+            square = tan[i, mode] ** 2
+            half_c, half_s = (1.0 - square) / (1.0 + square), 2.0 * tan[i, mode] / (1.0 + square)
             for step in range(STEPS):
                 if step < HELD:
                     after = now + gain

@@ -1,7 +1,7 @@
 """Where everybody is expected in the next seconds: along their paths, or straight on."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.simulation.courses import STEPS, Courses
 from slrl_sumo.simulation.meeting import Boxes, sizes
 from slrl_sumo.world.compiled import compiled
-from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.world.geometry import Floats, wrap_angle
 from slrl_sumo.world.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
@@ -39,13 +39,11 @@ def paths_kept(route: RouteAhead, users: WorldState) -> Kept:
     return Kept(route, keeps, beside)
 
 
-def along_paths(free: Courses, kept: Kept, rows: NDArray[np.intp]) -> Courses:
-    """`free`, those of `rows`, as far along the paths for who keeps to one; it comes back to it from beside."""
-    route = kept.route
-    x, y, cos, sin = _along_paths(
-        free.x, free.y, free.cos, free.sin, free.way, rows, kept.keeps, kept.beside, route.x, route.y, SPACING, HERE
-    )
-    return replace(free, x=x, y=y, cos=cos, sin=sin)
+def bring_to_paths(on: Courses, kept: Kept, rows: NDArray[np.intp]) -> None:
+    """Changes the courses `on` of the road users `rows`: as far along the paths for who keeps to one; it comes back to
+    it from beside. In place: courses are large."""
+    x, y = kept.route.x, kept.route.y
+    _bring_to_paths(on.x, on.y, on.cos, on.sin, on.way, rows, kept.keeps, kept.beside, x, y, SPACING, HERE)
 
 
 def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
@@ -56,13 +54,12 @@ def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
     if kept is None:
         kept = Kept(RouteAhead.unknown(0), np.zeros(0, np.bool_), np.zeros(0))
     route = kept.route
-    begin, half = cos_sin(world.heading), cos_sin(0.5 * DECISION_INTERVAL * world.yaw_rate)
     places = _led_on(
         world.x,
         world.y,
-        *begin,
-        *half,
-        world.speed * DECISION_INTERVAL,
+        world.heading,
+        world.speed,
+        world.yaw_rate,
         kept.keeps,
         kept.beside,
         route.stop,
@@ -71,16 +68,17 @@ def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
         SPACING,
         HERE,
         STEPS,
+        DECISION_INTERVAL,
     )
     return Boxes(*places, sizes(world, margin))
 
 
 @compiled
-def _along_paths(
-    free_x: Floats,
-    free_y: Floats,
-    free_cos: Floats,
-    free_sin: Floats,
+def _bring_to_paths(
+    x: Floats,
+    y: Floats,
+    cos: Floats,
+    sin: Floats,
     way: Floats,
     rows: NDArray[np.intp],
     keeps: NDArray[np.bool_],
@@ -89,38 +87,37 @@ def _along_paths(
     path_y: Floats,
     spacing: float,
     here: int,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y, cos and sin of `along_paths`."""
-    x, y, cos, sin = free_x.copy(), free_y.copy(), free_cos.copy(), free_sin.copy()
-    _, steps, modes = x.shape
-    c, s = np.empty(path_x.shape[1]), np.empty(path_x.shape[1])
-    for i in range(len(rows)):
+) -> None:
+    """`bring_to_paths` of the fields of Courses, Kept and RouteAhead."""
+    n, steps, modes = x.shape
+    points = path_x.shape[1]
+    c, s = np.empty(points), np.empty(points)
+    for i in range(n):
         row = rows[i]
         if not keeps[row]:
             continue
-        px, py = path_x[row], path_y[row]
-        last, _ = _piece(way[i, steps - 1].max(), spacing, here, len(px))
-        for k in range(here, last + 1):
-            c[k], s[k] = _direction(px, py, k)
+        # Directions are found as far as they are needed.
+        found = here
         for step in range(steps):
             shift = beside[row] * _back(step, steps)
             for mode in range(modes):
-                k, share = _piece(way[i, step, mode], spacing, here, len(px))
-                x[i, step, mode] = px[k] + share * (px[k + 1] - px[k]) - shift * s[k]
-                y[i, step, mode] = py[k] + share * (py[k + 1] - py[k]) + shift * c[k]
+                k, share = _piece(way[i, step, mode], spacing, here, points)
+                while found <= k:
+                    c[found], s[found] = _direction(path_x, path_y, row, found)
+                    found += 1
+                x0, y0 = path_x[row, k], path_y[row, k]
+                x[i, step, mode] = x0 + share * (path_x[row, k + 1] - x0) - shift * s[k]
+                y[i, step, mode] = y0 + share * (path_y[row, k + 1] - y0) + shift * c[k]
                 cos[i, step, mode], sin[i, step, mode] = c[k], s[k]
-    return x, y, cos, sin
 
 
 @compiled
 def _led_on(
     world_x: Floats,
     world_y: Floats,
-    world_cos: Floats,
-    world_sin: Floats,
-    cos_half: Floats,
-    sin_half: Floats,
-    distance: Floats,
+    heading: Floats,
+    speed: Floats,
+    yaw_rate: Floats,
     keeps: NDArray[np.bool_],
     beside: Floats,
     stop: Floats,
@@ -129,30 +126,32 @@ def _led_on(
     spacing: float,
     here: int,
     steps: int,
+    dt: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y, cos and sin of `boxes`; `distance` (m,) in m, `cos_half` and `sin_half` (m,) of half the turn of one
-    interval."""
+    """x, y, cos and sin of `boxes`."""
     n = len(world_x)
     x, y, cos, sin = np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps))
     for i in range(n):
+        distance = speed[i] * dt
         if i < len(keeps) and keeps[i]:
-            px, py, most = path_x[i], path_y[i], max(stop[i], 0.0)
+            most = max(stop[i], 0.0)
             for step in range(steps):
                 shift = beside[i] * _back(step, steps)
-                k, share = _piece(min((step + 1) * distance[i], most), spacing, here, len(px))
-                c, s = _direction(px, py, k)
-                x[i, step] = px[k] + share * (px[k + 1] - px[k]) - shift * s
-                y[i, step] = py[k] + share * (py[k + 1] - py[k]) + shift * c
+                k, share = _piece(min((step + 1) * distance, most), spacing, here, path_x.shape[1])
+                c, s = _direction(path_x, path_y, i, k)
+                x[i, step] = path_x[i, k] + share * (path_x[i, k + 1] - path_x[i, k]) - shift * s
+                y[i, step] = path_y[i, k] + share * (path_y[i, k + 1] - path_y[i, k]) + shift * c
                 cos[i, step], sin[i, step] = c, s
             continue
         # The mean heading since now turns half as fast as the heading.
-        half_c, half_s, c, s = cos_half[i], sin_half[i], world_cos[i], world_sin[i]
+        half_c, half_s = math.cos(0.5 * dt * yaw_rate[i]), math.sin(0.5 * dt * yaw_rate[i])
+        c, s = math.cos(heading[i]), math.sin(heading[i])
         mean_c, mean_s = c, s
         for step in range(steps):
             mean_c, mean_s = _turned(mean_c, mean_s, half_c, half_s)
             c, s = _turned(c, s, half_c * half_c - half_s * half_s, 2.0 * half_c * half_s)
-            x[i, step] = world_x[i] + (step + 1) * distance[i] * mean_c
-            y[i, step] = world_y[i] + (step + 1) * distance[i] * mean_s
+            x[i, step] = world_x[i] + (step + 1) * distance * mean_c
+            y[i, step] = world_y[i] + (step + 1) * distance * mean_s
             cos[i, step], sin[i, step] = c, s
     return x, y, cos, sin
 
@@ -172,9 +171,9 @@ def _piece(way: float, spacing: float, here: int, points: int) -> tuple[int, flo
 
 
 @compiled
-def _direction(px: Floats, py: Floats, k: int) -> tuple[float, float]:
-    """Cosine and sine of the direction of piece `k` of a path."""
-    dx, dy = px[k + 1] - px[k], py[k + 1] - py[k]
+def _direction(x: Floats, y: Floats, row: int, k: int) -> tuple[float, float]:
+    """Cosine and sine of the direction of piece `k` of one of several paths."""
+    dx, dy = x[row, k + 1] - x[row, k], y[row, k + 1] - y[row, k]
     length = math.sqrt(dx * dx + dy * dy)
     return (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)
 

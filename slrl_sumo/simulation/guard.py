@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.route import RouteAhead
 from slrl_sumo.world.types import RoadUserType
@@ -13,7 +14,7 @@ in the middle of turns, where the models can then not turn any more."""
 AT_ONCE = 0.75
 """`touching` of who is met within 1.2 s on the very course of a mode: who has lost its path is not where that leads."""
 LATE = 1.0
-"""Strain (see lookahead.strain) from which it is too late to stop."""
+"""Strain (see onroute.strain) from which it is too late to stop."""
 ALIKE = 1e-6
 
 
@@ -28,19 +29,38 @@ def allowed_modes(
     is too late to stop at a closed signal or behind who is ahead. Where none is left,
     those with the latest conflict are allowed.
     """
-    meeting, off_surface, brake, follow = (ahead[..., column].astype(np.float64) for column in (0, 1, 7, 8))
-    closed = (route.known & route.closed)[:, None]
-    driving = (kind != RoadUserType.PEDESTRIAN)[:, None]
-    # From 0, no conflict, up to 1, one at once. Contact is worse than a signal, and that than a kerb.
-    meeting = np.where(meeting >= IMMINENT, meeting, 0.0)
-    meeting = np.maximum(meeting, np.where(touching >= AT_ONCE, touching, 0.0))
-    conflict = np.maximum(meeting, np.where(driving, _late(follow), 0.0))
-    conflict = np.maximum(conflict, 0.8 * np.where(closed, _late(brake), 0.0))
-    conflict = np.maximum(conflict, 0.6 * off_surface)
-    least = conflict.min(axis=1, keepdims=True)
-    return np.asarray(conflict <= least + ALIKE)
+    return _allowed_modes(
+        ahead, route.known & route.closed, kind != RoadUserType.PEDESTRIAN, np.ascontiguousarray(touching)
+    )
 
 
-def _late(strain: Floats) -> Floats:
+@compiled
+def _allowed_modes(
+    ahead: NDArray[np.float32], closed: NDArray[np.bool_], driving: NDArray[np.bool_], touching: Floats
+) -> NDArray[np.bool_]:
+    n, modes, _ = ahead.shape
+    allowed, conflict = np.empty((n, modes), np.bool_), np.empty(modes)
+    for i in range(n):
+        least = np.inf
+        for mode in range(modes):
+            # From 0, no conflict, up to 1, one at once. Contact is worse than a signal, and that than a kerb.
+            worst = 0.6 * ahead[i, mode, 1]
+            if ahead[i, mode, 0] >= IMMINENT:
+                worst = max(worst, ahead[i, mode, 0])
+            if touching[i, mode] >= AT_ONCE:
+                worst = max(worst, touching[i, mode])
+            if driving[i]:
+                worst = max(worst, _late(ahead[i, mode, 8]))
+            if closed[i]:
+                worst = max(worst, 0.8 * _late(ahead[i, mode, 7]))
+            conflict[mode] = worst
+            least = min(least, worst)
+        for mode in range(modes):
+            allowed[i, mode] = conflict[mode] <= least + ALIKE
+    return allowed
+
+
+@compiled
+def _late(strain: float) -> float:
     """From 0 at LATE up to 1."""
-    return np.where(strain > LATE, np.minimum(0.2 + 0.2 * (strain - LATE), 1.0), 0.0)
+    return min(0.2 + 0.2 * (strain - LATE), 1.0) if strain > LATE else 0.0

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.simulation.courses import HELD, courses
-from slrl_sumo.simulation.expected import along_paths, boxes, paths_kept
+from slrl_sumo.simulation.expected import boxes, bring_to_paths, paths_kept
 from slrl_sumo.simulation.meeting import MARGIN, meeting
 from slrl_sumo.simulation.offsurface import off_surface
 from slrl_sumo.simulation.onroute import OnRoute, Prospects, on_route
@@ -60,17 +60,18 @@ def look_ahead(
     acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
     free = courses(me, acceleration, yaw_rate, bundle.max_speed[me.type], halting=prospects is not None)
     turned = HELD * DECISION_INTERVAL * yaw_rate
-    # Pedestrians step aside; others are to blame as far as their paths let them choose.
-    excused = np.zeros(len(me), np.bool_)
-    if prospects is None:
-        theirs, on_paths, fits = boxes(world, None, np.full_like(MARGIN, MARGIN.max())), free, None
-    else:
-        kept = paths_kept(prospects.route, world)
-        theirs, on_paths, excused = boxes(world, kept, MARGIN), along_paths(free, kept, rows), kept.keeps[rows]
-        fits = on_route(prospects, me, rows, free, yaw_rate)
     off = off_surface(free, me.type, roadmap, rows, None if prospects is None else prospects.route)
-    met = meeting(on_paths, excused, theirs, world, rows)
+    if prospects is None:
+        kept, margin, fits, excused = None, np.full_like(MARGIN, MARGIN.max()), None, np.zeros(len(me), np.bool_)
+    else:
+        # Who keeps to a path cannot step aside, as pedestrians do.
+        kept, margin = paths_kept(prospects.route, world), MARGIN
+        fits, excused = on_route(prospects, me, rows, free, yaw_rate), kept.keeps[rows]
+    theirs = boxes(world, kept, margin)
     touched = meeting(free, excused, theirs, world, rows) if touching else None
+    if kept is not None:
+        bring_to_paths(free, kept, rows)
+    met = meeting(free, excused, theirs, world, rows)
     return Lookahead(met, off, free.speed[:, HELD - 1], turned, acceleration, yaw_rate, fits, touched)
 
 

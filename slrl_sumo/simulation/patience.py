@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.simulation.onroute import Prospects, allowed_speed
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
@@ -44,21 +45,24 @@ class Patience:
 
         Call it once per decision.
         """
-        free = allowed_speed(prospects, users) > FREE
         waits = prospects.route.stop < WAITING
         standing = prospects.route.known & (users.speed < STANDING) & ~prospects.route.closed & ~waits
-        stood: dict[str, float] = {}
-        goes: dict[str, tuple[float, float]] = {}
-        for row, name in enumerate(users.ids):
-            if standing[row]:
-                stood[name] = self._stood.get(name, 0.0) + DECISION_INTERVAL
-                most = IDLE if free[row] else _held(name)
-                if stood[name] >= most:
-                    goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
-            elif name in self._goes and self._goes[name][0] > users.time:
-                goes[name] = self._goes[name]
+        rows = np.flatnonzero(standing).tolist()
+        free = (allowed_speed(prospects, users) > FREE).tolist() if rows else []
+        stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) + DECISION_INTERVAL for row in rows}
+        goes = {
+            name: self._goes[name]
+            for name in (users.ids if self._goes else ())
+            if name in self._goes and name not in stood and self._goes[name][0] > users.time
+        }
+        for row in rows:
+            name = users.ids[row]
+            if stood[name] >= (IDLE if free[row] else _held(name)):
+                goes[name] = users.time + GOING, SOON if stood[name] < DESPERATE else 1.0
         self._stood, self._goes = stood, goes
-        most_met = np.array([goes[name][1] if name in goes else 0.0 for name in users.ids], np.float64)
+        most_met = np.zeros(len(users))
+        if goes:
+            most_met[:] = [goes[name][1] if name in goes else 0.0 for name in users.ids]
         return np.where(prospects.route.closed | waits, 0.0, most_met)
 
 
@@ -77,12 +81,18 @@ def going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.boo
     """
     if not tolerance.any():
         return allowed
-    modes = np.ones(ahead.shape[:2], np.bool_) if allowed is None else allowed.copy()
-    moving = (ahead[..., 2] > MOVING) & (ahead[..., 0] < tolerance[:, None])
+    return _going(ahead, tolerance, np.ones(ahead.shape[:2], np.bool_) if allowed is None else allowed)
+
+
+@compiled
+def _going(ahead: NDArray[np.float32], tolerance: Floats, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    modes, moving = allowed.copy(), np.empty(allowed.shape[1], np.bool_)
     for row in np.flatnonzero(tolerance):
-        both = modes[row] & moving[row]
-        if both.any():
-            modes[row] = both
-        elif moving[row].any():
-            modes[row] = moving[row]
+        both = False
+        for mode in range(len(moving)):
+            moving[mode] = ahead[row, mode, 2] > MOVING and ahead[row, mode, 0] < tolerance[row]
+            both |= moving[mode] and modes[row, mode]
+        if moving.any():
+            for mode in range(len(moving)):
+                modes[row, mode] = moving[mode] and (modes[row, mode] or not both)
     return modes

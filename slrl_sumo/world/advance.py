@@ -1,10 +1,12 @@
 """The motion of one decision interval."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.world.compiled import compiled
+from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 
 HALT, INTENT = 0.5, 0.15
@@ -19,19 +21,36 @@ def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed
     interval, so that speed is exactly distance over time (as SUMO's Euler update has it) and nobody slides sideways.
     Returns the state at `state.time + dt`, with the acceleration and yaw rate that were really carried out.
     """
-    speed = np.clip(state.speed + acceleration * dt, 0.0, max_speed)
-    turn = yaw_rate * dt
-    c, s = cos_sin(state.heading + 0.5 * turn)
+    felt, turning, top = (np.ascontiguousarray(given, np.float64) for given in (acceleration, yaw_rate, max_speed))
+    x, y, heading, speed, done = _advance(state.x, state.y, state.heading, state.speed, felt, turning, top, dt)
     return replace(
         state,
         time=state.time + dt,
-        x=state.x + speed * dt * c,
-        y=state.y + speed * dt * s,
-        heading=wrap_angle(state.heading + turn),
+        x=x,
+        y=y,
+        heading=heading,
         speed=speed,
-        acceleration=(speed - state.speed) / dt,
-        yaw_rate=np.asarray(yaw_rate, np.float64),
+        acceleration=done,
+        yaw_rate=turning,
     )
+
+
+@compiled
+def _advance(
+    x: Floats, y: Floats, heading: Floats, speed: Floats, acceleration: Floats, yaw_rate: Floats, top: Floats, dt: float
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """x, y, heading, speed and acceleration of `advance`."""
+    n = len(x)
+    to_x, to_y, to_heading, to_speed, done = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        after = min(max(speed[i] + acceleration[i] * dt, 0.0), top[i])
+        turn = yaw_rate[i] * dt
+        middle, end = heading[i] + 0.5 * turn, heading[i] + turn
+        to_x[i], to_y[i] = x[i] + after * dt * math.cos(middle), y[i] + after * dt * math.sin(middle)
+        # As geometry.wrap_angle.
+        to_heading[i] = end - 2 * math.pi * math.ceil((end - math.pi) / (2 * math.pi))
+        to_speed[i], done[i] = after, (after - speed[i]) / dt
+    return to_x, to_y, to_heading, to_speed, done
 
 
 def halting(speed: Floats, acceleration: Floats, dt: float) -> Floats:

@@ -43,7 +43,7 @@ class WorldState:
     def take(self, rows: NDArray[np.intp]) -> "WorldState":
         """The road users `rows` (integer indices) as a world of their own."""
         arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in ("time", "ids")}
-        return WorldState(time=self.time, ids=tuple(self.ids[i] for i in rows), **arrays)
+        return WorldState(time=self.time, ids=tuple(map(self.ids.__getitem__, rows.tolist())), **arrays)
 
     def join(self, other: "WorldState") -> "WorldState":
         """The road users of both, self's first, at self's time."""

@@ -127,13 +127,14 @@ def test_what_never_varied_in_training_has_no_say(bundle: ModelBundle, seen: Obs
 def test_motion_is_the_same_where_nothing_is_learned(bundle: ModelBundle, seen: Observation) -> None:
     # Without gradients tanh is numpy's.
     vector, kind = tensors(seen)
-    learning = bundle.displacement.motion_all(vector, kind)
+    models, mode = bundle.displacement, torch.arange(len(kind)) % bundle.config.modes
+    learning = *models.motion(vector, kind, mode), models.networks.forward_all(vector, kind)
     with torch.inference_mode():
-        running = bundle.displacement.motion_all(vector, kind)
+        running = *models.motion(vector, kind, mode), models.networks.forward_all(vector, kind)
     for a, b in zip(learning, running, strict=True):
         torch.testing.assert_close(a, b.clone(), rtol=1e-4, atol=1e-5)
-    mode = torch.arange(len(kind)) % bundle.config.modes
-    with torch.no_grad():
-        chosen = bundle.displacement.motion(vector, kind, mode)
-    for a, b in zip(learning, chosen, strict=True):
-        torch.testing.assert_close(a[torch.arange(len(kind)), mode], b, rtol=1e-4, atol=1e-5)
+
+
+def test_nobody_has_no_motions(bundle: ModelBundle) -> None:
+    acceleration, yaw_rate = bundle.displacement.motion_all(torch.zeros(0, 12), torch.zeros(0, dtype=torch.int64))
+    assert acceleration.shape == yaw_rate.shape == (0, bundle.config.modes)

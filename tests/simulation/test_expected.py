@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from slrl_sumo.simulation.courses import STEPS, courses
-from slrl_sumo.simulation.expected import Kept, along_paths, boxes, paths_kept
+from slrl_sumo.simulation.expected import Kept, boxes, bring_to_paths, paths_kept
 from slrl_sumo.simulation.meeting import MARGIN
 from slrl_sumo.world.advance import advance
 from slrl_sumo.world.geometry import Floats
@@ -51,7 +51,8 @@ def test_courses_along_paths_are_those_of_the_path(crowd: Callable[..., WorldSta
     # Some get beyond the end of their path.
     quick = replace(users.take(rows), speed=np.array([0.0, 3.0, 6.0, 9.0, 16.0]))
     free = courses(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
-    found = along_paths(free, Kept(route, keeps, beside), rows)
+    found = courses(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
+    bring_to_paths(found, Kept(route, keeps, beside), rows)
     for k, row in enumerate(rows):
         own, way = route.take(rows[k : k + 1]), free.way[k].reshape(1, -1)
         shift = beside[row] * np.repeat(BACK, 6)[None]
@@ -59,7 +60,7 @@ def test_courses_along_paths_are_those_of_the_path(crowd: Callable[..., WorldSta
         for name, values in zip(("x", "y", "cos", "sin"), kept, strict=True):
             np.testing.assert_allclose(getattr(found, name)[k].ravel(), values.ravel(), atol=1e-9)
     assert free.way.max() > (POINTS - HERE) * SPACING
-    assert found.speed is free.speed
+    np.testing.assert_array_equal(found.speed, free.speed)
 
 
 def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines(crowd: Callable[..., WorldState]) -> None:
