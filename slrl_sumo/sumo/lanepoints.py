@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from slrl_sumo.sumo.network import Lane
 
 
+LEAF = 64
+"""Points in a leaf of the search tree: with scipy's 16 the tree of a city took as much memory as the points."""
+
+
 class LanePoints:
     """Points along `lanes`, every `spacing` metres, at least half of that from the lane's ends.
 
@@ -25,22 +29,22 @@ class LanePoints:
 
     def __init__(self, lanes: "Sequence[Lane]", spacing: float, strip: float = np.inf) -> None:
         self.lanes = tuple(lanes)
-        # In a city there are millions of points: no array per lane is kept, and none twice.
-        table, counts = bytearray(), []
+        # In a city there are millions of points: no array per lane is kept, and nothing twice, not even meanwhile.
+        places, headings, offsets, counts = bytearray(), bytearray(), bytearray(), []
         for lane in self.lanes:
             sample = _sample(lane, spacing, strip)
-            table += sample.tobytes()
+            places += sample[:, :2].tobytes()
+            headings += sample[:, 2].tobytes()
+            offsets += sample[:, 3].tobytes()
             counts.append(len(sample))
-        stacked = np.frombuffer(table).reshape(-1, 4)
-        self.x, self.y, self.heading, self.offset = (np.ascontiguousarray(c) for c in stacked.T)
+        points = np.frombuffer(places).reshape(-1, 2)
+        self.x, self.y = points.T
+        self.heading, self.offset = np.frombuffer(headings), np.frombuffer(offsets)
         self.lane = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
         self._max_speed = np.array([lane.max_speed for lane in self.lanes])
         self._spacing = spacing
-        self._tree = None
-        if len(stacked):
-            self._tree = cKDTree(stacked[:, :2])
-            self.x, self.y = self._tree.data.T
+        self._tree = cKDTree(points, leafsize=LEAF) if len(points) else None
 
     def __len__(self) -> int:
         return len(self.x)

@@ -22,7 +22,7 @@ _WALKING_AREA = re.compile(r"^:.+_w\d+_\d+$")
 _CROSSING = re.compile(r"^:.+_c\d+_\d+$")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Lane:
     """One lane: `shape` is its centre line (k, 2) in m, or the outline where it is a walking area."""
 
@@ -85,16 +85,18 @@ def is_walking_area(lane_id: str) -> bool:
 def read_network(api: Any) -> Network:
     """Read the network through `api` (libsumo or a TraCI connection): about 4 us a lane and call with libsumo."""
     lanes = []
-    # Few sets of classes for many lanes.
+    # Few sets of classes, and fewer edges, for many lanes.
     known: dict[frozenset[str], frozenset[str]] = {}
+    edges: dict[str, str] = {}
     for lane_id in api.lane.getIDList():
         allowed, disallowed = api.lane.getAllowed(lane_id), api.lane.getDisallowed(lane_id)
         # An empty list stands for "all" as well as for "none": the other list tells which.
         classes = frozenset(allowed) if allowed or disallowed else MOTOR_CLASSES | {"bicycle", "pedestrian"}
+        edge = api.lane.getEdgeID(lane_id)
         lanes.append(
             Lane(
                 id=lane_id,
-                edge=api.lane.getEdgeID(lane_id),
+                edge=edges.setdefault(edge, edge),
                 shape=np.array(api.lane.getShape(lane_id), np.float64).reshape(-1, 2),
                 width=api.lane.getWidth(lane_id),
                 length=api.lane.getLength(lane_id),

@@ -2,9 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from slrl_sumo.world.geometry import boxes_overlap
+from slrl_sumo.world.geometry import Floats, boxes_overlap
 from slrl_sumo.world.state import WorldState
 
 COLLISION_DISTANCE = 0.5
@@ -17,10 +16,9 @@ def close_pairs(world: WorldState, distance: float) -> Pairs:
     """Pairs of road users whose centres are closer than `distance` (m): (p, 2) row indices, sorted, smaller first."""
     if len(world) < 2:
         return np.zeros((0, 2), np.intp)
-    centres = np.column_stack([world.x, world.y])
-    pairs = cKDTree(centres).query_pairs(distance, output_type="ndarray")
-    apart = np.hypot(*(centres[pairs[:, 0]] - centres[pairs[:, 1]]).T)
-    pairs = np.sort(pairs[apart < distance], axis=1).astype(np.intp)
+    pairs = np.sort(_near(world.x, world.y, distance), axis=1)
+    apart = np.hypot(world.x[pairs[:, 0]] - world.x[pairs[:, 1]], world.y[pairs[:, 0]] - world.y[pairs[:, 1]])
+    pairs = pairs[apart < distance]
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
@@ -39,10 +37,39 @@ def overlapping_pairs(world: WorldState) -> Pairs:
     pairs = close_pairs(world, ordinary + 0.01)
     long = np.flatnonzero(reach > ordinary)
     if len(long):
-        centres = np.column_stack([world.x, world.y])
-        neighbours = cKDTree(centres).query_ball_point(centres[long], 0.5 * (reach[long] + reach.max()) + 0.01)
-        extra = np.array([(i, j) for i, near in zip(long, neighbours, strict=True) for j in near if i != j], np.intp)
-        if len(extra):
-            pairs = np.unique(np.concatenate([pairs, np.sort(extra, axis=1)]), axis=0)
+        order = np.argsort(world.x)
+        x, reach_of_both = world.x[order], 0.5 * (reach[long] + reach.max()) + 0.01
+        begin, end = (np.searchsorted(x, world.x[long] + side * reach_of_both) for side in (-1, 1))
+        extra = _listed(begin, end)
+        extra = np.stack([long[extra[:, 0]], order[extra[:, 1]]], axis=1)
+        extra = np.sort(extra[extra[:, 0] != extra[:, 1]], axis=1)
+        pairs = np.unique(np.concatenate([pairs, extra]), axis=0)
     boxes = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
     return pairs[boxes_overlap(boxes[pairs[:, 0]], boxes[pairs[:, 1]])]
+
+
+def _near(x: Floats, y: Floats, distance: float) -> Pairs:
+    """All pairs of points at most `distance` apart, once each, and some that are a little farther: (p, 2).
+
+    The plane is cut into strips as high as `distance`, and these laid end to end, so that neighbours are those beside
+    one in the own strip and in the next one. Not by a tree: the process that counts has no other use for scipy, which
+    takes 0.2 s and 40 MiB.
+    """
+    strip = np.floor((y - y.min()) / distance)
+    length = np.ptp(x) + 3 * distance
+    place = strip * length + (x - x.min())
+    order = np.argsort(place)
+    place = place[order]
+    beside = _listed(np.arange(1, len(x) + 1), np.searchsorted(place, place + 1.01 * distance))
+    above = _listed(
+        np.searchsorted(place, place + length - 1.01 * distance),
+        np.searchsorted(place, place + length + 1.01 * distance),
+    )
+    return np.asarray(order[np.concatenate([beside, above])])
+
+
+def _listed(begin: NDArray[np.intp], end: NDArray[np.intp]) -> Pairs:
+    """The whole numbers of ranges, (p, 2): which range, and the number."""
+    count = np.maximum(end - begin, 0)
+    which = np.repeat(np.arange(len(count)), count)
+    return np.stack([which, np.arange(len(which)) + (begin - np.cumsum(count) + count)[which]], axis=1)

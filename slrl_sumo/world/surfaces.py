@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -70,6 +69,8 @@ def paint(
     rows grow northwards. A pixel is painted if its centre is covered; along the border OpenCV also paints pixels whose
     centre is up to half a pixel outside, so that neighbouring lanes never leave a gap.
     """
+    import cv2  # 16 MiB that the process which only counts and writes can do without
+
     origin = np.array([x0, y0])
 
     def to_pixels(points: Floats) -> NDArray[np.int32]:

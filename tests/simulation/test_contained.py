@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from lxml import etree
 import slrl_sumo.simulation.run
 from slrl_sumo.simulation.contained import run_contained
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
+from slrl_sumo.world.roadmap import RoadMap, Surface
 
 AGENTS = 8
 HOME = Path(sumo.SUMO_HOME)
@@ -213,11 +215,31 @@ def test_a_slow_reader_misses_nothing() -> None:
         piped.append(event)
     assert len(piped) == len(direct) == 26
     assert isinstance(piped[0], Started)
+    assert not piped[0].surfaces.shapes
     for a, b in zip(piped[1:], direct[1:], strict=True):
         assert isinstance(a, Decision)
         assert isinstance(b, Decision)
         assert a.steps[-1].world.ids == b.steps[-1].world.ids
         assert a.steps[-1].world.x.tolist() == b.steps[-1].world.x.tolist()
+
+
+def test_the_ground_comes_when_it_is_asked_for() -> None:
+    with closing(run_contained(RunSettings("intersection", agents=2, steps=1), with_surfaces=True)) as events:
+        started = next(events)
+    assert isinstance(started, Started)
+    ground = RoadMap(started.surfaces)
+    world = started.step.world
+    assert all(ground.has(surface) for surface in (Surface.ROAD, Surface.SIDEWALK, Surface.CROSSING))
+    assert (ground.surface_at(world.x, world.y) != Surface.NONE).all()
+
+
+def test_the_process_that_writes_and_counts_is_small() -> None:
+    # In a city the simulation needs the memory, and 0.2 s of importing come before its process even starts.
+    code = (
+        "import sys, slrl_sumo.analysis.outputs; print(*sorted({'torch', 'scipy', 'numba', 'cv2'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
 
 
 def test_no_place_for_temporary_files_is_told_in_one_line(tmp_path: Path) -> None:
