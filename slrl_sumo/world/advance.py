@@ -16,12 +16,16 @@ HALT, INTENT = 0.5, 0.15
 def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, dt: float) -> WorldState:
     """Move every road user by one interval.
 
-    `acceleration` (m/s²), `yaw_rate` (rad/s) and `max_speed` (m/s) are (n,) arrays for the road users of `state`.
+    `acceleration` (m/s²), `yaw_rate` (rad/s) and `max_speed` (m/s): (n,) arrays for the road users of `state`, or
+    (1,) for all of them; ValueError for any other shape.
     The new speed is kept within [0, max_speed]; the displacement is new speed x dt along the mean heading of the
     interval, so that speed is exactly distance over time (as SUMO's Euler update has it) and nobody slides sideways.
     Returns the state at `state.time + dt`, with the acceleration and yaw rate that were really carried out.
     """
-    felt, turning, top = (np.ascontiguousarray(given, np.float64) for given in (acceleration, yaw_rate, max_speed))
+    felt, turning, top = (
+        np.ascontiguousarray(np.broadcast_to(given, len(state)), np.float64)
+        for given in (acceleration, yaw_rate, max_speed)
+    )
     x, y, heading, speed, done = _advance(state.x, state.y, state.heading, state.speed, felt, turning, top, dt)
     return replace(
         state,

@@ -106,3 +106,11 @@ def test_who_crawls_and_does_not_mean_to_drive_on_stops() -> None:
     # Exactly at the limits nobody is stopped.
     assert halting(np.array([HALT]), np.array([0.0]), DT).tolist() == [0.0]
     assert halting(np.array([0.0]), np.array([INTENT]), DT).tolist() == [INTENT]
+
+
+def test_arrays_of_other_lengths_are_refused() -> None:
+    users = one(speed=5.0).join(one(speed=7.0)).join(one(speed=9.0))
+    same = advance(users, np.array([1.0]), np.zeros(3), np.full(3, 20.0), DT)
+    assert same.speed.tolist() == pytest.approx([5.4, 7.4, 9.4])
+    with pytest.raises(ValueError, match="broadcast"):
+        advance(users, np.zeros(2), np.zeros(3), np.full(3, 20.0), DT)
