@@ -246,7 +246,7 @@ def update(
         order = torch.randperm(size, generator=generator).to(agent.device)
         for start in range(0, size, minibatch):
             mb = order[start : start + minibatch]
-            logits, newvalue = agent.logits_and_value({name: value[mb] for name, value in seen.items()})
+            logits, newvalue = agent.logits_and_value({name: value.index_select(0, mb) for name, value in seen.items()})
             newlogprob = logits.gather(1, flat["actions"][mb][:, None])[:, 0]
             entropy = -(logits.exp() * logits).sum(-1).mean()
             logratio = newlogprob - flat["logprobs"][mb]
