@@ -78,13 +78,13 @@ class Policy(nn.Module):
         inputs, rows, cols = 3, EGO_ROWS, EGO_COLS
         for k, channels in enumerate(config.channels):
             kernel = 5 if k == 0 else 3
-            layers += [_scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)), nn.ReLU(inplace=True)]
+            layers += [_scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)), _rectifier()]
             inputs, rows, cols = channels, (rows + 1) // 2, (cols + 1) // 2
         self.encoder = nn.Sequential(
-            *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), nn.ReLU(inplace=True)
+            *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), _rectifier()
         )
         inputs = config.hidden + len(FEATURES) - 1 + config.route_columns
-        self.trunk = nn.Sequential(_scaled(nn.Linear(inputs, config.hidden)), nn.ReLU(inplace=True))
+        self.trunk = nn.Sequential(_scaled(nn.Linear(inputs, config.hidden)), _rectifier())
         self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.lookahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
@@ -211,13 +211,18 @@ def _scorer(config: PolicyConfig) -> nn.Sequential:
     """From what a mode leads to, to what speaks for it; nothing does to begin with."""
     inputs = config.ahead_columns + (4 if config.preset == "extended" else 2)
     hidden = 64 if config.preset == "extended" else 32
-    return nn.Sequential(_scaled(nn.Linear(inputs, hidden)), nn.ReLU(inplace=True), _scaled(nn.Linear(hidden, 1), 0.0))
+    return nn.Sequential(_scaled(nn.Linear(inputs, hidden)), _rectifier(), _scaled(nn.Linear(hidden, 1), 0.0))
 
 
 def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
     return nn.Sequential(
-        _scaled(nn.Linear(config.hidden, config.head)), nn.ReLU(inplace=True), _scaled(nn.Linear(config.head, outputs), gain)
+        _scaled(nn.Linear(config.hidden, config.head)), _rectifier(), _scaled(nn.Linear(config.head, outputs), gain)
     )
+
+
+def _rectifier() -> nn.ReLU:
+    # In place: what came in is needed by nobody, and memory is what small networks wait for.
+    return nn.ReLU(inplace=True)
 
 
 def _scaled(layer: Layer, gain: float = 2**0.5) -> Layer:

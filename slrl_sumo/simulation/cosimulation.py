@@ -209,7 +209,9 @@ class CoSimulation:
         users = replace(interval.states[-1], time=self._simulation.time)
         surface = self.roadmap.surface_at(users.x, users.y)
         gone = self.population.settle(users)
-        arrived = np.array([road_user in interval.arrived for road_user in users.ids], np.bool_)
+        arrived = np.zeros(len(users), np.bool_)
+        if not interval.arrived.isdisjoint(users.ids):
+            arrived[:] = [road_user in interval.arrived for road_user in users.ids]
         strayed = self._bring_home()
         handed_back = strayed + self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())

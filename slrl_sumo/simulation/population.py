@@ -72,7 +72,7 @@ class Population:
             rows = np.flatnonzero(mask)
             if not len(rows):
                 continue
-            u = users.take(rows)
+            u = users if len(rows) == len(users) else users.take(rows)
             if movable is self._loans and self._missed:
                 # Gone since the interval began.
                 u = u.take(np.array([i for i, user in enumerate(u.ids) if user not in self._missed], np.intp))
@@ -84,6 +84,8 @@ class Population:
 
     def check(self, users: WorldState, present: frozenset[str]) -> None:
         """After a SUMO step: see who of `users` is not among SUMO's `present` ids. Ours are added again at once."""
+        if present.issuperset(users.ids):
+            return
         missing = np.array([user not in present for user in users.ids], np.bool_)
         missing &= ~(self.lent & np.array([user in self._missed for user in users.ids], np.bool_))
         if not missing.any():
@@ -107,6 +109,8 @@ class Population:
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         """Drop road users from the population (not from SUMO): those where `mask` (n,) is False."""
+        if mask.all():
+            return
         rows = np.flatnonzero(mask)
         self.world, self.lent = self.world.take(rows), self.lent[rows]
         self.sumo_types = tuple(self.sumo_types[row] for row in rows)

@@ -35,9 +35,8 @@ class Paths:
         self._rows: dict[tuple[str, ...], int] = {}
         self._points = np.zeros((4096, 2))
         self._used = 0
-        self._start: list[int] = []
-        self._end: list[int] = []
-        self._scale: list[float] = []
+        self._table = np.zeros((256, 3))
+        """Of each row: its first point, its last point, and m of drawn shape per m of SUMO's measure."""
 
     @property
     def full(self) -> bool:
@@ -81,9 +80,10 @@ class Paths:
 
         Returns x, y in m, (n, count), and how far the paths go on, in m, (n,); past a path's end its last point recurs.
         """
-        start, last = np.array(self._start)[rows], np.array(self._end)[rows] - 1
+        table = self._table[rows]
+        start, last, scale = table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
         # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
-        along = np.maximum(lane_position * np.array(self._scale)[rows] / SPACING, 0.0)
+        along = np.maximum(lane_position * scale / SPACING, 0.0)
         first = np.floor(along).astype(np.intp)
         share = (along - first)[:, None, None]
         index = (start + first)[:, None] + np.arange(count + 1)
@@ -109,11 +109,13 @@ class Paths:
         while self._used + len(points) > len(self._points):
             self._points = np.concatenate([self._points, np.zeros_like(self._points)])
         self._points[self._used : self._used + len(points)] = points
-        self._start.append(self._used)
+        row = len(self._rows)
+        if row == len(self._table):
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])
+        scale = _length(lanes[0]) / max(lanes[0].length, 0.1)
+        self._table[row] = self._used, self._used + len(points) - 1, scale
         self._used += len(points)
-        self._end.append(self._used)
-        self._scale.append(_length(lanes[0]) / max(lanes[0].length, 0.1))
-        return len(self._start) - 1
+        return row
 
 
 def _length(lane: Lane) -> float:
