@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.simulation.tally import STANDING_SPEED
-from slrl_sumo.world.contacts import Pairs, colliding_pairs, overlapping_pairs
+from slrl_sumo.world.contacts import Pairs, contact_pairs
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import TYPE_NAMES
@@ -75,13 +75,12 @@ class Outcomes:
 
     def __post_init__(self) -> None:
         self._there = frozenset(self.start.ids)
-        self._colliding = _keys(colliding_pairs(self.start), self.start)
-        self._overlapping = _keys(overlapping_pairs(self.start), self.start)
+        self._colliding, self._overlapping = (_keys(pairs, self.start) for pairs in contact_pairs(self.start))
 
     def add(self, world: WorldState, counted: Mask, off_surface: Mask | None) -> None:
         """Count one decision: everybody at its end, n road users, whom to count (n,), and who of all of them is off
         its own surface (n,), None where nobody knows."""
-        colliding, overlapping = colliding_pairs(world), overlapping_pairs(world)
+        colliding, overlapping = contact_pairs(world)
         collisions = self._begun(colliding, world, self._colliding)
         overlaps = self._begun(overlapping, world, self._overlapping)
         self._colliding, self._overlapping = _keys(colliding, world), _keys(overlapping, world)

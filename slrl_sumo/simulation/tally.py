@@ -1,13 +1,12 @@
 """The summary of a run: counts and means over all decisions of all learned road users."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.world.contacts import Pairs, colliding_pairs, overlapping_pairs
+from slrl_sumo.world.contacts import Pairs, contact_pairs
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import TYPE_NAMES, RoadUserType
@@ -22,18 +21,8 @@ OWN_SURFACE[RoadUserType.BICYCLE, [Surface.ROAD, Surface.CROSSING, Surface.CYCLE
 OWN_SURFACE[RoadUserType.PEDESTRIAN, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
 
 
-@dataclass
-class _Life:
-    """What happened to one road user while it was learned; sums over its decisions."""
-
-    kind: int
-    steps: int = 0
-    speed: float = 0.0
-    standing: int = 0
-    off_surface: int = 0
-    collisions: int = 0
-    overlaps: int = 0
-    survived: int = 0
+SUMS = ("steps", "speed", "standing", "off_surface", "collisions", "overlaps", "survived")
+"""What is added up of each road user over the decisions in which it was learned; speed in m/s."""
 
 
 class Tally:
@@ -49,10 +38,15 @@ class Tally:
         self.loops: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
         self.taken_over = self.handed_back = self.strayed = self.arrived = self.interventions = 0
-        self._lives = {start.ids[i]: _Life(int(start.type[i])) for i in np.flatnonzero(start.learned)}
+        self._rows: dict[str, int] = {}
+        """Which column of `_sums` is whose."""
+        self._kind = np.zeros(64, np.int8)
+        self._sums = np.zeros((len(SUMS), 64))
+        self._of: tuple[str, ...] = ()
+        self._columns = np.zeros(0, np.intp)
+        self._found(start.take(np.flatnonzero(start.learned)))
         # Road users that start in contact with each other have not collided by driving.
-        self._colliding = _keys(colliding_pairs(start), start)
-        self._overlapping = _keys(overlapping_pairs(start), start)
+        self._colliding, self._overlapping = (_keys(pairs, start) for pairs in contact_pairs(start))
 
     def add(self, decision: Decision) -> None:
         """Count one decision interval."""
@@ -67,42 +61,56 @@ class Tally:
         self.strayed += len(decision.strayed)
         self.arrived += len(decision.arrived)
         self.interventions += decision.interventions
-        colliding, overlapping = colliding_pairs(world), overlapping_pairs(world)
+        colliding, overlapping = contact_pairs(world)
         collisions = _begun(colliding, world, self._colliding, n)
         overlaps = _begun(overlapping, world, self._overlapping, n)
         self._colliding, self._overlapping = _keys(colliding, world), _keys(overlapping, world)
-        off_surface = ~OWN_SURFACE[world.type[:n], decision.surface]
-        for row in range(n):
-            life = self._lives.setdefault(world.ids[row], _Life(int(world.type[row])))
-            life.steps += 1
-            life.speed += float(world.speed[row])
-            life.standing += bool(world.speed[row] < STANDING_SPEED)
-            life.off_surface += bool(off_surface[row])
-            life.collisions += int(collisions[row])
-            life.overlaps += int(overlaps[row])
-            life.survived += life.collisions == 0
+        learned = world.take(np.arange(n))
+        columns = self._found(learned)
+        collided = self._sums[SUMS.index("collisions"), columns] + collisions
+        off_surface = ~OWN_SURFACE[learned.type, decision.surface]
+        standing = learned.speed < STANDING_SPEED
+        now = np.ones(n), learned.speed, standing, off_surface, collisions, overlaps, collided == 0
+        self._sums[:, columns] += np.array(now, np.float64)
+
+    def _found(self, learned: WorldState) -> NDArray[np.intp]:
+        """The column of each of n learned road users, (n,); new ones get one."""
+        if learned.ids == self._of:
+            return self._columns
+        for row, name in enumerate(learned.ids):
+            if name not in self._rows:
+                column = self._rows[name] = len(self._rows)
+                if column == len(self._kind):
+                    self._kind = np.concatenate([self._kind, np.zeros_like(self._kind)])
+                    self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)], axis=1)
+                self._kind[column] = learned.type[row]
+        self._of, self._columns = learned.ids, np.array([self._rows[name] for name in learned.ids], np.intp)
+        return self._columns
 
     def per_type(self) -> dict[str, dict[str, float | int | None]]:
         """The keys of `run --summary` for each type; means are None for a type that nobody had."""
         result = {}
+        count = len(self._rows)
         for kind, name in enumerate(TYPE_NAMES):
-            lives = [life for life in self._lives.values() if life.kind == kind]
-            steps = sum(life.steps for life in lives)
+            of_type = self._sums[:, :count][:, self._kind[:count] == kind]
+            total = dict(zip(SUMS, of_type.sum(axis=1).tolist(), strict=True))
+            unhurt = int((of_type[SUMS.index("collisions")] == 0).sum())
+            lives, steps = of_type.shape[1], int(total["steps"])
             result[name] = {
-                "count": len(lives),
-                "mean_speed_mps": _ratio(sum(life.speed for life in lives), steps),
-                "standing_share": _ratio(sum(life.standing for life in lives), steps),
-                "collisions": sum(life.collisions for life in lives),
-                "overlaps": sum(life.overlaps for life in lives),
-                "survival_steps": _ratio(sum(life.survived for life in lives), len(lives)),
-                "success_rate": _ratio(sum(life.collisions == 0 for life in lives), len(lives)),
-                "off_surface_share": _ratio(sum(life.off_surface for life in lives), steps),
+                "count": lives,
+                "mean_speed_mps": _ratio(total["speed"], steps),
+                "standing_share": _ratio(total["standing"], steps),
+                "collisions": int(total["collisions"]),
+                "overlaps": int(total["overlaps"]),
+                "survival_steps": _ratio(total["survived"], lives),
+                "success_rate": _ratio(unhurt, lives),
+                "off_surface_share": _ratio(total["off_surface"], steps),
             }
         return result
 
     def summary(self, wall_s: float, interval_s: float) -> dict[str, Any]:
         """Everything that was counted, with units in the key names, ready for JSON."""
-        agent_steps = sum(life.steps for life in self._lives.values())
+        agent_steps = int(self._sums[SUMS.index("steps")].sum())
         return {
             "decisions": self.decisions,
             "decision_interval_s": interval_s,

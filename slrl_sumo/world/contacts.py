@@ -29,8 +29,13 @@ def colliding_pairs(world: WorldState) -> Pairs:
 
 def overlapping_pairs(world: WorldState) -> Pairs:
     """Pairs whose boxes intersect. (p, 2), sorted."""
+    return contact_pairs(world)[1]
+
+
+def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
+    """`colliding_pairs` and `overlapping_pairs` by one search."""
     if len(world) < 2:
-        return np.zeros((0, 2), np.intp)
+        return np.zeros((0, 2), np.intp), np.zeros((0, 2), np.intp)
     reach = np.hypot(world.length, world.width)
     # A few long vehicles must not make everybody's search radius long: ordinary ones pair within their own reach.
     ordinary = max(float(np.median(reach)), 6.0)
@@ -45,7 +50,9 @@ def overlapping_pairs(world: WorldState) -> Pairs:
         extra = np.sort(extra[extra[:, 0] != extra[:, 1]], axis=1)
         pairs = np.unique(np.concatenate([pairs, extra]), axis=0)
     boxes = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
-    return pairs[boxes_overlap(boxes[pairs[:, 0]], boxes[pairs[:, 1]])]
+    a, b = boxes[pairs[:, 0]], boxes[pairs[:, 1]]
+    colliding = np.hypot(a[:, 0] - b[:, 0], a[:, 1] - b[:, 1]) < COLLISION_DISTANCE
+    return pairs[colliding], pairs[boxes_overlap(a, b)]
 
 
 def _near(x: Floats, y: Floats, distance: float) -> Pairs:
