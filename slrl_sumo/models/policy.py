@@ -78,7 +78,10 @@ class Policy(nn.Module):
         inputs, rows, cols = 3, EGO_ROWS, EGO_COLS
         for k, channels in enumerate(config.channels):
             kernel = 5 if k == 0 else 3
-            layers += [_scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)), nn.ReLU(inplace=True)]
+            layers += [
+                _scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)),
+                nn.ReLU(inplace=True),
+            ]
             inputs, rows, cols = channels, (rows + 1) // 2, (cols + 1) // 2
         self.encoder = nn.Sequential(
             *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), nn.ReLU(inplace=True)
@@ -216,7 +219,9 @@ def _scorer(config: PolicyConfig) -> nn.Sequential:
 
 def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
     return nn.Sequential(
-        _scaled(nn.Linear(config.hidden, config.head)), nn.ReLU(inplace=True), _scaled(nn.Linear(config.head, outputs), gain)
+        _scaled(nn.Linear(config.hidden, config.head)),
+        nn.ReLU(inplace=True),
+        _scaled(nn.Linear(config.head, outputs), gain),
     )
 
 
