@@ -82,7 +82,9 @@ def _beside(
         for step in range(looked[i]):
             for mode in range(modes):
                 if outside[k] and known[row]:
-                    there = min(here + int(np.rint(way[i, step, mode] / spacing)), last)
+                    on = way[i, step, mode] / spacing
+                    # Ways that are no numbers end there as well.
+                    there = here + int(np.rint(on)) if 0.0 <= on < last - here else last
                     place[found], user[found], x[found], y[found] = k, i, path_x[row, there], path_y[row, there]
                     found += 1
                 k += 1

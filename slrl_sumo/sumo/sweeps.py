@@ -42,7 +42,7 @@ def sweep(
     valid = np.empty(path_x.shape, np.bool_)
     paths = np.stack([path_x, path_y])
     _swept(paths, room, np.stack([front_x, front_y, heading]), size, SPACING, boxes, valid)
-    return Sweep(boxes[0], boxes[1], boxes[2], boxes[3], size[:, 0], valid)
+    return Sweep(boxes[0], boxes[1], boxes[2], boxes[3], size[:, 0].copy(), valid)
 
 
 @compiled
@@ -68,7 +68,7 @@ def _swept(
         first_x = front_x if astray else paths[0, i, 0]
         first_y = front_y if astray else paths[1, i, 0]
         beside = (front_y - first_y) * along[0, 0] - (front_x - first_x) * along[1, 0]
-        behind = round(length / spacing)
+        behind = round(length / spacing) if 0.0 <= length < k * spacing else k
         for j in range(k):
             s = j * spacing
             kept = max(1.0 - s / STRAIGHTENING, 0.0)

@@ -22,9 +22,9 @@ def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed
     interval, so that speed is exactly distance over time (as SUMO's Euler update has it) and nobody slides sideways.
     Returns the state at `state.time + dt`, with the acceleration and yaw rate that were really carried out.
     """
+    # Copies: what is broadcast cannot be written to, and would be compiled for once more; nor is it the caller's then.
     felt, turning, top = (
-        np.ascontiguousarray(np.broadcast_to(given, len(state)), np.float64)
-        for given in (acceleration, yaw_rate, max_speed)
+        np.array(np.broadcast_to(given, len(state)), np.float64) for given in (acceleration, yaw_rate, max_speed)
     )
     x, y, heading, speed, done = _advance(state.x, state.y, state.heading, state.speed, felt, turning, top, dt)
     return replace(

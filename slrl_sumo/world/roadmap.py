@@ -100,19 +100,17 @@ class RoadMap:
         ahead: float,
         side: float,
         resolution: float,
-        out: Ids | None = None,
     ) -> Ids:
         """Crops of the ground as seen by each road user, (n, rows, cols) Surface ids.
 
         The view reaches `behind`, `ahead` and to each `side` (m) of positions `x`, `y` (m). `heading` (rad) points to
-        the right of the crop; row 0 is the far left. `resolution` in px/m; the nearest pixel counts. `out` receives the
-        result if given: uint8, of the result's shape, each crop with contiguous rows. Raises ValueError if the view
-        may reach beyond the margin of a tile.
+        the right of the crop; row 0 is the far left. `resolution` in px/m; the nearest pixel counts. Raises ValueError
+        if the view may reach beyond the margin of a tile.
         """
         if math.hypot(max(behind, ahead), side) + 1.0 > self.margin:
             raise ValueError(f"the ego view reaches beyond the tile margin of {self.margin} m")
         rows, cols = round(2 * side * resolution), round((behind + ahead) * resolution)
-        crops = np.empty((len(x), rows, cols), np.uint8) if out is None else out
+        crops = np.empty((len(x), rows, cols), np.uint8)
         self._tiles.views(x, y, heading, (0.5 / resolution - behind, side - 0.5 / resolution), 1.0 / resolution, crops)
         return crops
 

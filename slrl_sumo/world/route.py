@@ -89,16 +89,6 @@ def on_path(
     return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
 
 
-def at(route: RouteAhead, along: Floats) -> tuple[Floats, Floats, Floats]:
-    """Positions (m) and directions (rad) `along` (n, m) metres from the road user's place on its path, (n, m) each."""
-    place = along / SPACING + HERE
-    begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
-    rows, share = np.arange(len(route))[:, None], place - begin
-    x, y = route.x[rows, begin], route.y[rows, begin]
-    dx, dy = route.x[rows, begin + 1] - x, route.y[rows, begin + 1] - y
-    return x + share * dx, y + share * dy, np.asarray(np.arctan2(dy, dx))
-
-
 def beside(
     route: RouteAhead, room: Floats, x: Floats, y: Floats, reach: Floats
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -210,8 +210,9 @@ def _cut_out(
     for i in range(len(x)):
         if not pending[i]:
             continue
-        square = _square(x[i], y[i], core, keys)
-        if square == MISSING:
+        square, c, s = _square(x[i], y[i], core, keys), cos[i], sin[i]
+        # Nor is there anything to be seen where a direction is no number.
+        if square == MISSING or not c * c + s * s < 2.0:
             out[i] = 0
             pending[i] = False
             continue
@@ -219,7 +220,6 @@ def _cut_out(
         if slot == MISSING:
             missing = square
             continue
-        c, s = cos[i], sin[i]
         west, south = math.floor(x[i] / core) * core - margin, math.floor(y[i] / core) * core - margin
         col0 = np.float32((x[i] + c * ahead - s * left) * resolution - 0.5 - west * resolution)
         row0 = np.float32((y[i] + s * ahead + c * left) * resolution - 0.5 - south * resolution)

@@ -13,7 +13,7 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.selector import PriorSelector
 from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
 from slrl_sumo.sumo.scenario import find_scenario
-from slrl_sumo.world.route import RouteAhead, at
+from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.world.types import RoadUserType
 
 SETTINGS = ArenaSettings(agents=24, warm_up=8.0, episode_steps=12)
@@ -195,7 +195,10 @@ def _put(arena: Arena, row: int, before_line: float) -> RouteAhead:
     """Put the road user of a slot `before_line` m before its line, at 6 m/s; returns its route from there."""
     assert arena._prospects is not None
     users, route = arena.simulation.population.world, arena._prospects.route.take(np.array([row]))
-    x, y, heading = at(route, route.line[:, None] - before_line)
+    place = (route.line[0] - before_line) / SPACING + HERE
+    x, y = (np.interp(place, np.arange(POINTS), column[0]) for column in (route.x, route.y))
+    piece = int(place)
+    heading = np.arctan2(route.y[0, piece + 1] - route.y[0, piece], route.x[0, piece + 1] - route.x[0, piece])
     for name, value in {"x": x, "y": y, "heading": heading, "speed": np.array(6.0)}.items():
         column = getattr(users, name).copy()
         column[row] = value.item()

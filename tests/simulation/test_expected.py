@@ -1,4 +1,4 @@
-"""Where everybody is expected: on paths as `route.at` has them, beside them as `advance` does."""
+"""Where everybody is expected: on paths by interpolation, beside them as `advance` does."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,7 +10,7 @@ from slrl_sumo.simulation.expected import Kept, boxes, bring_to_paths, paths_kep
 from slrl_sumo.simulation.meeting import MARGIN
 from slrl_sumo.world.advance import advance
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead, at
+from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL
 
@@ -28,7 +28,13 @@ def routed(users: WorldState, n: int) -> RouteAhead:
 
 
 def shifted(route: RouteAhead, along: Floats, shift: Floats) -> tuple[Floats, ...]:
-    x, y, heading = at(route, along)
+    """x, y, cos and sin `along` (n, m) metres on, `shift` to the left; beyond its ends a path goes straight on."""
+    place = along / SPACING + HERE
+    begin = np.clip(np.floor(place).astype(np.intp), 0, POINTS - 2)
+    row, share = np.arange(len(route))[:, None], place - begin
+    x0, y0 = route.x[row, begin], route.y[row, begin]
+    dx, dy = route.x[row, begin + 1] - x0, route.y[row, begin + 1] - y0
+    x, y, heading = x0 + share * dx, y0 + share * dy, np.arctan2(dy, dx)
     return x - shift * np.sin(heading), y + shift * np.cos(heading), np.cos(heading), np.sin(heading)
 
 

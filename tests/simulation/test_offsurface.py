@@ -53,3 +53,16 @@ def test_nobody_is_off_the_surface(crowd: Callable[..., WorldState]) -> None:
     free = courses(nobody, none, none, np.zeros(0), halting=True)
     assert off_surface(free, nobody.type, GROUND, np.zeros(0, np.intp), RouteAhead.unknown(0)).shape == (0, 5)
     assert free.x.shape == (0, STEPS, 5)
+
+
+def test_courses_that_are_no_numbers_are_off_the_surface_but_for_who_has_a_path(
+    crowd: Callable[..., WorldState],
+) -> None:
+    users = replace(crowd(4, 1, 1.0), type=np.zeros(4, np.int8), x=np.full(4, 10.0), y=np.full(4, 10.0))
+    users = replace(users, speed=np.array([1.0, np.nan, np.inf, np.nan]))
+    still = np.zeros((4, 2))
+    free = courses(users, still, still, np.full(4, np.inf), halting=False)
+    # Paths that end where there is no ground; the last one has none.
+    route = RouteAhead.unknown(4)
+    route = replace(route, known=np.array([True, True, True, False]), x=route.x - 15.0, y=route.y - 15.0)
+    assert off_surface(free, users.type, GROUND, np.arange(4), route).tolist() == [[0.0] * 2] * 3 + [[1.0] * 2]

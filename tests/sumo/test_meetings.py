@@ -110,3 +110,14 @@ def test_the_quick_look_leaves_out_only_those_who_are_far_from_the_way() -> None
     both = np.array([0, 1])
     coming = approaching(path_x, path_y, np.repeat(SIZE, 2, axis=0), both, boxes, np.array([0, 0]))
     assert coming.tolist() == [True, False]
+
+
+@pytest.mark.parametrize("length", [np.nan, np.inf, 1e300])
+def test_a_length_that_cannot_be_concerns_no_other_vehicle(length: float) -> None:
+    s, zero = np.tile(np.linspace(0.0, 40.0, 81), (3, 1)), np.zeros(3)
+    sizes = np.array([[5.0, 1.8], [length, 1.8], [5.0, 1.8]])
+    swept = sweep(s, 0.0 * s, np.full(3, 100.0), zero, zero, zero, sizes)
+    alone = straight_on()
+    for row in (0, 2):
+        assert np.array_equal(swept.x[row], alone.x[0])
+        assert np.array_equal(swept.heading[row], alone.heading[0])

@@ -114,3 +114,10 @@ def test_arrays_of_other_lengths_are_refused() -> None:
     assert same.speed.tolist() == pytest.approx([5.4, 7.4, 9.4])
     with pytest.raises(ValueError, match="broadcast"):
         advance(users, np.zeros(2), np.zeros(3), np.full(3, 20.0), DT)
+
+
+def test_what_it_is_given_stays_the_callers() -> None:
+    turning = np.array([0.5])
+    after = advance(one(speed=5.0), np.zeros(1), turning, np.full(1, 9.0), DT)
+    after.yaw_rate[0] = 9.0  # may be written to, as all other columns
+    assert turning[0] == 0.5

@@ -72,8 +72,10 @@ def run_in(folder: Path, **environment: str) -> str:
     file = folder / "loops.py"
     if not file.exists():
         file.write_text(SOURCE)
+    # Next to the file, wherever this process keeps its own.
+    inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     return subprocess.run(
-        [sys.executable, "-W", "error", file], env=os.environ | environment, capture_output=True, text=True, check=True
+        [sys.executable, "-W", "error", file], env=inherited | environment, capture_output=True, text=True, check=True
     ).stdout
 
 

@@ -200,18 +200,10 @@ def test_what_has_no_place_has_no_ground() -> None:
     crops = where.ego_surfaces(far, np.zeros(8), np.zeros(8), **view)
     assert not crops[:-1].any()
     assert crops[-1].any()
-
-
-def test_ego_surfaces_fill_the_given_array_only() -> None:
-    where = roadmap(*scene())
-    x, y, heading = np.random.default_rng(3).uniform(-100, 100, (3, 20))
-    x[5] = 5000.0  # nothing there
-    view = {"behind": 8.0, "ahead": 32.0, "side": 10.0, "resolution": 2.0}
-    canvas = np.full((20, 50, 80), 77, np.uint8)
-    where.ego_surfaces(x, y, heading, **view, out=canvas[:, :40])
-    assert np.array_equal(canvas[:, :40], where.ego_surfaces(x, y, heading, **view))
-    assert (canvas[:, 40:] == 77).all()
-    assert (canvas[5, :40] == Surface.NONE).all()
+    headings = np.array([np.nan, np.nan, 1e300, 0.5])
+    crops = where.ego_surfaces(np.full(4, 64.0), np.zeros(4), headings, **view)
+    assert not crops[:2].any()
+    assert crops[2:].any(axis=(1, 2)).all()
 
 
 def test_a_view_beyond_the_margin_is_refused() -> None:

@@ -6,16 +6,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.route import (
-    AHEAD,
-    BEHIND,
-    HERE,
-    POINTS,
-    SPACING,
-    RouteAhead,
-    at,
-    on_path,
-)
+from slrl_sumo.world.route import AHEAD, BEHIND, HERE, POINTS, SPACING, RouteAhead, on_path
 
 S = SPACING * (np.arange(POINTS) - HERE)
 """m along the path of each of its points."""
@@ -80,29 +71,16 @@ def test_beside_a_circle(radius: float, place: float) -> None:
 def test_directions_change_without_jumps_round_a_corner() -> None:
     route = paths(corner(np.pi / 2))
     for place, turn in ((8.0, 0.0), (12.0, np.pi / 2)):
-        x, y, direction = at(route, np.array([[place]]))
-        along, aside, heading = on_path(route, x, y)
+        along, aside, heading = on_path(route, np.array([[min(place, 10.0)]]), np.array([[max(place - 10.0, 0.0)]]))
         assert (along[0, 0], aside[0, 0]) == (pytest.approx(place), pytest.approx(0.0, abs=1e-9))
-        assert (heading[0, 0], direction[0, 0]) == (pytest.approx(turn), pytest.approx(turn))
+        assert heading[0, 0] == pytest.approx(turn)
     places = np.linspace(5.0, 15.0, 201)[None]
-    x, y, _ = at(route, places)
-    _, _, headings = on_path(route, x, y)
+    _, _, headings = on_path(route, np.minimum(places, 10.0), np.maximum(places - 10.0, 0.0))
     # From one to the other direction within 2 m, at most 0.05 m a time.
     assert np.diff(headings).min() >= -1e-9
     assert np.diff(headings).max() < 0.05 * np.pi / 2
     # Inside of the corner is left.
     assert on_path(route, np.array([[8.0]]), np.array([[1.5]]))[1][0, 0] == pytest.approx(1.5)
-
-
-def test_places_on_paths_and_beyond() -> None:
-    route = paths(straight(0.0, x=2.0, y=3.0), corner(-np.pi / 2))
-    x, y, heading = at(route, np.array([[0.0, 0.25, 60.0, -20.0], [0.0, 9.5, 60.0, -20.0]]))
-    assert x[0] == pytest.approx([2.0, 2.25, 62.0, -18.0])
-    assert y[0] == pytest.approx(3.0)
-    assert heading[0] == pytest.approx(0.0)
-    assert x[1] == pytest.approx([0.0, 9.5, 10.0, -20.0])
-    assert y[1] == pytest.approx([0.0, 0.0, -50.0, 0.0])
-    assert heading[1] == pytest.approx([0.0, 0.0, -np.pi / 2, 0.0])
 
 
 def test_directions_at_points_are_those_from_the_one_before_to_the_one_after() -> None:
