@@ -1,6 +1,7 @@
 """Inner loops that numba compiles to machine code, once per machine."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -25,8 +26,32 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
         machine_code = njit(cache=True, error_model="numpy")(function)
     except RuntimeError:  # nowhere to keep it: neither the package nor the user has a folder to write into
         machine_code = njit(error_model="numpy")(function)
+    _forgive(machine_code)
     _FUNCTIONS.append(machine_code)
     return machine_code
+
+
+def _forgive(function: Any) -> None:
+    """Let a run go on where what is kept cannot be read (a process or a machine that died while it wrote) or written (a
+    full disk): numba would raise. It is compiled anew then."""
+    cache = getattr(function, "_cache", None)
+    if cache is None:  # NUMBA_DISABLE_JIT
+        return
+    load, save = cache.load_overload, cache.save_overload
+
+    def load_if_whole(signature: Any, context: Any) -> Any:
+        try:
+            return load(signature, context)
+        except Exception:  # whatever unpickling makes of it
+            with suppress(OSError):
+                cache.flush()
+            return None
+
+    def save_if_possible(signature: Any, result: Any) -> None:
+        with suppress(OSError):
+            save(signature, result)
+
+    cache.load_overload, cache.save_overload = load_if_whole, save_if_possible
 
 
 def first_time() -> bool:

@@ -62,7 +62,8 @@ def test_courses_that_are_no_numbers_are_off_the_surface_but_for_who_has_a_path(
     users = replace(users, speed=np.array([1.0, np.nan, np.inf, np.nan]))
     still = np.zeros((4, 2))
     free = courses(users, still, still, np.full(4, np.inf), halting=False)
-    # Paths that end where there is no ground; the last one has none.
-    route = RouteAhead.unknown(4)
-    route = replace(route, known=np.array([True, True, True, False]), x=route.x - 15.0, y=route.y - 15.0)
+    # Paths whose last points lie where there is no ground; the last road user has none.
+    known, path = np.array([True, True, True, False]), np.full((4, POINTS), 15.0)
+    path[:, -1] = -15.0
+    route = replace(RouteAhead.unknown(4), known=known, x=path, y=path)
     assert off_surface(free, users.type, GROUND, np.arange(4), route).tolist() == [[0.0] * 2] * 3 + [[1.0] * 2]

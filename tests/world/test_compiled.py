@@ -2,6 +2,7 @@
 
 import ast
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -93,3 +94,25 @@ def test_where_nothing_can_be_kept_it_is_compiled_every_time(tmp_path: Path) -> 
     shutil.rmtree(cache)
     cache.write_text("no folder")
     assert run_in(tmp_path, HOME=nowhere, XDG_CACHE_HOME=nowhere).split() == ["True", "42", "True"]
+
+
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("left", [b"", b"\0 what was on the disk before"])
+def test_what_was_not_kept_whole_is_compiled_anew(tmp_path: Path, kind: str, left: bytes) -> None:
+    run_in(tmp_path)
+    (file,) = (tmp_path / "__pycache__").glob(f"*.{kind}")
+    whole = len(file.read_bytes())
+    file.write_bytes(left)
+    assert run_in(tmp_path).split()[1] == "42"
+    # It is whole again.
+    assert len(file.read_bytes()) == whole
+
+
+def test_what_cannot_be_written_is_not_kept(tmp_path: Path) -> None:
+    run_in(tmp_path)  # writes the program
+    shutil.rmtree(tmp_path / "__pycache__")
+    # No file may be longer than 512 bytes: as on a full disk.
+    command = f"ulimit -f 1; {shlex.quote(sys.executable)} {shlex.quote(str(tmp_path / 'loops.py'))}"
+    inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(["sh", "-c", command], env=inherited, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "42", "True"]
