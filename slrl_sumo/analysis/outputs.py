@@ -28,7 +28,6 @@ from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 if TYPE_CHECKING:
     from slrl_sumo.analysis.report import ReportBuilder
 
-FIRST_TIME = "the inner loops are being compiled for this machine; the next runs need not wait for that"
 VIEWS_AT = frozenset({10, 40, 80, 140})
 """Decisions before which the report takes a picture of what some road users see."""
 
@@ -73,7 +72,7 @@ def write_run(
         assert isinstance(started, Started)
         begin = time.perf_counter()
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
-        notices = (*started.notices, *((FIRST_TIME,) if started.first_time else ()))
+        notices = (*started.notices, *((started.compiling,) if started.compiling else ()))
         for notice in () if quiet else notices:
             with suppress(OSError):  # nobody reads stderr: that is no reason to stop
                 print(f"note: {notice}", file=sys.stderr)

@@ -73,8 +73,8 @@ class Started:
     """Everybody at the start."""
     mode_centres: NDArray[np.float64] | None = None
     """Where each mode leads to in 4.8 s, in the ego frame, m, (3, modes, 2); None where the driver knows no modes."""
-    first_time: bool = False
-    """Whether the inner loops are yet to be compiled for this machine, during the first decisions."""
+    compiling: str = ""
+    """What to say where the inner loops are yet to be compiled, during the first decisions."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.compiled import first_time
+from slrl_sumo.world.compiled import what_to_expect
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
@@ -34,7 +34,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
     Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO gives up.
     """
     _check(settings)
-    compiling = first_time()
+    compiling = what_to_expect()
     scenario = with_options(find_scenario(settings.scenario), _words(settings.sumo_options))
     bundle = load_bundle(settings.bundle)
     # The models are so small that more threads only wait for each other.
@@ -75,7 +75,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             surfaces=simulation.surfaces,
             step=simulation.start(),
             mode_centres=bundle.mode_centres if selector != "lane" else None,
-            first_time=compiling,
+            compiling=compiling,
         )
         for number in range(decisions):
             before, learned = simulation.world, simulation.population.world

@@ -19,7 +19,8 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     Numba keeps it next to the module, or in the user's cache folder, until that file changes. It does not look at other
     files: so a compiled function uses functions and constants of its own module only, and is given the others as
     arguments (tests/world/test_compiled.py sees to it). Divisions by zero give inf or nan as in numpy; there are no
-    bounds checks, so indices must be right. With NUMBA_DISABLE_JIT=1 it runs as Python, for debugging.
+    bounds checks, so indices must be right: NUMBA_BOUNDSCHECK=1 looks, with a NUMBA_CACHE_DIR of its own, because what
+    is kept does not know of it. With NUMBA_DISABLE_JIT=1 it runs as Python, for debugging.
     """
     machine_code: Callable[P, R]
     try:
@@ -57,6 +58,18 @@ def _forgive(function: Any) -> None:
 def first_time() -> bool:
     """Whether this machine has none of the compiled functions that have been imported yet: they will take a while."""
     return bool(_FUNCTIONS) and not any(_kept(function) for function in _FUNCTIONS)
+
+
+def what_to_expect() -> str:
+    """A note for who has to wait in the first decisions; "" where nothing has to be compiled."""
+    if not first_time():
+        return ""
+    if all(function.stats.cache_path is None for function in _FUNCTIONS):
+        return (
+            "the inner loops are being compiled, in every run, for there is no folder to keep them in; "
+            "set NUMBA_CACHE_DIR to one"
+        )
+    return "the inner loops are being compiled for this machine; the next runs need not wait for that"
 
 
 def _kept(function: Any) -> bool:
