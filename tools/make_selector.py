@@ -6,8 +6,8 @@
     python tools/make_selector.py shared-space-paper --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space-paper
 
 The first two know their routes (preset `extended`). The bundle's models (tools/make_*_bundle.py) stay as they are.
-Settings: tools/selectors/NAME.toml. Checkpoints and logs lie in OUT-training; --resume goes on from there. Takes a
-quarter to half an hour for each on two cores.
+Settings: tools/selectors/NAME.toml. Checkpoints and logs lie in OUT-training; --resume goes on from there. Takes ten
+minutes for each on two free cores.
 """
 
 import argparse
