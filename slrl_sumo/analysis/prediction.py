@@ -152,6 +152,7 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | 
 def _world(
     state: Floats, kind: NDArray[np.int8], length: Floats, width: Floats, moving: NDArray[np.bool_]
 ) -> WorldState:
-    x, y, heading, speed, acceleration, yaw_rate = state
+    # Picked columns lie across their rows; compiled functions would be compiled once more for that.
+    x, y, heading, speed, acceleration, yaw_rate = np.ascontiguousarray(state)
     names = ("",) * len(x)  # nobody asks for them
     return WorldState(0.0, names, kind, x, y, heading, speed, acceleration, yaw_rate, length, width, moving)

@@ -39,7 +39,7 @@ def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64]
     scene = np.zeros(len(world), np.int64) if scene is None else scene
     # Scene by scene, from west to east: who is near is found side by side.
     order = np.lexsort((world.x, scene))
-    own = np.column_stack([world.speed, world.acceleration, world.heading])
+    own = np.column_stack([world.speed[rows], world.acceleration[rows], world.heading[rows]])
     return _table(own, world.x, world.y, world.type, scene, rows, order, int(RoadUserType.CAR))
 
 
@@ -54,13 +54,13 @@ def _table(
     order: NDArray[np.intp],
     car: int,
 ) -> NDArray[np.float32]:
-    """`own`: speed, acceleration and heading of everybody, (n, 3); `order`: everybody by scene, then by x."""
+    """`own`: speed, acceleration and heading of `rows`, (len(rows), 3); `order`: everybody by scene, then by x."""
     table = np.zeros((len(rows), 2 + 3 + 1 + 2 * len(RADII)), np.float32)
     place = np.empty(len(order), np.intp)
     place[order] = np.arange(len(order))
     for i in range(len(rows)):
         ego = rows[i]
-        table[i, 0], table[i, 1], table[i, 5] = own[ego, 0], own[ego, 1], own[ego, 2]
+        table[i, 0], table[i, 1], table[i, 5] = own[i, 0], own[i, 1], own[i, 2]
         table[i, 2 + kinds[ego]] = 1.0
         for step in (-1, 1):
             k = place[ego] + step

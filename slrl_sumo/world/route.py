@@ -84,8 +84,10 @@ def on_path(
 ) -> tuple[Floats, Floats, Floats]:
     """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
     direction there (rad), (n, m) each. Beyond its ends a path goes straight on. With `rows` (n,) those paths are
-    meant, else all."""
+    meant, else all. ValueError for arrays of other shapes."""
     rows = np.arange(len(route)) if rows is None else rows
+    if not (x.shape == y.shape and len(x) == len(rows)):
+        raise ValueError(f"{len(rows)} paths, but places {x.shape} and {y.shape}")
     return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
 
 

@@ -66,7 +66,8 @@ class Tiles:
         return int(np.count_nonzero(self._owner != MISSING) * self._squares[0].nbytes)
 
     def at(self, x: Floats, y: Floats) -> Ids:
-        """What lies under points (m), (n,); zero outside everything."""
+        """What lies under points (m), (n,); zero outside everything. ValueError where there are not as many y as x."""
+        _alike(x, y)
         found = np.zeros(len(x), np.uint8)
         pending = np.ones(len(x), np.bool_)
         x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
@@ -78,7 +79,8 @@ class Tiles:
     def views(self, x: Floats, y: Floats, heading: Floats, begin: tuple[float, float], step: float, out: Ids) -> None:
         """What lies under the pixels of views from places `x`, `y` (m) with `heading` (rad), written to `out` (n, rows,
         cols). The first pixel lies at `begin` (m ahead, m to the left), the next ones every `step` m, columns ahead and
-        rows to the right. All of a view must lie within the margin round its place."""
+        rows to the right. All of a view must lie within the margin round its place. ValueError where lengths differ."""
+        _alike(x, y, heading)
         cos, sin = cos_sin(heading)
         pending = np.ones(len(x), np.bool_)
         x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
@@ -107,6 +109,12 @@ class Tiles:
         paint(canvas[:, : self._pixels], shapes, x0, y0, self._resolution)
         _pack(canvas, self._squares[slot])
         self._slots[square], self._owner[slot], self._used[slot] = slot, square, self._now
+
+
+def _alike(*columns: Floats) -> None:
+    """Compiled functions would read beyond the end of a shorter one."""
+    if len({np.shape(column) for column in columns}) > 1:
+        raise ValueError(f"places need arrays of one shape, not {', '.join(str(np.shape(c)) for c in columns)}")
 
 
 def _key(column: int, row: int) -> int:

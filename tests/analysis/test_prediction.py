@@ -69,6 +69,20 @@ def test_on_a_circle_constant_velocity_errs_as_the_formula_says() -> None:
     np.testing.assert_allclose(errors.error[0], np.abs(0.4 * speed * k - true), rtol=1e-9)
 
 
+def test_what_is_seen_lies_in_memory_as_in_a_run() -> None:
+    made, seen = recording([straight(40, 1.5), straight(40, 7.0, y=30)], [2, 0]), []
+
+    def look(moment: Moment) -> Motion:
+        seen.append(moment.world)
+        still = np.zeros(len(moment.rows))
+        return still, still, still
+
+    rollout(made, cast_of(made, np.arange(0, 40, 3)), look)
+    # What is compiled for runs is not compiled once more.
+    assert len(seen) == STEPS
+    assert all(world.x.flags.c_contiguous and world.speed.flags.c_contiguous for world in seen)
+
+
 def test_who_comes_later_counts_from_its_entry_and_who_leaves_until_then() -> None:
     # Frames 0..39; 5..39: comes later; 0..11: leaves; 10..11: too short. The bus stands parked.
     paths = [straight(40, 1.0), straight(35, 1.0, 9, first=5), straight(12, 1.0, 18), straight(2, 1.0, 27, first=10)]

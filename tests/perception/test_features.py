@@ -95,3 +95,8 @@ def test_the_order_of_the_world_does_not_matter(crowd: Callable[..., WorldState]
     world = crowd(9, 80, 50.0)
     order = np.random.default_rng(0).permutation(80)
     assert np.array_equal(features(world.take(order), np.arange(80)), features(world, order))
+
+
+def test_who_is_not_there_has_no_vector(crowd: Callable[..., WorldState]) -> None:
+    with pytest.raises(IndexError, match="index 5"):
+        features(crowd(1, 5, 10.0), np.array([0, 5]))

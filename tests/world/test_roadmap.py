@@ -206,6 +206,15 @@ def test_what_has_no_place_has_no_ground() -> None:
     assert crops[2:].any(axis=(1, 2)).all()
 
 
+def test_places_with_fewer_numbers_are_refused() -> None:
+    where, three = roadmap(*scene()), np.zeros(3)
+    view = {"behind": 8.0, "ahead": 32.0, "side": 10.0, "resolution": 2.0}
+    with pytest.raises(ValueError, match=r"one shape, not \(3,\), \(2,\)"):
+        where.surface_at(three, three[:2])
+    with pytest.raises(ValueError, match=r"one shape, not \(3,\), \(3,\), \(1,\)"):
+        where.ego_surfaces(three, three, three[:1], **view)
+
+
 def test_a_view_beyond_the_margin_is_refused() -> None:
     one = np.zeros(1)
     with pytest.raises(ValueError, match="margin of 48"):
