@@ -34,8 +34,8 @@ def foreign_names(source: str) -> set[str]:
     made_of = {
         target.id: names_in(node.value)
         for node in tree.body
-        if isinstance(node, ast.Assign)
-        for targets in node.targets
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
+        for targets in (node.targets if isinstance(node, ast.Assign) else [node.target])
         for target in ast.walk(targets)
         if isinstance(target, ast.Name)
     }
@@ -58,9 +58,7 @@ def test_compiled_functions_use_nothing_of_other_modules(file: Path) -> None:
 def test_what_a_module_imports_is_noticed() -> None:
     source = "from slrl_sumo.world.route import SPACING\nA = 1\n@compiled\ndef f(x):\n    return x * SPACING + A\n"
     assert foreign_names(source) == {"SPACING"}
-    source = (
-        "from slrl_sumo.world.route import SPACING\nA, B = 2 * SPACING, 1\nC = A\n@compiled\ndef f(x):\n    return C\n"
-    )
+    source = "from slrl_sumo.world.route import SPACING\nA, B = 2 * SPACING, 1\nC: float = A\n@compiled\ndef f(x):\n    return C\n"
     assert foreign_names(source) == {"SPACING"}
 
 
