@@ -164,7 +164,7 @@ def _on_route(
         if not known[row]:
             continue
         wanted, ahead, ways = desired[row], leading[row], able[one]
-        fast = slow = 0
+        fast = slow = 0 * i  # not just 0: see _allowed_speed
         for mode in range(modes):
             first, speed = speeds[i, 0, mode], speeds[i, STEERED - 1, mode]
             aim = math.atan(RETURN * aside[i, mode] / (speed + SLOW))
@@ -192,10 +192,10 @@ def _allowed_speed(
     able: Floats,
     braking: Floats,
 ) -> Floats:
-    allowed = np.empty(len(stop))
+    allowed, last = np.empty(len(stop)), 0 * len(stop)  # not just 0: it would be compiled for that number, then for any
     for i in range(len(stop)):
         within = CALM * max(min(stop[i], room[i] - HEADWAY * speed[i]), 0.0)
-        most, _ = _interpolated(within, able[kind[i]], braking, 0)
+        most, last = _interpolated(within, able[kind[i]], braking, last)
         allowed[i] = min(most, desired[i])
     return allowed
 
