@@ -200,7 +200,7 @@ def draw_views(
         for r in range(height):
             for k in range(views.shape[2]):
                 canvas[r + EDGE, k + EDGE] = views[v, r, k]
-        count = 0
+        count = 0 * here  # not just 0: lines would be compiled for that number, then for any
         ego = rows[v]
         x, y, c, s = all_x[ego], all_y[ego], all_cos[ego], all_sin[ego]
         if has_path[v]:
@@ -257,7 +257,7 @@ def draw_views(
                     count += 1
                     if count == len(lines):
                         _draw_lines(canvas, lines, count)
-                        count = 0
+                        count -= len(lines)
         _draw_lines(canvas, lines, count)
         _shrink(canvas, images, v, colours)
 

@@ -164,7 +164,10 @@ def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp
     """
     points = len(x)
     # Only about what has moved anything changes.
-    begin, end = CHORD, points - CHORD
+    begin, end = (
+        min(CHORD, points),
+        points - CHORD,
+    )  # not just CHORD: it would be compiled for that number, then for any
     for _ in range(PASSES):
         _bend(x, y, bends, begin, end)
         sharp[:] = False

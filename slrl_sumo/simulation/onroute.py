@@ -38,7 +38,6 @@ LEADER_BRAKES = 4.0
 """m/s² with which a leader is expected to brake at most."""
 FAR_ASIDE = 5.0
 """m beside the path that are told apart at most."""
-_CAR_GAP = float(GAP[RoadUserType.CAR])
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +124,10 @@ def ways_left(prospects: Prospects, users: WorldState, rows: NDArray[np.intp]) -
     They stop where their routes say, and before junctions whose exits are taken.
     """
     route, leaders = prospects.route, prospects.leaders
+    # What other modules say must not be a constant of the compiled function.
+    car = int(RoadUserType.CAR)
     return _ways_left(
-        users.type, users.length, rows, route.stop, route.line, route.out, leaders.gap, leaders.speed, GAP
+        users.type, users.length, rows, route.stop, route.line, route.out, leaders.gap, leaders.speed, GAP, car
     )
 
 
@@ -163,7 +164,7 @@ def _on_route(
         if not known[row]:
             continue
         wanted, ahead, ways = desired[row], leading[row], able[one]
-        fast = slow = 0
+        fast = slow = 0 * i  # not just 0: see _allowed_speed
         for mode in range(modes):
             first, speed = speeds[i, 0, mode], speeds[i, STEERED - 1, mode]
             aim = math.atan(RETURN * aside[i, mode] / (speed + SLOW))
@@ -191,10 +192,10 @@ def _allowed_speed(
     able: Floats,
     braking: Floats,
 ) -> Floats:
-    allowed = np.empty(len(stop))
+    allowed, last = np.empty(len(stop)), 0 * len(stop)  # not just 0: it would be compiled for that number, then for any
     for i in range(len(stop)):
         within = CALM * max(min(stop[i], room[i] - HEADWAY * speed[i]), 0.0)
-        most, _ = _interpolated(within, able[kind[i]], braking, 0)
+        most, last = _interpolated(within, able[kind[i]], braking, last)
         allowed[i] = min(most, desired[i])
     return allowed
 
@@ -210,6 +211,7 @@ def _ways_left(
     gap: Floats,
     leading: Floats,
     behind: Floats,
+    car: int,
 ) -> tuple[Floats, Floats]:
     """`ways_left` of the columns of RouteAhead and Leaders, of which `rows` count."""
     n = len(rows)
@@ -217,7 +219,7 @@ def _ways_left(
     for i in range(n):
         row = rows[i]
         must[i] = stop[row] - SPARE
-        stands_there = leading[row] < 1.0 and line[row] < gap[row] < out[row] + length[i] + _CAR_GAP
+        stands_there = leading[row] < 1.0 and line[row] < gap[row] < out[row] + length[i] + behind[car]
         if stands_there and 1.0 < line[row] < np.inf and out[row] < np.inf:
             must[i] = min(stop[row], line[row] - 1.0) - SPARE
         room[i] = gap[row] - behind[kind[i]] + leading[row] ** 2 / (2.0 * LEADER_BRAKES)

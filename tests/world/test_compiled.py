@@ -18,8 +18,12 @@ PACKAGE = Path(slrl_sumo.__file__).parent
 MODULES = sorted(file for file in PACKAGE.rglob("*.py") if "@compiled" in file.read_text(encoding="utf-8"))
 
 
+def names_in(part: ast.AST) -> set[str]:
+    return {name.id for name in ast.walk(part) if isinstance(name, ast.Name)}
+
+
 def foreign_names(source: str) -> set[str]:
-    """Names that compiled functions of a module use and that it imports from the package."""
+    """Names that compiled functions of a module use and that it imports from the package, or computes from such."""
     tree = ast.parse(source)
     imported = {
         alias.asname or alias.name
@@ -27,12 +31,22 @@ def foreign_names(source: str) -> set[str]:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("slrl_sumo")
         for alias in node.names
     }
+    made_of = {
+        target.id: names_in(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
+        for targets in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        for target in ast.walk(targets)
+        if isinstance(target, ast.Name)
+    }
     used: set[str] = set()
     for node in tree.body:
         if isinstance(node, ast.FunctionDef) and any(
             isinstance(d, ast.Name) and d.id == "compiled" for d in node.decorator_list
         ):
-            used |= {name.id for part in node.body for name in ast.walk(part) if isinstance(name, ast.Name)}
+            used |= {name for part in node.body for name in names_in(part)}
+    while more := {name for known in used & set(made_of) for name in made_of[known]} - used:
+        used |= more
     return used & imported
 
 
@@ -44,6 +58,8 @@ def test_compiled_functions_use_nothing_of_other_modules(file: Path) -> None:
 def test_what_a_module_imports_is_noticed() -> None:
     source = "from slrl_sumo.world.route import SPACING\nA = 1\n@compiled\ndef f(x):\n    return x * SPACING + A\n"
     assert foreign_names(source) == {"SPACING"}
+    indirect = "A, B = 2 * SPACING, 1\nC: float = A\n@compiled\ndef f(x):\n    return C\n"
+    assert foreign_names("from slrl_sumo.world.route import SPACING\n" + indirect) == {"SPACING"}
 
 
 @compiled
