@@ -308,11 +308,11 @@ def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Float
         rows = np.flatnonzero(users.type == kind)
         if not len(rows) or not len(source):
             continue
-        nearest = source.nearest(users.x[rows], users.y[rows])[:, 0]
+        nearest, under = source.nearest_lanes(users.x[rows], users.y[rows])
         heading[rows] = source.heading[nearest]
         limit[rows] = source.max_speed(nearest)
         if kind != RoadUserType.PEDESTRIAN:
-            on_lane[rows] = source.lanes_under(users.x[rows], users.y[rows]) >= 0
+            on_lane[rows] = under
     return heading, limit, on_lane
 
 

@@ -3,13 +3,15 @@
 All of them return one number per road user, of order 1, positive where it is good.
 """
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.world.compiled import compiled
 from slrl_sumo.world.contacts import close_pairs
-from slrl_sumo.world.geometry import Floats, boxes_overlap, cos_sin, to_ego, wrap_angle
+from slrl_sumo.world.geometry import Floats, cos_sin, wrap_angle
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
@@ -108,27 +110,49 @@ def danger(world: WorldState, n: int) -> Floats:
     Too near: MARGIN from box to box. Everybody is led on at present speed and yaw rate, in steps of 0.4 s up to
     HORIZON. Only what lies ahead counts: who is run into from behind has nothing to mend.
     """
-    result = np.zeros(n)
-    if len(world) < 2:
-        return result
-    centres = np.column_stack([world.x, world.y])
-    i, j = close_pairs(world, REACH).T
-    ego, other = np.concatenate([i, j]), np.concatenate([j, i])
-    dx, dy = (centres[other] - centres[ego]).T
-    ahead, _ = to_ego(dx, dy, world.heading[ego])
-    mine = (ego < n) & (ahead > 0.0) & (world.speed[ego] > SLOW)
-    ego, other = ego[mine], other[mine]
-    # Who cannot come near within the horizon need not be looked at box by box.
-    apart = np.hypot(*(centres[other] - centres[ego]).T)
-    room = 0.5 * (np.hypot(world.length, world.width)[ego] + np.hypot(world.length, world.width)[other])
-    near = apart - room - 2 * MARGIN < (world.speed[ego] + world.speed[other]) * HORIZON
-    ego, other = ego[near], other[near]
     seconds = np.arange(HORIZON, 0.0, -DECISION_INTERVAL)
-    boxes = _led_on(world, seconds)
-    hit = boxes_overlap(boxes[:, ego].reshape(-1, 5), boxes[:, other].reshape(-1, 5)).reshape(len(seconds), -1)
-    for ahead_s, meets in zip(seconds, hit, strict=True):
-        result[ego[meets]] = -(1.0 - (ahead_s - DECISION_INTERVAL) / HORIZON)
-    return result
+    size = np.hypot(world.length, world.width)
+    now = np.column_stack([world.x, world.y, *cos_sin(world.heading), world.speed, size])
+    first = _first_meeting(now, _led_on(world, seconds), n)
+    after = np.append(seconds, HORIZON + DECISION_INTERVAL)[first]
+    return np.asarray(-(1.0 - (after - DECISION_INTERVAL) / HORIZON))
+
+
+@compiled
+def _first_meeting(now: Floats, boxes: Floats, n: int) -> NDArray[np.intp]:
+    """The last of `boxes` (s, m, 5), which go back in time, in which each of the first `n` road users meets somebody
+    ahead, (n,); -1 for nobody. `now` (m, 6): x, y, cosine and sine of the heading, speed, diagonal."""
+    first = np.full(n, -1)
+    for i in range(n):
+        if not now[i, 4] > SLOW:
+            continue
+        for j in range(len(now)):
+            dx, dy = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
+            apart = math.sqrt(dx * dx + dy * dy)
+            if j == i or not apart < REACH or not now[i, 2] * dx + now[i, 3] * dy > 0.0:
+                continue
+            # Who cannot come near within the horizon need not be looked at box by box.
+            if not apart - 0.5 * (now[i, 5] + now[j, 5]) - 2.0 * MARGIN < (now[i, 4] + now[j, 4]) * HORIZON:
+                continue
+            for step in range(len(boxes) - 1, first[i], -1):
+                if _overlap(boxes[step, i], boxes[step, j]):
+                    first[i] = step
+                    break
+    return first
+
+
+@compiled
+def _overlap(a: Floats, b: Floats) -> bool:
+    """`boxes_overlap` of one pair."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    cos_a, sin_a, cos_b, sin_b = math.cos(a[2]), math.sin(a[2]), math.cos(b[2]), math.sin(b[2])
+    c, s = abs(cos_a * cos_b + sin_a * sin_b), abs(sin_b * cos_a - cos_b * sin_a)
+    return bool(
+        abs(cos_a * dx + sin_a * dy) <= 0.5 * (a[3] + b[3] * c + b[4] * s)
+        and abs(cos_a * dy - sin_a * dx) <= 0.5 * (a[4] + b[3] * s + b[4] * c)
+        and abs(cos_b * dx + sin_b * dy) <= 0.5 * (b[3] + a[3] * c + a[4] * s)
+        and abs(cos_b * dy - sin_b * dx) <= 0.5 * (b[4] + a[3] * s + a[4] * c)
+    )
 
 
 def _led_on(world: WorldState, seconds: Floats) -> Floats:

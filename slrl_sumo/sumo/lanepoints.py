@@ -73,10 +73,20 @@ class LanePoints:
         """Index of the lane whose surface lies under each of n positions, -1 where none does."""
         if self._tree is None:
             return np.full(len(x), -1, np.intp)
+        rows, under = self.nearest_lanes(x, y)
+        return np.where(under, self.lane[rows], -1)
+
+    def nearest_lanes(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """The point nearest to each of n positions, (n,), and whether the surface of its lane lies under the position.
+
+        ValueError where there are no points.
+        """
+        if self._tree is None:
+            raise ValueError("there are no lanes")
         distance, rows = self._tree.query(np.column_stack([x, y]))
-        lane = self.lane[np.asarray(rows, np.intp)]
-        reach = np.hypot(self._half_width[lane], 0.5 * self._spacing)
-        return np.where(np.asarray(distance) <= reach, lane, -1)
+        points = np.asarray(rows, np.intp)
+        reach = np.hypot(self._half_width[self.lane[points]], 0.5 * self._spacing)
+        return points, np.asarray(distance) <= reach
 
 
 def _sample(lane: "Lane", spacing: float, strip: float) -> Floats:
