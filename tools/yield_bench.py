@@ -26,7 +26,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import libsumo
 import numpy as np
 from rich.console import Console
 from rich.table import Table
@@ -136,7 +135,7 @@ def meet_case(session: SumoSession, case: str, kind: RoadUserType) -> tuple[np.n
     way = straight_way(session)
     crossings = [way.left_of(c.shape.mean(axis=0)) for c in session.network.lanes if c.surface == Surface.CROSSING]
     crossing = min(abs(along - way.length) for along, _ in crossings) + way.length
-    inside = next(link[4] for link in libsumo.lane.getLinks(way.lanes[-1].id) if link[0].startswith(OUT))
+    inside = next(link[4] for link in session.api.lane.getLinks(way.lanes[-1].id) if link[0].startswith(OUT))
     middle = way.length + 0.5 * float(np.hypot(*np.diff(lane_of(session, inside).shape, axis=0).T).sum())
     half = 0.55 * way.length
     across = math.pi / 2
@@ -188,7 +187,7 @@ def _meet(
     for _ in range(2):
         move(session, at_home)
         session.step()
-    yielding = Yielding(libsumo, session.network, STEP)
+    yielding = Yielding(session.api, session.network, STEP)
     present, clock, pose = False, 0.0, away
     met: set[tuple[str, int]] = set()
     touched: dict[tuple[str, int], str] = {}
@@ -206,7 +205,7 @@ def _meet(
         if not present and clock > 8.0 and can_appear(snapshot, start):
             present, clock, pose = True, 0.0, start.copy()
             appearances += 1
-            blocked = no_room_to_stop(snapshot, start) if case != "walks across" else set()
+            blocked = no_room_to_stop(session.api, snapshot, start) if case != "walks across" else set()
         elif present and clock > until:
             present, clock, pose = False, 0.0, away
         now = world(("learned.0",), kinds, pose[None], np.array([speed if present else 0.0]))
@@ -262,14 +261,11 @@ def can_appear(snapshot: Snapshot, start: np.ndarray) -> bool:
     return not (np.hypot(snapshot.x - start[0], snapshot.y - start[1])[~snapshot.person] < 6.0).any()
 
 
-def no_room_to_stop(snapshot: Snapshot, start: np.ndarray) -> set[str]:
+def no_room_to_stop(api: Any, snapshot: Snapshot, start: np.ndarray) -> set[str]:
     """Vehicles nearer than the way they need to stop in with their `decel`, two steps and 2 m included."""
     distance = np.hypot(snapshot.x - start[0], snapshot.y - start[1])
     decel = np.array(
-        [
-            4.0 if person else libsumo.vehicle.getDecel(v)
-            for v, person in zip(snapshot.ids, snapshot.person, strict=True)
-        ]
+        [4.0 if person else api.vehicle.getDecel(v) for v, person in zip(snapshot.ids, snapshot.person, strict=True)]
     )
     need = snapshot.speed**2 / (2 * decel) + snapshot.speed * 2 * STEP + 0.5 * snapshot.length + 4.5
     return {v for v, short in zip(snapshot.ids, distance < need, strict=True) if short}
@@ -313,7 +309,7 @@ def _beside(session: SumoSession, case: str, setting: str, seconds: float) -> di
     users = world(ids, kinds, pose, np.zeros(len(kinds)))
     if setting != "plain":
         session.placement.add(ids, users.type, users.x, users.y)
-    yielding = Yielding(libsumo, session.network, STEP)
+    yielding = Yielding(session.api, session.network, STEP)
     snapshot = session.reader.read()
     last: dict[str, float] = {}
     cars: set[str] = set()
@@ -358,8 +354,8 @@ def _cost(session: SumoSession, seconds: float, seed: int, agents: int) -> dict[
     home = np.array(rows)
     speed = np.array([3.0, 3.0, 1.3])[kinds]
     ids = tuple(f"learned.{k}" for k in range(agents))
-    yielding = Yielding(libsumo, session.network, STEP)
-    while len(libsumo.vehicle.getIDList()) < 500 and session.time < 400:
+    yielding = Yielding(session.api, session.network, STEP)
+    while len(session.api.vehicle.getIDList()) < 500 and session.time < 400:
         session.step()
     users = world(ids, kinds, home, speed)
     session.placement.add(ids, users.type, users.x, users.y)

@@ -1,20 +1,18 @@
 """One measurement in a process of its own: with its own peak of memory, and its own simulation."""
 
 import multiprocessing
-import signal
 import tempfile
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Barrier
 from typing import Any, TypeVar
 
 from slrl_sumo.errors import SlrlError, SumoError
-from slrl_sumo.simulation.child import settle_in
+from slrl_sumo.simulation.child import deaf_to_interrupts, settle_in
 
 Result = TypeVar("Result")
 Ready = Callable[[], object]
@@ -53,11 +51,7 @@ def measured(measure: Callable[[Workload, Ready], Result], work: Workload) -> li
     results = []
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, ExitStack() as stack:
         pipes = []
-        # Ctrl-C reaches the whole process group; this process decides what it means. The children inherit the mask;
-        # the tracker that comes with the first child would lift it again.
-        resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with deaf_to_interrupts():
             for _ in range(work.cores):
                 receiver, sender = context.Pipe(duplex=False)
                 process = context.Process(target=_serve, args=(sender, measure, work, barrier, folder), daemon=True)
@@ -65,8 +59,6 @@ def measured(measure: Callable[[Workload, Ready], Result], work: Workload) -> li
                 stack.callback(_end, process)
                 sender.close()
                 pipes.append(receiver)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         while pipes:
             # The first to answer is looked at first: where one has died the others wait for it in vain.
             for pipe in wait(pipes):

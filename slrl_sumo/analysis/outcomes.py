@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.simulation.tally import STANDING_SPEED
-from slrl_sumo.world.contacts import Pairs, contact_pairs
+from slrl_sumo.world.contacts import Pairs, contact_pairs, ids_of
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.types import TYPE_NAMES
@@ -75,7 +75,7 @@ class Outcomes:
 
     def __post_init__(self) -> None:
         self._there = frozenset(self.start.ids)
-        self._colliding, self._overlapping = (_keys(pairs, self.start) for pairs in contact_pairs(self.start))
+        self._colliding, self._overlapping = (ids_of(pairs, self.start) for pairs in contact_pairs(self.start))
 
     def add(self, world: WorldState, counted: Mask, off_surface: Mask | None) -> None:
         """Count one decision: everybody at its end, n road users, whom to count (n,), and who of all of them is off
@@ -83,7 +83,7 @@ class Outcomes:
         colliding, overlapping = contact_pairs(world)
         collisions = self._begun(colliding, world, self._colliding)
         overlaps = self._begun(overlapping, world, self._overlapping)
-        self._colliding, self._overlapping = _keys(colliding, world), _keys(overlapping, world)
+        self._colliding, self._overlapping = ids_of(colliding, world), ids_of(overlapping, world)
         self._there = frozenset(world.ids)
         for row in np.flatnonzero(counted).tolist():
             life = self._lives.setdefault(world.ids[row], _Life(int(world.type[row])))
@@ -131,10 +131,6 @@ class Outcomes:
             if known and (a, b) not in before and (b, a) not in before:
                 count[[i, j]] += 1
         return count
-
-
-def _keys(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
-    return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
 
 
 def survival_counts(present: Floats, survived: Floats, steps: int) -> NDArray[np.int64]:

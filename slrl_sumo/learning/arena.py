@@ -27,7 +27,7 @@ from slrl_sumo.sumo.routes import Routes
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.world.advance import advance, halting
-from slrl_sumo.world.contacts import contact_pairs
+from slrl_sumo.world.contacts import contact_pairs, ids_of
 from slrl_sumo.world.geometry import Floats
 from slrl_sumo.world.roadmap import RoadMap
 from slrl_sumo.world.route import on_path
@@ -334,5 +334,4 @@ def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
 
 def _touching(world: WorldState) -> set[tuple[str, str]]:
     """Who is in contact with whom: boxes that overlap, or centres closer than 0.5 m."""
-    pairs = np.concatenate(contact_pairs(world))
-    return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
+    return ids_of(np.concatenate(contact_pairs(world)), world)

@@ -1,14 +1,31 @@
-"""What every process of ours that holds a SUMO does first."""
+"""How every process of ours that holds a SUMO begins."""
 
 import ctypes
 import os
+import signal
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 PRINTED = "printed"
 """File in its folder that gets what is printed in it."""
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's mallopt (https://man7.org/linux/man-pages/man3/mallopt.3.html)."""
+
+
+@contextmanager
+def deaf_to_interrupts() -> Iterator[None]:
+    """Processes that are started inside do not hear Ctrl-C, which reaches the whole process group: this process decides
+    what it means."""
+    # Children inherit the mask; the tracker that comes with the first child would lift it again.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def settle_in(folder: str | Path) -> None:

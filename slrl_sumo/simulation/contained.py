@@ -9,12 +9,11 @@ import traceback
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from slrl_sumo.errors import InputError, SlrlError, SumoError
-from slrl_sumo.simulation.child import PRINTED, settle_in
+from slrl_sumo.simulation.child import PRINTED, deaf_to_interrupts, settle_in
 from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
 from slrl_sumo.world.surfaces import SurfaceShapes
 
@@ -40,14 +39,8 @@ def run_contained(
     except OSError as error:
         raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
     child = context.Process(target=_serve, args=(sender, settings, views_at, with_surfaces, str(folder)), daemon=True)
-    # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask; the
-    # tracker that comes with the first child would lift it again.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
+    with deaf_to_interrupts():
         child.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     sender.close()
     time = None
     try:

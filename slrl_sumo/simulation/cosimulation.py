@@ -233,6 +233,8 @@ class CoSimulation:
 
     def _bring_home(self) -> tuple[str, ...]:
         """Road users of the scenario have a route: who has left the scene is not looped, but goes back to that."""
+        if not self.population.lent.any():
+            return ()
         learned = self.population.world
         # Walks lead round the ends of streets, on the rim of the network.
         gone = left_scene(learned, self.roadmap, rim=RIM) | self._driver.astray(learned)

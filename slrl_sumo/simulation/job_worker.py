@@ -8,12 +8,11 @@ import tempfile
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any
 
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.simulation.child import settle_in
+from slrl_sumo.simulation.child import deaf_to_interrupts, settle_in
 
 LIFE = 500
 """Jobs after which a process is replaced: SUMO and its libraries do not give back all memory."""
@@ -42,14 +41,8 @@ class JobWorker:
         except OSError as error:
             raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
         self._process = context.Process(target=_serve, args=(its, work, self._folder), daemon=True)
-        # Ctrl-C reaches the whole process group; this process decides what it means. The child inherits the mask; the
-        # tracker that comes with the first child would lift it again.
-        resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with deaf_to_interrupts():
             self._process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         its.close()
 
     @property

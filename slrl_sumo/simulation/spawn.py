@@ -145,8 +145,7 @@ def draw_starts(
         heading = source.heading[rows]
         if kind == RoadUserType.PEDESTRIAN:
             heading = wrap_angle(heading + np.pi * rng.integers(0, 2, len(rows)))
-        limits = np.array([lane.max_speed for lane in source.lanes], np.float64)
-        limit = limits[source.lane[rows]] if len(rows) else np.zeros(0)
+        limit = source.max_speed(rows)
         parts.append((np.full(len(rows), kind, np.int8), source.x[rows], source.y[rows], heading, limit))
     kinds, x, y, heading, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
     return kinds, x, y, heading, limit

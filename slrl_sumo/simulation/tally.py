@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.world.contacts import Pairs, contact_pairs
+from slrl_sumo.world.contacts import Pairs, contact_pairs, ids_of
 from slrl_sumo.world.state import WorldState
 from slrl_sumo.world.surfaces import Surface
 from slrl_sumo.world.types import TYPE_NAMES, RoadUserType
@@ -44,9 +44,10 @@ class Tally:
         self._sums = np.zeros((len(SUMS), 64))
         self._of: tuple[str, ...] = ()
         self._columns = np.zeros(0, np.intp)
-        self._found(start.take(np.flatnonzero(start.learned)))
+        rows = np.flatnonzero(start.learned)
+        self._found(tuple(start.ids[row] for row in rows), start.type[rows])
         # Road users that start in contact with each other have not collided by driving.
-        self._colliding, self._overlapping = (_keys(pairs, start) for pairs in contact_pairs(start))
+        self._colliding, self._overlapping = (ids_of(pairs, start) for pairs in contact_pairs(start))
 
     def add(self, decision: Decision) -> None:
         """Count one decision interval."""
@@ -64,27 +65,26 @@ class Tally:
         colliding, overlapping = contact_pairs(world)
         collisions = _begun(colliding, world, self._colliding, n)
         overlaps = _begun(overlapping, world, self._overlapping, n)
-        self._colliding, self._overlapping = _keys(colliding, world), _keys(overlapping, world)
-        learned = world.take(np.arange(n))
-        columns = self._found(learned)
+        self._colliding, self._overlapping = ids_of(colliding, world), ids_of(overlapping, world)
+        speed, kinds = world.speed[:n], world.type[:n]
+        columns = self._found(world.ids[:n], kinds)
         collided = self._sums[SUMS.index("collisions"), columns] + collisions
-        off_surface = ~OWN_SURFACE[learned.type, decision.surface]
-        standing = learned.speed < STANDING_SPEED
-        now = np.ones(n), learned.speed, standing, off_surface, collisions, overlaps, collided == 0
+        off_surface = ~OWN_SURFACE[kinds, decision.surface]
+        now = np.ones(n), speed, speed < STANDING_SPEED, off_surface, collisions, overlaps, collided == 0
         self._sums[:, columns] += np.array(now, np.float64)
 
-    def _found(self, learned: WorldState) -> NDArray[np.intp]:
-        """The column of each of n learned road users, (n,); new ones get one."""
-        if learned.ids == self._of:
+    def _found(self, ids: tuple[str, ...], kinds: NDArray[np.int8]) -> NDArray[np.intp]:
+        """The column of each of n learned road users of these types, (n,); new ones get one."""
+        if ids == self._of:
             return self._columns
-        for row, name in enumerate(learned.ids):
+        for name, kind in zip(ids, kinds.tolist(), strict=True):
             if name not in self._rows:
                 column = self._rows[name] = len(self._rows)
                 if column == len(self._kind):
                     self._kind = np.concatenate([self._kind, np.zeros_like(self._kind)])
                     self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)], axis=1)
-                self._kind[column] = learned.type[row]
-        self._of, self._columns = learned.ids, np.array([self._rows[name] for name in learned.ids], np.intp)
+                self._kind[column] = kind
+        self._of, self._columns = ids, np.array([self._rows[name] for name in ids], np.intp)
         return self._columns
 
     def per_type(self) -> dict[str, dict[str, float | int | None]]:
@@ -133,10 +133,6 @@ class Tally:
 
 def _ratio(value: float, count: float) -> float | None:
     return round(float(value) / count, 4) if count else None
-
-
-def _keys(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
-    return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
 
 
 def _begun(pairs: Pairs, world: WorldState, before: set[tuple[str, str]], n: int) -> NDArray[np.int64]:

@@ -55,6 +55,11 @@ def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
     return pairs[colliding], pairs[boxes_overlap(a, b)]
 
 
+def ids_of(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
+    """Pairs of rows of `world` (p, 2) as pairs of ids, in that order."""
+    return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
+
+
 def _near(x: Floats, y: Floats, distance: float) -> Pairs:
     """All pairs of points at most `distance` apart, once each, and some that are a little farther: (p, 2).
 
