@@ -12,10 +12,10 @@ import pytest
 import sumo
 import torch
 
+from slrl_sumo.agent import driver  # noqa: F401 (imports what is compiled)
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
-from slrl_sumo.simulation import driver  # noqa: F401 (imports what is compiled)
+from slrl_sumo.scene.compiled import first_time
 from slrl_sumo.sumo.scenario import find_scenario
-from slrl_sumo.world.compiled import first_time
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 CopyScenario = Callable[..., Path]

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from slrl_sumo.analysis.evaluate import evaluate
-from slrl_sumo.analysis.prediction import STEPS
-from slrl_sumo.learning.fit import MODES_BY, fit
-from slrl_sumo.records.trajectories import load_trajectories
+from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.learning.supervised.fit import MODES_BY, fit
+from slrl_sumo.studies.prediction.evaluate import evaluate
+from slrl_sumo.studies.prediction.rollout import STEPS
 
 FIGURES = ("oracle", "prior", "best of 20", "prior in bends")
 

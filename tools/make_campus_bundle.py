@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from slrl_sumo.learning.fit import fit
-from slrl_sumo.records.importers.sdd import read_sdd
-from slrl_sumo.records.trajectories import Trajectories
+from slrl_sumo.formats.importers.sdd import read_sdd
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.learning.supervised.fit import fit
 
 TESTS = (("nexus", "video10"), ("gates", "video5"))
 
 MOVING = (("nexus", "video3"), ("nexus", "video5"), ("deathCircle", "video2"))
 """Videos in which the camera moves: all walkers of nexus/video3 slide by 2 m/s at once, for instance. The importer
-leaves out such times only where it can tell from cars (slrl_sumo.records.importers.camera)."""
+leaves out such times only where it can tell from cars (slrl_sumo.formats.importers.camera)."""
 
 STARTS = {("nexus", "video4"): 13}
 """First frame (of 0.4 s) of a video that counts: before it the camera moves."""

@@ -4,7 +4,7 @@
     python tools/make_intersection_bundle.py --paper --out slrl_sumo/bundles/intersection-paper
 
 With --paper: the paper's modes (K-Means of positions), and no roundabouts; the models that ship in `intersection-paper`
-were made before epochs drew the same number of windows of each mode (see learning/supervised.py).
+were made before epochs drew the same number of windows of each mode (see learning/supervised/network_training.py).
 
 Takes three minutes on two cores. Recordings are kept in --work, so that an interrupted run goes on where it was.
 None of the shipped scenarios is among the networks: those are for evaluation.
@@ -17,8 +17,8 @@ from pathlib import Path
 from rich.progress import track
 
 from netgen.families import generate
-from slrl_sumo.learning.fit import fit
-from slrl_sumo.records.trajectories import Trajectories, load_trajectories
+from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
+from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.simulation.record import record
 from slrl_sumo.sumo.scenario import find_scenario
 

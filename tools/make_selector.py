@@ -17,11 +17,11 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from slrl_sumo.analysis.training import train_with_progress
-from slrl_sumo.learning.train import TrainRequest
-from slrl_sumo.learning.train_settings import read_settings
+from slrl_sumo.cli.train_display import train_with_progress
+from slrl_sumo.formats.importers.hc import read_hc
+from slrl_sumo.learning.rl.train import TrainRequest
+from slrl_sumo.learning.rl.training_settings import read_settings
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.records.importers.hc import read_hc
 
 FAMILIES = {
     "intersection": "intersection,random,roundabout,shared-space",

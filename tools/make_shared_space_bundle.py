@@ -9,8 +9,8 @@ measured on D2 and D3. Takes half a minute.
 import argparse
 from pathlib import Path
 
-from slrl_sumo.learning.fit import fit
-from slrl_sumo.records.importers.hc import read_hc
+from slrl_sumo.formats.importers.hc import read_hc
+from slrl_sumo.learning.supervised.fit import fit
 
 
 def main() -> None:

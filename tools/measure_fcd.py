@@ -17,10 +17,10 @@ from time import perf_counter, process_time
 
 import numpy as np
 
-from slrl_sumo.records.fcd_read import read_fcd
-from slrl_sumo.records.fcd_write import SUFFIXES, FcdWriter, Places
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.formats.fcd.read import read_fcd
+from slrl_sumo.formats.fcd.write import SUFFIXES, FcdWriter, Places
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 
 def write(file: str, steps: int, users: int) -> None:

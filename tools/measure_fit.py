@@ -11,8 +11,8 @@ import resource
 import time
 from pathlib import Path
 
-from slrl_sumo.learning.fit import MODES_BY, fit
-from slrl_sumo.records.trajectories import load_trajectories
+from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.learning.supervised.fit import MODES_BY, fit
 
 
 def main() -> None:

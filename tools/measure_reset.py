@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from slrl_sumo.learning.arena import Arena, ArenaSettings
+from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario

@@ -24,14 +24,14 @@ from typing import Any
 import torch
 from safetensors.torch import save
 
-from slrl_sumo.analysis.episodes import Episode, EpisodeSettings, play
-from slrl_sumo.learning.arena_slots import ArenaSource
-from slrl_sumo.learning.ppo import Agent, Batch, PpoSettings, update
-from slrl_sumo.learning.rollouts import WorkerRollouts
-from slrl_sumo.learning.train_settings import TrainSettings
+from slrl_sumo.jobs.pool import Place, run_jobs
+from slrl_sumo.learning.rl.arena_slots import ArenaSource
+from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, update
+from slrl_sumo.learning.rl.rollouts import WorkerRollouts
+from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.simulation.jobs import Place, run_jobs
+from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, play
 
 SETTINGS = EpisodeSettings("intersection", "intersection", 64)
 AGENTS, EPISODES = 32, 64

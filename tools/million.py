@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slrl_sumo.analysis import scenario_evaluation
-from slrl_sumo.analysis.episodes import Episode, EpisodeSettings
-from slrl_sumo.analysis.outcomes import TypeOutcome
-from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, evaluate_scenario
-from slrl_sumo.simulation import job_worker
+from slrl_sumo.jobs import worker as job_worker
+from slrl_sumo.metrics.outcomes import TypeOutcome
+from slrl_sumo.studies.episodes import evaluate as scenario_evaluation
+from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings
+from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, evaluate_scenario
 
 EVERY = 50_000
 

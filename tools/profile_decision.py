@@ -15,15 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from slrl_sumo.agent import driver
+from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.perception import observation
-from slrl_sumo.simulation import cosimulation, driver
+from slrl_sumo.routing.routes import Routes
+from slrl_sumo.simulation import cosimulation
 from slrl_sumo.simulation.events import RunSettings
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.run import run
 from slrl_sumo.sumo.reader import Reader
-from slrl_sumo.sumo.routes import Routes
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.yielding import Yielding
 
 WARM_UP = 10
 PIECES: dict[str, tuple[Any, str]] = {

@@ -21,9 +21,9 @@ from torch import Tensor, nn
 
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, _led_to, _normalised
+from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import FEATURES
-from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS
-from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
+from slrl_sumo.perception.route_features import ROUTE_FEATURES
 
 Inputs = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
 

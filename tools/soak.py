@@ -34,23 +34,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.agent.driver import Driver, Modes, make_driver
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.write import FcdWriter
+from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.records.fcd_write import FcdWriter
+from slrl_sumo.scene.geometry import front_from_centre, wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.driver import Driver, Modes, make_driver
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import starting_points, type_counts
-from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.lane_points import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.reader import Reader, Snapshot
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import front_from_centre, wrap_angle
-from slrl_sumo.world.roadmap import RoadMap
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
 
 WHEEL = ("cross", "fkk_in", "square", "A10KW", "ramp", "corridor", "grid6")
 MOTIONS = ("prior", "lane", "random", "takeover", "takeover-random")

@@ -20,16 +20,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from slrl_sumo.agent.lane_driver import LaneDriver
+from slrl_sumo.scene.geometry import boxes_overlap, wrap_angle
+from slrl_sumo.scene.state import WorldState, empty_world
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import drawn, parse_shares
-from slrl_sumo.sumo.lanedriver import LaneDriver
-from slrl_sumo.sumo.loans import Loans
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario, shipped_scenarios
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import boxes_overlap, wrap_angle
-from slrl_sumo.world.state import WorldState, empty_world
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.sumo.taken_over import TakenOverControl
 
 WHEEL = ("cross", "fkk_in", "grid6")
 HARD_BRAKE = 5.0
@@ -115,7 +115,7 @@ class Watch:
             ends = [self.api.lane.getShape(f"{edge}_{i}")[-1] for i in range(self.api.edge.getLaneNumber(edge))]
             self.goal[road_user] = (edge, np.array(ends), 15.0)
 
-    def follow(self, snapshot: Snapshot, loans: Loans, joins: bool) -> None:
+    def follow(self, snapshot: Snapshot, loans: TakenOverControl, joins: bool) -> None:
         """Watch whom a takeover would have taken, without taking anybody: what SUMO alone makes of them."""
         fresh = [i for i, road_user in enumerate(snapshot.ids) if joins and road_user not in self.followed]
         able = loans.eligible([snapshot.ids[i] for i in fresh], snapshot.person[fresh])
@@ -211,7 +211,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         scenario, step = replace(scenario, options={**scenario.options, "step-length": f"{step:g}"}), None
     with SumoSession(scenario, seed=options.seed, step_length=step) as session:
         watch = Watch(api, session.step_length)
-        loans, driver = Loans(api, session.network), LaneDriver(api, session.network)
+        loans, driver = TakenOverControl(api, session.network), LaneDriver(api, session.network)
         text = auto_region(api) if options.region == "auto" else options.region
         region = parse_region(text, session.network, api)
         shares = parse_shares(options.shares)
@@ -287,7 +287,7 @@ def hand_over(
     session: SumoSession,
     snapshot: Snapshot,
     learned: WorldState,
-    loans: Loans,
+    loans: TakenOverControl,
     driver: LaneDriver,
     region: Any,
     shares: Any,

@@ -19,9 +19,9 @@ How things are counted:
   tail, driven by SUMO. Give the run more than a trip's time.
 - Time in the region: of those that left on their own route, from takeover to leaving or arriving; the ratio to `sumo`
   is over those that left in both runs.
-- Signals: see slrl_sumo/analysis/passages.py. Overlaps: slrl_sumo/analysis/conduct.py; they are looked for every 0.4 s.
+- Signals: see slrl_sumo/metrics/signal_crossings.py. Overlaps: slrl_sumo/metrics/driving_stats.py; they are looked for every 0.4 s.
 - Off surface, speeds, braking (below -4.5 m/s²): of all steps (0.4 s) of road users while learned, or followed.
-- Cars on their lanes: slrl_sumo/analysis/lanekeeping.py; changes of side beyond 0.15 m.
+- Cars on their lanes: slrl_sumo/metrics/lane_keeping.py; changes of side beyond 0.15 m.
 - Agent-steps per s: learned road users times decisions over the wall time of the loop, SUMO's steps included.
 
 The signals of the wheel's scenarios wait for a player; they are switched every 30 s. Pictures: ten cars, first seed.
@@ -44,21 +44,21 @@ from typing import Any
 
 import numpy as np
 
-from slrl_sumo.analysis.conduct import Conduct
-from slrl_sumo.analysis.journeys import Journey, Journeys, outcome
-from slrl_sumo.analysis.passages import Passage, Passages
-from slrl_sumo.analysis.paths_picture import choose_paths, draw_paths
-from slrl_sumo.analysis.takeover_tables import TABLES, add_time_ratios, aligned, markdown, table
+from slrl_sumo.agent.driver import SELECTORS, Driver, make_driver
+from slrl_sumo.metrics.driving_stats import DrivingStats
+from slrl_sumo.metrics.signal_crossings import Passage, Passages
+from slrl_sumo.metrics.trip_outcomes import Journey, Journeys, outcome
+from slrl_sumo.report.paths_picture import choose_paths, draw_paths
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import HYSTERESIS, CoSimulation, Takeover
-from slrl_sumo.simulation.driver import SELECTORS, Driver, make_driver
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.region import Region, parse_region
-from slrl_sumo.sumo.loans import Loans
+from slrl_sumo.studies.takeover_tables import TABLES, add_time_ratios, aligned, markdown, table
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.sumo.taken_over import TakenOverControl
 
 GREEN = 30.0
 """s after which a signal that waits for a player is switched."""
@@ -136,7 +136,7 @@ class Followed:
 
     def __init__(self, session: SumoSession, region: Region, journeys: Journeys) -> None:
         self.ids: frozenset[str] = frozenset()
-        self._loans = Loans(session.api, session.network)
+        self._loans = TakenOverControl(session.api, session.network)
         self._region, self._journeys = region, journeys
 
     def renew(self, world: WorldState, now: float) -> None:
@@ -167,7 +167,7 @@ def run(case: dict[str, Any], picture: Path | None) -> dict[str, Any]:
         rule = None if plain else Takeover(np.ones(len(TYPE_NAMES)), timed, case["seed"])
         loop = CoSimulation(session, driver_of(case, session), takeover=rule, yielding=not plain)
         journeys, passages = Journeys(api, session.step_length), Passages(api, session.network)
-        signals, conduct = Signals(api, begin), Conduct(loop.roadmap, session.network)
+        signals, conduct = Signals(api, begin), DrivingStats(loop.roadmap, session.network)
         followed = Followed(session, region, journeys)
         seen: list[Passage] = []
         costs: list[float] = []

@@ -32,16 +32,16 @@ from rich.table import Table
 
 from netgen.scenario import scenario_files
 from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec
-from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.background.yielding import Yielding
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.geometry import boxes_overlap, to_ego
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.sumo.lane_points import LanePoints
 from slrl_sumo.sumo.network import Lane
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.yielding import Yielding
-from slrl_sumo.world.geometry import boxes_overlap, to_ego
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.surfaces import Surface
-from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
 
 STEP = 0.4
 WALKING_SPEED, RIDING_SPEED = 1.3, 2.0
@@ -172,7 +172,7 @@ def _meet(
     # with the sublane model.
     waiting = lane_of(session, f"{UNUSED}_0" if kind == RoadUserType.PEDESTRIAN else f"{UNUSED}_2")
     if kind == RoadUserType.PEDESTRIAN and not off_route:
-        # Placement renews the walk on every edge with a sidewalk: who comes from this one keeps it on the car lane.
+        # SpawnedControl renews the walk on every edge with a sidewalk: one that comes from this one keeps it on the car lane.
         waiting = straight_way(session).lanes[0]
     away = np.append(0.93 * waiting.shape[0] + 0.07 * waiting.shape[-1], 0.0)
     home = (

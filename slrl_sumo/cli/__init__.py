@@ -8,7 +8,7 @@ import sys
 from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app
 from slrl_sumo.errors import InputError, SlrlError, SumoError
-from slrl_sumo.simulation.ray_address import LOCAL, may_be_address
+from slrl_sumo.jobs.ray_address import LOCAL, may_be_address
 
 
 def main() -> None:

@@ -28,8 +28,8 @@ def import_(
     ],
 ) -> None:
     """Turn recordings of road users into trajectories of 0.4 s."""
-    from slrl_sumo.analysis.progress import progress
-    from slrl_sumo.records.importers.formats import find_recordings, join
+    from slrl_sumo.formats.importers.formats import find_recordings, join
+    from slrl_sumo.jobs.progress import progress
 
     check_output(out)
     single = out.suffix == ".npz"
@@ -77,8 +77,8 @@ def fit(
     report: Annotated[Path | None, typer.Option(help="Folder for pictures of the modes.")] = None,
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
-    from slrl_sumo.learning.fit import fit as learn
-    from slrl_sumo.records.trajectories import load_trajectories
+    from slrl_sumo.formats.trajectories import load_trajectories
+    from slrl_sumo.learning.supervised.fit import fit as learn
 
     if report is not None:
         check_output(report)
@@ -86,7 +86,7 @@ def fit(
     bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
     bundle.save(out)
     if report is not None:
-        from slrl_sumo.analysis.modes_report import write_modes
+        from slrl_sumo.studies.prediction.modes_report import write_modes
 
         write_modes(recordings, report, seed)
     typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
@@ -121,9 +121,9 @@ def train(
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
     place = place_of(workers, ray)
-    from slrl_sumo.analysis.training import train_with_progress
-    from slrl_sumo.learning.train import TrainRequest
-    from slrl_sumo.learning.train_settings import read_settings
+    from slrl_sumo.cli.train_display import train_with_progress
+    from slrl_sumo.learning.rl.train import TrainRequest
+    from slrl_sumo.learning.rl.training_settings import read_settings
 
     check_output(out)
     for name, value, most in (
@@ -142,8 +142,8 @@ def train(
         raise typer.Exit(130)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
     if episodes:
-        from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
-        from slrl_sumo.analysis.training import closing_scenario
+        from slrl_sumo.cli.train_display import closing_scenario
+        from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, write_evaluation
 
         where = closing_scenario(scenario)
         closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, place=place)

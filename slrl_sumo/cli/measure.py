@@ -45,7 +45,7 @@ def evaluate(
     metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: of --mask.")] = None,
 ) -> None:
     """Measure selectors in a scenario, or prediction errors over 6.4 s on a recording."""
-    from slrl_sumo.analysis.prediction_report import check_folder
+    from slrl_sumo.studies.prediction.report import check_folder
 
     is_file = what.endswith(".npz")
     names = None if selectors is None else tuple(name.strip() for name in selectors.split(","))
@@ -72,7 +72,7 @@ def evaluate(
     if agents is not None:
         given["agents"] = _numbers("agents", agents)
     place = place_of(workers, ray)
-    from slrl_sumo.analysis.scenario_evaluation import EvaluationSettings, write_evaluation
+    from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, write_evaluation
 
     settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, place=place, **given)
     interrupted_by = write_evaluation(settings, out)
@@ -115,11 +115,11 @@ def compare(
     ray: RayAddress = None,
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and say what is different."""
-    from slrl_sumo.analysis.prediction_report import check_folder
+    from slrl_sumo.studies.prediction.report import check_folder
 
     check_folder(out)
     place = place_of(workers, ray)
-    from slrl_sumo.analysis.comparison import ComparisonSettings, write_compared
+    from slrl_sumo.studies.compare.comparison import ComparisonSettings, write_compared
 
     settings = ComparisonSettings(
         scenario=scenario,
@@ -149,12 +149,12 @@ def _evaluate_recording(
     seed: int,
     ground: tuple[Path | None, Path | None, float | None],
 ) -> None:
-    from slrl_sumo.analysis.evaluate import evaluate as measure
-    from slrl_sumo.analysis.ground import given_ground
-    from slrl_sumo.analysis.prediction_report import print_evaluation, write_evaluation
-    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.formats.trajectories import load_trajectories
+    from slrl_sumo.jobs.progress import progress
     from slrl_sumo.models.bundle import load_bundle
-    from slrl_sumo.records.trajectories import load_trajectories
+    from slrl_sumo.studies.prediction.evaluate import evaluate as measure
+    from slrl_sumo.studies.prediction.report import print_evaluation, write_evaluation
+    from slrl_sumo.sumo.recording_ground import given_ground
 
     recording, models = load_trajectories(file), load_bundle(bundle)
     roadmap, surface = given_ground(recording, *ground)
@@ -191,7 +191,7 @@ def bench(
     seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
 ) -> None:
     """Measure throughput on this machine, beside plain SUMO and the bare library calls."""
-    from slrl_sumo.analysis.bench import BenchSettings, write_bench
+    from slrl_sumo.studies.bench.bench import BenchSettings, write_bench
 
     if json_file is not None:
         check_output(json_file)

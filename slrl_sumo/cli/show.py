@@ -20,7 +20,7 @@ def replay(
     out: Annotated[Path, typer.Option(help="Page to write, .html.")],
 ) -> None:
     """Make a page that plays a trace over its network, in any browser and without a connection."""
-    from slrl_sumo.analysis.replay import write_replay
+    from slrl_sumo.replay.page import write_replay
 
     check_output(out)
     if not os.access(out if out.exists() else out.resolve().parent, os.W_OK):

@@ -78,7 +78,7 @@ def run(
         sumo_outputs=sumo_outputs,
         sumo_options=sumo_options,
     )
-    from slrl_sumo.analysis.outputs import write_run
+    from slrl_sumo.report.run_outputs import write_run
 
     interrupted_by = write_run(settings, fcd=fcd, summary=summary, report=report, quiet=quiet, recording=recording)
     if interrupted_by:
@@ -114,7 +114,7 @@ def record(
     ray: RayAddress = None,
 ) -> None:
     """Record plain SUMO traffic as trajectories: teacher data for `fit`."""
-    from slrl_sumo.analysis.progress import progress
+    from slrl_sumo.jobs.progress import progress
     from slrl_sumo.simulation.record import record as play
     from slrl_sumo.sumo.scenario import find_scenario
 
@@ -125,7 +125,7 @@ def record(
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
     if seeds is not None:
         place = place_of(workers, ray)
-        from slrl_sumo.analysis.recordings import Recordings, write_recordings
+        from slrl_sumo.studies.recordings import Recordings, write_recordings
 
         wanted = Recordings(scenario, range(seed, seed + seeds), seconds, step_length)
         interrupted_by = write_recordings(wanted, out, place)
@@ -153,8 +153,8 @@ def doctor(
     """Say what in a scenario will hurt learned road users, and what to do about it."""
     import json
 
-    from slrl_sumo.analysis.findings import findings_record, print_findings
-    from slrl_sumo.simulation.doctor import examine
+    from slrl_sumo.doctor.diagnosis import examine
+    from slrl_sumo.doctor.report import findings_record, print_findings
     from slrl_sumo.sumo.scenario import find_scenario
 
     if json_file is not None:

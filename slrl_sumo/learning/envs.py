@@ -17,22 +17,22 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
 from netgen.families import generate
+from slrl_sumo.agent.selectors import PolicySelector, PriorSelector, Selector
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
-from slrl_sumo.learning.rewards import RewardWeights
+from slrl_sumo.learning.rl.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
+from slrl_sumo.learning.rl.rewards import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PRESETS
-from slrl_sumo.models.selector import PolicySelector, PriorSelector, Selector
+from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_picture
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS, ego_picture
-from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
+from slrl_sumo.perception.route_features import ROUTE_FEATURES
+from slrl_sumo.scene.advance import advance, halting
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.simulation.spawn import DEFAULT_MIX
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
-from slrl_sumo.world.advance import advance, halting
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, TYPE_NAMES
 
 Seen = dict[str, NDArray[Any]]
 Ego = Literal["car", "bicycle", "pedestrian"]
@@ -53,7 +53,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
       `enlarge` times as large: 2, because the CNN of Stable-Baselines3 takes none below 36 px; 1 is what selectors see.
       With `preset` "extended" it knows its route: the path in the image, and `route` (14,) float32, columns as in
       perception.routefeatures.ROUTE_FEATURES.
-    - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
+    - Reward: the terms of learning.rl.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type` and `id`, after reset also `scenario`.
     - Terminated: in contact with somebody, or lost. Truncated: after `episode_steps` decisions.
 
@@ -177,7 +177,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             return None
         if self._arena is None or self._scene is None:
             raise ResetNeeded("there is nothing to see: call reset() before render()")
-        from slrl_sumo.analysis.topview import top_view
+        from slrl_sumo.perception.top_view import top_view
 
         return top_view(self._scene, self._slot, self._arena.simulation.roadmap)
 

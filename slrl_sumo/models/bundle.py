@@ -27,8 +27,8 @@ from slrl_sumo.models.policy import POLICY_FILES, Policy, read_policy, write_pol
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 FORMAT_VERSION = 1
 SHIPPED = Path(__file__).parent.parent / "bundles"
@@ -85,7 +85,7 @@ class ModelBundle:
     config: BundleConfig
     mode_centres: Floats
     """(3, modes, 2) m, ego frame: mean of what the modes of each type are clusters of: destinations, or destinations
-    relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.fit.goals)."""
+    relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.fit.goals)."""
     mode_counts: NDArray[np.int64]
     """(3, modes): windows of each type and mode in training."""
     displacement: DisplacementModels

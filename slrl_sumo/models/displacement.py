@@ -5,10 +5,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from slrl_sumo.models.stacked import StackedNetworks
+from slrl_sumo.models.stacked_networks import StackedNetworks
 from slrl_sumo.perception.features import FEATURES
-from slrl_sumo.world.compiled import compiled
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 MODES = 20
 """Modes per road user type (paper, section 3.2)."""
@@ -19,14 +19,14 @@ Singles = NDArray[np.float32]
 
 
 def new_speed(speed: Tensor, acceleration: Tensor, max_speed: Tensor) -> Tensor:
-    """Speed (m/s) after one decision interval, as `slrl_sumo.world.advance` has it."""
+    """Speed (m/s) after one decision interval, as `slrl_sumo.scene.advance` has it."""
     return torch.minimum((speed + acceleration * DECISION_INTERVAL).clamp_min(0.0), max_speed)
 
 
 def displacement(speed: Tensor, acceleration: Tensor, yaw_rate: Tensor, max_speed: Tensor) -> Tensor:
     """Displacement (..., 2) in m, in the ego frame of the interval's start, of one decision interval.
 
-    The differentiable twin of `slrl_sumo.world.advance.advance`; all arguments (...,), in m/s, m/s², rad/s, m/s.
+    The differentiable twin of `slrl_sumo.scene.advance.advance`; all arguments (...,), in m/s, m/s², rad/s, m/s.
     """
     distance = new_speed(speed, acceleration, max_speed) * DECISION_INTERVAL
     middle = 0.5 * yaw_rate * DECISION_INTERVAL

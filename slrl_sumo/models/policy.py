@@ -18,10 +18,10 @@ from torch import Tensor, nn
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.prior import Prior
+from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import FEATURES
-from slrl_sumo.perception.raster import EGO_COLS, EGO_ROWS
-from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
-from slrl_sumo.world.types import RoadUserType
+from slrl_sumo.perception.route_features import ROUTE_FEATURES
+from slrl_sumo.scene.types import RoadUserType
 
 Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 

@@ -3,7 +3,7 @@
 from torch import Tensor, nn
 
 from slrl_sumo.models.displacement import MODES
-from slrl_sumo.models.stacked import StackedNetworks
+from slrl_sumo.models.stacked_networks import StackedNetworks
 
 
 class Prior(nn.Module):

@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.world.compiled import compiled
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import RoadUserType
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
 
 RADII = (5.0, 10.0, 20.0)
 """Distances in m within which others are counted, from centre to centre, inclusive."""

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.perception.ego_image import ego_images
 from slrl_sumo.perception.features import features
-from slrl_sumo.perception.raster import ego_images
-from slrl_sumo.perception.routefeatures import route_features
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.roadmap import RoadMap
-from slrl_sumo.world.route import RouteAhead
-from slrl_sumo.world.state import WorldState
+from slrl_sumo.perception.route_features import route_features
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.route import RouteAhead
+from slrl_sumo.scene.state import WorldState
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Observation:
     type: NDArray[np.int8]
     """RoadUserType of each, (n,)."""
     ahead: NDArray[np.float32] | None = None
-    """What each mode would lead to, (n, modes, 4), or 9 columns in the preset `extended`, as simulation.lookahead has
+    """What each mode would lead to, (n, modes, 4), or 9 columns in the preset `extended`, as lookahead.lookahead has
     it; None where nobody looks ahead."""
     route: NDArray[np.float32] | None = None
     """(n, 14), columns as in `routefeatures.ROUTE_FEATURES`; None in the preset `paper`."""

@@ -6,20 +6,20 @@ from typing import Any, Self
 
 import torch
 
+from slrl_sumo.agent.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.simulation.events import DEFAULT_BUNDLE
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.command import divides_interval
 from slrl_sumo.sumo.network import read_network
-from slrl_sumo.sumo.placement import LEARNED_TYPES, Placement
 from slrl_sumo.sumo.reader import Reader
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
 
 MARK = "slrl_sumo.attached"
 """Parameter of our first vType that says that somebody is attached: it is seen through every connection."""
@@ -39,7 +39,7 @@ class AttachedSimulation:
         if LEARNED_TYPES[0] in api.vehicletype.getIDList() and api.vehicletype.getParameter(LEARNED_TYPES[0], MARK):
             raise InputError("learned road users are attached to this simulation already; leave that context first")
         self.network = read_network(api)
-        self.placement = Placement(api, self.network)
+        self.placement = SpawnedControl(api, self.network)
         self.reader = Reader(api)
 
     @property

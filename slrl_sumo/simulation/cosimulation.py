@@ -6,27 +6,27 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.agent.driver import Driver, Modes
+from slrl_sumo.agent.stopwatch import Stopwatch
+from slrl_sumo.background.yielding import Yielding
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.perception.observation import Observation, Way, observe
-from slrl_sumo.simulation.background import Differences, background_world, places_of
-from slrl_sumo.simulation.driver import Driver, Modes
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.simulation.background_state import Differences, background_world, places_of
 from slrl_sumo.simulation.events import Decision, Step
-from slrl_sumo.simulation.looping import bring_back, left_scene, start_anew
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speed
-from slrl_sumo.simulation.stopwatch import Stopwatch
 from slrl_sumo.simulation.takeover import drawn
-from slrl_sumo.sumo.ahead import TrafficAhead, traffic_ahead
-from slrl_sumo.sumo.loans import Loans
+from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.placement import Placement
 from slrl_sumo.sumo.reader import Reader, Snapshot
-from slrl_sumo.sumo.yielding import Yielding
-from slrl_sumo.world.geometry import Floats, wrap_angle
-from slrl_sumo.world.roadmap import RoadMap
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.surfaces import Surface
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.sumo.spawned import SpawnedControl
+from slrl_sumo.sumo.taken_over import TakenOverControl
+from slrl_sumo.sumo.traffic_ahead import TrafficAhead, traffic_ahead
 
 WALKING = 0.1
 """m/s from which persons are taken over."""
@@ -45,7 +45,7 @@ class Simulation(Protocol):
     api: Any
     network: Network
     step_length: float
-    placement: Placement
+    placement: SpawnedControl
     reader: Reader
 
     @property
@@ -101,7 +101,7 @@ class CoSimulation:
         self.roadmap = RoadMap(self.surfaces)
         self._simulation, self._driver, self._takeover = simulation, driver, takeover
         self._substeps = round(DECISION_INTERVAL / simulation.step_length)
-        self._loans = Loans(simulation.api, simulation.network)
+        self._loans = TakenOverControl(simulation.api, simulation.network)
         self.population = Population(simulation.placement, self._loans)
         self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
@@ -181,7 +181,7 @@ class CoSimulation:
         looped = left_scene(following, self.roadmap, self._simulation.network.exits) & ~self.population.lent
         if looped.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
-            following = bring_back(following, looped, background, self.points, self.roadmap)
+            following = reinsert(following, looped, background, self.points, self.roadmap)
         shares = np.arange(1, self._substeps + 1) / self._substeps
         states = [between(learned, following, share, looped) for share in shares]
         self._stopwatch.lap("advance")

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.records.fcd_write import Places
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.surfaces import SurfaceShapes
+from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.ground.surfaces import SurfaceShapes
+from slrl_sumo.scene.state import WorldState
 
 DEFAULT_BUNDLE = "intersection"
 
@@ -28,7 +28,7 @@ class RunSettings:
     selector: str | None = None
     """None is the bundle's usual one: greedy where it has a trained selector, else prior."""
     guard: bool = False
-    """Modes that lead into a conflict are not chosen (see simulation.guard)."""
+    """Modes that lead into a conflict are not chosen (see agent.guard)."""
     steps: int | None = None
     """Decisions; None runs until `until`, else until the scenario's own end."""
     until: float | None = None

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.sumo.loans import Loans
-from slrl_sumo.sumo.placement import LEARNED_TYPES, Placement
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.state import WorldState, empty_world
-from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState, empty_world
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
+from slrl_sumo.sumo.taken_over import TakenOverControl
 
 
 class Population:
@@ -19,7 +19,7 @@ class Population:
     vTypes; `ids`: their ids.
     """
 
-    def __init__(self, placement: Placement, loans: Loans) -> None:
+    def __init__(self, placement: SpawnedControl, loans: TakenOverControl) -> None:
         self.world: WorldState = empty_world()
         self.lent: NDArray[np.bool_] = np.zeros(0, np.bool_)
         self.sumo_types: tuple[str, ...] = ()

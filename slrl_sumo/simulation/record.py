@@ -4,13 +4,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slrl_sumo.records.trajectories import Trajectories, TrajectoryBuilder
-from slrl_sumo.simulation.background import background_world
+from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import wrap_angle
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
 
 # SUMO places road users on lanes, so those that change lane or walking direction at once jump sideways or turn on the
 # spot. What a type cannot do within 0.4 s is a jump of the model, not a motion to learn: the track is split there.

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.sumo.lane_points import LanePoints
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.world.geometry import Floats
 
 JUNCTION_RADIUS = 60.0
 """m, where the user gives none."""

@@ -7,11 +7,14 @@ from collections.abc import Generator
 import numpy as np
 import torch
 
+from slrl_sumo.agent.driver import SELECTORS, Driver, ModelDriver, make_driver, usual_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.perception.observation import observe
+from slrl_sumo.scene.compiled import what_to_expect
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
-from slrl_sumo.simulation.driver import SELECTORS, Driver, ModelDriver, make_driver, usual_selector
 from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, type_counts
@@ -19,9 +22,6 @@ from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.compiled import what_to_expect
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, RoadUserType
 
 MOST_AGENTS = 1_000_000
 

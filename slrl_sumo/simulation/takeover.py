@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.world.geometry import Floats
-from slrl_sumo.world.types import TYPE_NAMES
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import TYPE_NAMES
 
 
 def parse_shares(text: str) -> Floats:

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.world.types import DECISION_INTERVAL
 
 LOG_OPTIONS = ("log", "message-log", "error-log")
 

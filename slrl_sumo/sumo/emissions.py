@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slrl_sumo.errors import SumoError
-from slrl_sumo.world.geometry import Floats
+from slrl_sumo.scene.geometry import Floats
 
 POLLUTANTS = {"co2": 5, "pmx": 7, "nox": 8, "fuel": 9}
 """What is asked for, and its column in what SUMO's tool writes."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.sumo.lanepoints import LanePoints
-from slrl_sumo.world.surfaces import Area, Ribbon, Surface, SurfaceShapes
+from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
+from slrl_sumo.sumo.lane_points import LanePoints
 
 MOTOR_CLASSES = frozenset(
     {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}

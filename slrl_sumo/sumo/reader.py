@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.world.geometry import Floats, centre_from_front, heading_from_sumo
-from slrl_sumo.world.types import RoadUserType
+from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
+from slrl_sumo.scene.types import RoadUserType
 
 # Numbers of TraCI variables and commands, the same in libsumo and traci
 # (https://sumo.dlr.de/docs/TraCI/Vehicle_Value_Retrieval.html).

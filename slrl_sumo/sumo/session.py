@@ -11,12 +11,12 @@ from types import TracebackType
 from typing import IO, Any, Self
 
 from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.command import notices, start_command, sumo_step_length
 from slrl_sumo.sumo.network import Network, read_network
-from slrl_sumo.sumo.placement import Placement
 from slrl_sumo.sumo.reader import Reader
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.sumo.spawned import SpawnedControl
 
 
 class SumoSession:
@@ -68,7 +68,7 @@ class SumoSession:
                 raise InputError(f"{where}: {_sumo_reason(printed, str(error))}") from None
         try:
             self.network: Network = read_network(libsumo)
-            self.placement = Placement(libsumo, self.network)
+            self.placement = SpawnedControl(libsumo, self.network)
             self.reader = Reader(libsumo)
         except BaseException:
             self.close()

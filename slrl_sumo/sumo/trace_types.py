@@ -11,14 +11,14 @@ from pathlib import Path
 from lxml import etree
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH
 from slrl_sumo.sumo.demand import elements
 from slrl_sumo.sumo.options import input_files
-from slrl_sumo.sumo.placement import LEARNED_TYPES
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
-from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH
+from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
 CLASSES = ("passenger", "passenger", "pedestrian")
-"""Vehicle classes of learned road users, indexed by RoadUserType: bicycles go on the lanes of cars, see Placement."""
+"""Vehicle classes of learned road users, indexed by RoadUserType: bicycles go on the lanes of cars, see SpawnedControl."""
 SHAPES = ("passenger", "bicycle", "pedestrian")
 """How SUMO-GUI draws them."""
 

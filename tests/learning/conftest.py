@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from slrl_sumo.learning.fit import fit
+from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.records.trajectories import Trajectories, TrajectoryBuilder
-from slrl_sumo.world.advance import advance
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH
+from slrl_sumo.scene.advance import advance
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH
 
 TOP = np.array([9.0, 5.0, 1.6])
 CURVATURE = np.array([0.08, 0.12, 0.3])

@@ -17,14 +17,14 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import slrl_sumo.learning.envs
+from slrl_sumo.agent.selectors import PolicySelector, PriorSelector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.envs import RoadUserEnv
-from slrl_sumo.learning.rewards import TERMS, RewardWeights
+from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
-from slrl_sumo.models.selector import PolicySelector, PriorSelector
-from slrl_sumo.perception.routefeatures import ROUTE_FEATURES
-from slrl_sumo.world.types import RoadUserType
+from slrl_sumo.perception.route_features import ROUTE_FEATURES
+from slrl_sumo.scene.types import RoadUserType
 
 IDS = ("slrl_sumo/Intersection-v0", "slrl_sumo/SharedSpace-v0", "slrl_sumo/Random-v0")
 

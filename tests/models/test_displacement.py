@@ -5,10 +5,10 @@ from torch.nn import functional
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.displacement import SPEED, displacement, new_speed
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.world.advance import advance
-from slrl_sumo.world.geometry import to_ego
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.scene.advance import advance
+from slrl_sumo.scene.geometry import to_ego
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
 
 
 def test_batched_motion_is_that_of_one_network_per_road_user(bundle: ModelBundle, seen: Observation) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.models.policy import AT_ONCE, Policy, PolicyConfig, choice_logits, policy_logits
-from slrl_sumo.models.selector import PolicySelector
 from slrl_sumo.perception.observation import Observation
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from slrl_sumo.world.roadmap import Ribbon, Surface, SurfaceShapes
-from slrl_sumo.world.route import HERE, POINTS, SPACING, RouteAhead
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH
+from slrl_sumo.ground.road_map import Ribbon, Surface, SurfaceShapes
+from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH
 
 Place = Callable[..., WorldState]
 

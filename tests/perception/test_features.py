@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.perception.features import FEATURES, features
-from slrl_sumo.world.state import WorldState
+from slrl_sumo.scene.state import WorldState
 
 CAR, BICYCLE, PEDESTRIAN = 0, 1, 2
 

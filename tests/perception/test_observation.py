@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from slrl_sumo.ground.road_map import RoadMap, SurfaceShapes
+from slrl_sumo.perception.ego_image import ego_images
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.observation import Way, observe
-from slrl_sumo.perception.raster import ego_images
-from slrl_sumo.perception.routefeatures import route_features
-from slrl_sumo.world.roadmap import RoadMap, SurfaceShapes
-from slrl_sumo.world.route import RouteAhead
-from slrl_sumo.world.state import WorldState
+from slrl_sumo.perception.route_features import route_features
+from slrl_sumo.scene.route import RouteAhead
+from slrl_sumo.scene.state import WorldState
 
 
 def test_rows_belong_together(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:

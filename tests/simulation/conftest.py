@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from slrl_sumo.world.state import WorldState
+from slrl_sumo.scene.state import WorldState
 
 Crowd = Callable[[int, int, float], WorldState]
 

@@ -13,9 +13,9 @@ import sumolib
 import traci
 
 import slrl_sumo
+from slrl_sumo.agent import driver
+from slrl_sumo.agent.guard import allowed_modes
 from slrl_sumo.errors import InputError
-from slrl_sumo.simulation import driver
-from slrl_sumo.simulation.guard import allowed_modes
 from slrl_sumo.sumo.scenario import find_scenario
 
 ROOT = Path(__file__).parent.parent.parent

@@ -11,17 +11,17 @@ import pytest
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
 from slrl_sumo.simulation.events import RunSettings, Started
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.run import run
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import wrap_angle
-from slrl_sumo.world.roadmap import RoadMap
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DECISION_INTERVAL
 
 SETTINGS = RunSettings("intersection", agents=15, steps=30, seed=4, step_length=0.1)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from slrl_sumo.world.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 Rows = dict[tuple[float, str], etree._Element]

@@ -19,8 +19,8 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, TYPE_NAMES
 from slrl_sumo.sumo.scenario import find_scenario
-from slrl_sumo.world.types import DECISION_INTERVAL, DEFAULT_LENGTH, TYPE_NAMES
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 Floats = NDArray[np.float64]

@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.scene.contacts import close_pairs, overlapping_pairs
+from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 from slrl_sumo.simulation.spawn import DEFAULT_MIX, draw_starts, legal_lanes, parse_mix, starting_points, type_counts
-from slrl_sumo.sumo.lanepoints import LanePoints
+from slrl_sumo.sumo.lane_points import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.contacts import close_pairs, overlapping_pairs
-from slrl_sumo.world.geometry import wrap_angle
-from slrl_sumo.world.state import WorldState
-from slrl_sumo.world.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slrl_sumo.perception.raster import EXTENDED_PALETTE, PATH
+from slrl_sumo.perception.ego_image import EXTENDED_PALETTE, PATH
 from slrl_sumo.simulation.events import RunSettings, Views
 from slrl_sumo.simulation.run import run
 

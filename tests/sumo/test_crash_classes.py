@@ -1,7 +1,7 @@
 """The ways in which libsumo 1.28 dies of moved road users: we survive each, and the naive call still does not.
 
 Every situation runs in a process of its own, because a crash of SUMO takes its process along: this file is also the
-program that plays one. Where a naive call stops crashing, a rule of `slrl_sumo.sumo.placement` can go.
+program that plays one. Where a naive call stops crashing, a rule of `slrl_sumo.sumo.spawned` can go.
 """
 
 import json
@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from slrl_sumo.sumo.loans import Loans
+from slrl_sumo.scene.geometry import front_from_centre, heading_to_sumo, wrap_angle
+from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
 from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.world.geometry import front_from_centre, heading_to_sumo, wrap_angle
-from slrl_sumo.world.types import DEFAULT_LENGTH, RoadUserType
+from slrl_sumo.sumo.taken_over import TakenOverControl
 
 Copy = Callable[..., Path]
 Floats = NDArray[np.float64]
@@ -171,7 +171,7 @@ class Wanderers:
         self.missing += len(ids) - len(here)
         self.steps += 1
         if self.steps > 1:
-            # In the first step vehicles wait on a lane, see Placement.add.
+            # In the first step vehicles wait on a lane, see SpawnedControl.add.
             apart = np.hypot(snapshot.x[at] - self.x[here], snapshot.y[at] - self.y[here])
             self.away = max(self.away, float(apart.max(initial=0.0)))
 
@@ -220,7 +220,7 @@ def lent_cars_over_sidewalks(options: str) -> dict[str, Any]:
         for _ in range(375):
             session.step()
         snapshot = session.reader.read()
-        loans = Loans(libsumo, session.network)
+        loans = TakenOverControl(libsumo, session.network)
         wheels = np.flatnonzero(~snapshot.person & loans.eligible(snapshot.ids, snapshot.person))
         ids, length = tuple(snapshot.ids[i] for i in wheels), snapshot.length[wheels]
         assert len(ids) >= 6
@@ -259,7 +259,7 @@ def persons(n: str, steps: str) -> dict[str, Any]:
 def lent_persons(steps: str) -> dict[str, Any]:
     """All persons of the scenario, as they come, each on a random walk from where it was taken."""
     with SumoSession(find_scenario("intersection")) as session:
-        loans = Loans(libsumo, session.network)
+        loans = TakenOverControl(libsumo, session.network)
         rng = np.random.default_rng(1)
         state: dict[str, list[float]] = {}
         missing = 0

@@ -1,0 +1,78 @@
+"""What lies on the ways of driven vehicles, whether SUMO has it on their lane or not."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.background.lane_paths import SPACING
+from slrl_sumo.background.swept_boxes import sweep
+from slrl_sumo.background.swept_conflicts import MARGIN, approaching, meetings, predicted, speed_along
+from slrl_sumo.background.yielding import MOMENTS, safe_speeds
+from slrl_sumo.scene.geometry import Floats, cos_sin, front_from_centre
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+
+STANDING = 0.3
+"""m/s."""
+GRAZE = 0.4
+"""m by which boxes of vehicles may overlap."""
+
+
+@dataclass(frozen=True)
+class Approach:
+    """The ways of n driven vehicles, as `sweeps.sweep` wants them."""
+
+    rows: NDArray[np.intp]
+    """Their rows in the world, (n,)."""
+    path_x: Floats
+    """Points ahead every `SPACING` m, (n, k), the first beside the front."""
+    path_y: Floats
+    room: Floats
+    """m to the end of the way, (n,)."""
+    speed: Floats
+    limits: Floats
+    """Acceleration, deceleration, emergency deceleration, (n, 3), m/s²."""
+    heedless: NDArray[np.bool_]
+    """Who does not mind vehicles that stand, (n,)."""
+
+
+def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, NDArray[np.bool_]]:
+    """Speeds (n,) that what lies on the ways allows (m/s, inf where nothing does), and where that is who stands, (n,).
+
+    Persons are predicted as in `yielding`, vehicles are looked at where they are now.
+    """
+    rows, n = approach.rows, len(approach.rows)
+    length, heading = world.length[rows], world.heading[rows]
+    front_x, front_y = front_from_centre(world.x[rows], world.y[rows], heading, length)
+    size = np.column_stack([length, world.width[rows]])
+    ahead = sweep(approach.path_x, approach.path_y, approach.room, front_x, front_y, heading, size)
+    reach = SPACING * approach.path_x.shape[1] + 0.5 * length
+    spread = 0.5 * world.length + 2.0
+    dx, dy = world.x[rows][:, None] - world.x, world.y[rows][:, None] - world.y
+    near = dx * dx + dy * dy < (reach[:, None] + spread) ** 2
+    near[np.arange(n), rows] = False
+    walks = world.type == RoadUserType.PEDESTRIAN
+    stands = (world.speed < STANDING) & ~walks
+    near &= ~(approach.heedless[:, None] & stands[None, :])
+    # Behind us is nobody whom we could meet.
+    c, s = cos_sin(heading[:, None])
+    near &= -(c * dx + s * dy) > -0.5 * length[:, None] - spread
+    safe, standing = np.full(n, np.inf), np.zeros(n, np.bool_)
+    boxes = predicted(world, MOMENTS)
+    # Who waits to turn is grazed by those who go straight on, in SUMO's networks as they are.
+    boxes[~walks, :, 3:] -= GRAZE
+    narrow = replace(ahead, width=np.maximum(ahead.width - 2.0 * MARGIN - GRAZE, 0.3))
+    for whom, mine in ((walks, ahead), (~walks, narrow)):
+        vehicle, other = np.nonzero(near & whom)
+        close = approaching(approach.path_x, approach.path_y, size, vehicle, boxes, other)
+        vehicle, other = vehicle[close], other[close]
+        if not len(vehicle):
+            continue
+        enter, leave = meetings(mine, vehicle, boxes, other, walks & (world.speed > 0.05))
+        leading = speed_along(mine, vehicle, enter, boxes, other, world.speed)
+        target, _ = safe_speeds(enter, leave, approach.speed[vehicle], leading, approach.limits[vehicle], dt)
+        np.minimum.at(safe, vehicle, target)
+        decides = target <= safe[vehicle] + 1e-9
+        standing[vehicle[decides]] = stands[other[decides]]
+    return safe, standing

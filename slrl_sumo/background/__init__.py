@@ -1,0 +1,1 @@
+"""SUMO's own road users yield to learned ones."""

@@ -1,0 +1,130 @@
+"""The ways that vehicles are about to drive: centre lines along lanes and routes."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.sumo.network import Lane, Network
+
+SPACING = 0.5
+"""m between the points of a path."""
+REACH = 120.0
+"""m that a path goes on beyond the end of its first lane: braking from 33 m/s takes no more."""
+MOST_POINTS = 2_000_000
+"""Paths kept at a time, counted in points (32 MB); beyond that they are forgotten and made again when needed."""
+MOST_LANES = 40
+"""Of a path, where they are very short."""
+
+
+class Paths:
+    """Paths through a loaded network, made on demand and kept as numbered rows of one pool of points.
+
+    A path is the centre line of a lane from its begin, then that of the lanes that a vehicle's route takes it to.
+    """
+
+    def __init__(self, api: Any, network: Network) -> None:
+        self._api = api
+        self._lanes = {lane.id: lane for lane in network.lanes}
+        self._links: dict[str, list[tuple[str, str]]] = {}
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all paths: the rows given so far are void."""
+        self._rows: dict[tuple[str, ...], int] = {}
+        self._points = np.zeros((4096, 2))
+        self._used = 0
+        self._table = np.zeros((256, 3))
+        """Of each row: its first point, its last point, and m of drawn shape per m of SUMO's measure."""
+
+    @property
+    def full(self) -> bool:
+        """Whether it is time to `clear`."""
+        return self._used > MOST_POINTS
+
+    def row(self, lane: str, following: tuple[str, ...], vehicle_class: str) -> int:
+        """The path from the begin of `lane` to the edges `following`, for a SUMO vehicle class."""
+        chain = self.chain(lane, following, vehicle_class)
+        row = self._rows.get(chain)
+        if row is None:
+            row = self._rows[chain] = self._add(chain)
+        return row
+
+    def chain(self, lane: str, following: tuple[str, ...], vehicle_class: str) -> tuple[str, ...]:
+        """Ids of the lanes from `lane` on, those inside junctions included, at most `REACH` m of them after the first.
+
+        It ends where the route does, and on a lane that does not lead to the route's next edge.
+        """
+        chain, onward, length = [lane], list(following), 0.0
+        while length < REACH and len(chain) < MOST_LANES:
+            here = chain[-1]
+            choices = [
+                (target, inside)
+                for target, inside in self._links_of(here)
+                if (onward and self._lanes[target].edge == onward[0]) or (not onward and self._lanes[here].internal)
+            ]
+            choices = [c for c in choices if vehicle_class in self._lanes[c[0]].allowed] or choices
+            if not choices:
+                break
+            # Of several lanes of the next edge, vehicles take one that leads on.
+            best = next((c for c in choices if len(onward) > 1 and self._leads(c[0], onward[1])), choices[0])
+            chain.append(best[1] or best[0])
+            if not self._lanes[chain[-1]].internal and onward:
+                onward.pop(0)
+            length += self._lanes[chain[-1]].length
+        return tuple(chain)
+
+    def sample(self, rows: NDArray[np.intp], lane_position: Floats, count: int) -> tuple[Floats, Floats, Floats]:
+        """Points every `SPACING` m on n paths, the first ones at `lane_position` (m, SUMO's measure, (n,)).
+
+        Returns x, y in m, (n, count), and how far the paths go on, in m, (n,); past a path's end its last point recurs.
+        """
+        table = self._table[rows]
+        start, last, scale = table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
+        # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
+        along = np.maximum(lane_position * scale / SPACING, 0.0)
+        first = np.floor(along).astype(np.intp)
+        share = (along - first)[:, None, None]
+        index = (start + first)[:, None] + np.arange(count + 1)
+        points = self._points[np.minimum(index, last[:, None])]
+        points = points[:, :-1] + share * np.diff(points, axis=1)
+        return points[..., 0], points[..., 1], np.maximum((last - start - along) * SPACING, 0.0)
+
+    def _links_of(self, lane: str) -> list[tuple[str, str]]:
+        """Pairs of lane ids: the lane led to, and the one inside the junction that comes before it ('' for none)."""
+        links = self._links.get(lane)
+        if links is None:
+            links = self._links[lane] = [
+                (link[0], link[4]) for link in self._api.lane.getLinks(lane) if link[0] in self._lanes
+            ]
+        return links
+
+    def _leads(self, lane: str, edge: str) -> bool:
+        return any(self._lanes[target].edge == edge for target, _ in self._links_of(lane))
+
+    def _add(self, chain: tuple[str, ...]) -> int:
+        lanes = [self._lanes[lane] for lane in chain]
+        points = resampled(np.concatenate([lane.shape for lane in lanes]), SPACING)
+        while self._used + len(points) > len(self._points):
+            self._points = np.concatenate([self._points, np.zeros_like(self._points)])
+        self._points[self._used : self._used + len(points)] = points
+        row = len(self._rows)
+        if row == len(self._table):
+            self._table = np.concatenate([self._table, np.zeros_like(self._table)])
+        scale = _length(lanes[0]) / max(lanes[0].length, 0.1)
+        self._table[row] = self._used, self._used + len(points) - 1, scale
+        self._used += len(points)
+        return row
+
+
+def _length(lane: Lane) -> float:
+    return float(np.hypot(*np.diff(lane.shape, axis=0).T).sum())
+
+
+def resampled(line: Floats, spacing: float) -> Floats:
+    """Points every `spacing` m along the polyline `line` (k, 2), from its begin; the rest at its end is cut."""
+    steps = np.diff(line, axis=0)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    s = np.arange(0.0, along[-1] + 1e-9, spacing)
+    return np.column_stack([np.interp(s, along, line[:, 0]), np.interp(s, along, line[:, 1])])

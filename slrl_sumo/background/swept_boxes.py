@@ -1,0 +1,91 @@
+"""The boxes that vehicles are about to sweep on their paths."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.background.lane_paths import SPACING
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+
+STRAIGHTENING = 15.0
+"""m in which a vehicle that drives beside its lane's centre is expected to have come back to it, at the latest."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Boxes of n vehicles at k places ahead, `SPACING` m apart, the first where they are now; arrays (n, k)."""
+
+    x: Floats
+    y: Floats
+    heading: Floats
+    width: Floats
+    """m; wider than the vehicle where it is not known how far beside the lane's centre it will drive."""
+    length: Floats
+    """m, (n,)."""
+    valid: NDArray[np.bool_]
+    """False past the end of a path."""
+
+
+def sweep(
+    path_x: Floats, path_y: Floats, room: Floats, front_x: Floats, front_y: Floats, heading: Floats, size: Floats
+) -> Sweep:
+    """The boxes that vehicles sweep on their paths.
+
+    `path_x`, `path_y`: points ahead, (n, k), the first beside the front; `room`: m to the path's end, (n,);
+    `front_x`, `front_y`, `heading`: the middle of the front edge and the direction now, (n,); `size`: rows of length
+    and width, (n, 2). Fronts follow the path, rears follow the fronts: long vehicles cut corners, as SUMO draws them.
+    """
+    boxes = np.empty((4, *path_x.shape))
+    valid = np.empty(path_x.shape, np.bool_)
+    paths = np.stack([path_x, path_y])
+    _swept(paths, room, np.stack([front_x, front_y, heading]), size, SPACING, boxes, valid)
+    return Sweep(boxes[0], boxes[1], boxes[2], boxes[3], size[:, 0].copy(), valid)
+
+
+@compiled
+def _swept(
+    paths: Floats, room: Floats, fronts: Floats, size: Floats, spacing: float, boxes: Floats, valid: NDArray[np.bool_]
+) -> None:
+    """Write x, y, heading and width (4, n, k) for paths (2, n, k), and front x, y and heading (3, n)."""
+    _, n, k = paths.shape
+    along, front = np.empty((2, k)), np.empty((2, k))
+    for i in range(n):
+        front_x, front_y, length, width = fronts[0, i], fronts[1, i], size[i, 0], size[i, 1]
+        towards_x, towards_y = math.cos(fronts[2, i]), math.sin(fronts[2, i])
+        for j in range(k):
+            # The difference of the points on either side; at the ends, to the next one.
+            after, before = min(j + 1, k - 1), max(j - 1, 0)
+            dx, dy = paths[0, i, after] - paths[0, i, before], paths[1, i, after] - paths[1, i, before]
+            norm = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+            along[0, j], along[1, j] = dx / norm, dy / norm
+        # Against its lane (overtaking on the opposite side, or a path of one point): straight on is the better guess.
+        astray = along[0, 0] * towards_x + along[1, 0] * towards_y < 0.5
+        if astray:
+            along[0], along[1] = towards_x, towards_y
+        first_x = front_x if astray else paths[0, i, 0]
+        first_y = front_y if astray else paths[1, i, 0]
+        beside = (front_y - first_y) * along[0, 0] - (front_x - first_x) * along[1, 0]
+        behind = round(length / spacing) if 0.0 <= length < k * spacing else k
+        for j in range(k):
+            s = j * spacing
+            kept = max(1.0 - s / STRAIGHTENING, 0.0)
+            # Between staying beside the centre and coming back to it: the box covers both.
+            lateral = beside * (1.0 + kept) / 2.0
+            x = front_x + s * towards_x if astray else paths[0, i, j]
+            y = front_y + s * towards_y if astray else paths[1, i, j]
+            x, y = x - lateral * along[1, j], y + lateral * along[0, j]
+            front[0, j], front[1, j] = x, y
+            if j >= behind:
+                rear_x, rear_y = front[0, j - behind], front[1, j - behind]
+            else:
+                still = max(length - s, 0.0)
+                rear_x, rear_y = front_x - still * towards_x, front_y - still * towards_y
+            turned = math.atan2(y - rear_y, x - rear_x)
+            boxes[0, i, j] = x - 0.5 * length * math.cos(turned)
+            boxes[1, i, j] = y - 0.5 * length * math.sin(turned)
+            boxes[2, i, j] = turned
+            boxes[3, i, j] = width + abs(beside) * (1.0 - kept)
+            valid[i, j] = astray or j == 0 or s <= room[i] + 1e-9

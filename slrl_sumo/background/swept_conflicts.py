@@ -1,0 +1,165 @@
+"""Where vehicles would meet other road users on their ways: swept boxes against boxes, now and in the near future."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.background.lane_paths import SPACING
+from slrl_sumo.background.swept_boxes import Sweep
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats, cos_sin
+from slrl_sumo.scene.state import WorldState
+
+MARGIN = 0.3
+"""m kept free on either side of a vehicle."""
+SHARPEST_TURN = 1.0
+"""rad/s; faster turns are not expected to go on."""
+
+
+def predicted(learned: WorldState, moments: Floats) -> Floats:
+    """Boxes of n road users that keep speed and yaw rate: (n, q, 5) rows as in `boxes_overlap`, at `moments` (q,) in s.
+
+    Constant turn rate and velocity, the yaw rate limited to `SHARPEST_TURN`.
+    """
+    now = np.stack([learned.x, learned.y, learned.heading, learned.length, learned.width])
+    return _predicted(now, learned.speed, learned.yaw_rate, moments)
+
+
+@compiled
+def _predicted(now: Floats, speed: Floats, yaw_rate: Floats, moments: Floats) -> Floats:
+    """See `predicted`; `now`: (5, n)."""
+    boxes = np.empty((now.shape[1], len(moments), 5))
+    for i in range(len(boxes)):
+        rate = min(max(yaw_rate[i], -SHARPEST_TURN), SHARPEST_TURN)
+        for m, seconds in enumerate(moments):
+            half, chord = 0.5 * rate * seconds, speed[i] * seconds
+            if half != 0.0:
+                chord *= math.sin(half) / half
+            boxes[i, m, 0] = now[0, i] + chord * math.cos(now[2, i] + half)
+            boxes[i, m, 1] = now[1, i] + chord * math.sin(now[2, i] + half)
+            boxes[i, m, 2] = now[2, i] + 2.0 * half
+            boxes[i, m, 3], boxes[i, m, 4] = now[3, i], now[4, i]
+    return boxes
+
+
+def approaching(
+    path_x: Floats, path_y: Floats, size: Floats, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    """Whether the path comes near the road user at all, by circles round all its moments, for each of p pairs."""
+    vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
+    return _approaching(np.stack([path_x, path_y]), size, vehicle, boxes, agent, SPACING)
+
+
+@compiled
+def _approaching(
+    paths: Floats,
+    size: Floats,
+    vehicle: NDArray[np.intp],
+    boxes: Floats,
+    agent: NDArray[np.intp],
+    spacing: float,
+) -> NDArray[np.bool_]:
+    """See `approaching`; `paths`: (2, n, k)."""
+    stride = 4
+    near = np.zeros(len(vehicle), np.bool_)
+    for p in range(len(vehicle)):
+        v, box = vehicle[p], boxes[agent[p]]
+        x, y = 0.5 * (box[0, 0] + box[-1, 0]), 0.5 * (box[0, 1] + box[-1, 1])
+        radius = 0.0
+        for m in range(len(box)):
+            radius = max(radius, math.hypot(box[m, 0] - x, box[m, 1] - y))
+        radius += 0.5 * math.hypot(box[0, 3], box[0, 4])
+        # From the path to the farthest corner: behind, or ahead on the other side of the lane.
+        reach = radius + size[v, 0] + size[v, 1] + stride * spacing + MARGIN
+        for j in range(0, paths.shape[2], stride):
+            dx, dy = paths[0, v, j] - x, paths[1, v, j] - y
+            if dx * dx + dy * dy < reach * reach:
+                near[p] = True
+                break
+    return near
+
+
+def meetings(
+    ahead: Sweep, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp], moving: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Where vehicles would touch road users: m driven at first and at last touch, (p, q); inf and -inf: never.
+
+    For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments). Those not
+    `moving` (n,) get only their first moment. Vehicles keep `MARGIN` to either side of them from what lies ahead of
+    their front now; whom they pass already is no reason to stop, unless they would cut into it.
+    """
+    enter, leave = np.full((2, len(vehicle), boxes.shape[1]), np.inf)
+    leave *= -1.0
+    swept = np.stack([ahead.x, ahead.y, ahead.heading, ahead.width])
+    vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
+    _meetings(swept, ahead.length, ahead.valid, vehicle, boxes, agent, moving, SPACING, enter, leave)
+    return enter, leave
+
+
+@compiled
+def _meetings(
+    swept: Floats,
+    lengths: Floats,
+    valid: NDArray[np.bool_],
+    vehicle: NDArray[np.intp],
+    boxes: Floats,
+    agent: NDArray[np.intp],
+    moving: NDArray[np.bool_],
+    spacing: float,
+    enter: Floats,
+    leave: Floats,
+) -> None:
+    """Write `enter` and `leave`, (p, q), which hold inf and -inf; `swept`: x, y, heading and width, (4, n, k)."""
+    for p in range(len(vehicle)):
+        v, a = vehicle[p], agent[p]
+        length = lengths[v]
+        widest = 0.0
+        for j in range(swept.shape[2]):
+            widest = max(widest, swept[3, v, j])
+        their_length, their_width = boxes[a, 0, 3], boxes[a, 0, 4]
+        close = 0.5 * (math.hypot(length, widest + 2.0 * MARGIN) + math.hypot(their_length, their_width))
+        towards_x, towards_y = math.cos(swept[2, v, 0]), math.sin(swept[2, v, 0])
+        for m in range(boxes.shape[1] if moving[a] else 1):
+            x, y = boxes[a, m, 0], boxes[a, m, 1]
+            before = (x - swept[0, v, 0]) * towards_x + (y - swept[1, v, 0]) * towards_y > 0.5 * length
+            # A margin round predictions would make vehicles brake that are about to pass just in time.
+            room = 2.0 * MARGIN if before and m == 0 else 0.0
+            for j in range(swept.shape[2]):
+                dx, dy = x - swept[0, v, j], y - swept[1, v, j]
+                # Circles first, then boxes.
+                if not valid[v, j] or dx * dx + dy * dy >= close * close:
+                    continue
+                ours, theirs = swept[2, v, j], boxes[a, m, 2]
+                width = swept[3, v, j] + room
+                if not _overlap(dx, dy, ours, length, width, theirs, their_length, their_width):
+                    continue
+                if j == 0 and not before:
+                    enter[p, m], leave[p, m] = np.inf, -np.inf
+                    break
+                enter[p, m] = min(enter[p, m], j * spacing)
+                leave[p, m] = j * spacing
+
+
+@compiled
+def _overlap(
+    dx: float, dy: float, a: float, length_a: float, width_a: float, b: float, length_b: float, width_b: float
+) -> bool:
+    """`boxes_overlap` of a box with heading `a` and another with `b`, (dx, dy) from its centre."""
+    cos_a, sin_a, cos_b, sin_b = math.cos(a), math.sin(a), math.cos(b), math.sin(b)
+    c, s = abs(cos_a * cos_b + sin_a * sin_b), abs(sin_b * cos_a - cos_b * sin_a)
+    return (
+        abs(cos_a * dx + sin_a * dy) <= 0.5 * (length_a + length_b * c + width_b * s)
+        and abs(cos_a * dy - sin_a * dx) <= 0.5 * (width_a + length_b * s + width_b * c)
+        and abs(cos_b * dx + sin_b * dy) <= 0.5 * (length_b + length_a * c + width_a * s)
+        and abs(cos_b * dy - sin_b * dx) <= 0.5 * (width_b + length_a * s + width_a * c)
+    )
+
+
+def speed_along(
+    ahead: Sweep, vehicle: NDArray[np.intp], enter: Floats, boxes: Floats, agent: NDArray[np.intp], speed: Floats
+) -> Floats:
+    """Speed of the road users in the direction in which the vehicles would touch them, at least 0, (p, q) in m/s."""
+    place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
+    turn = boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place]
+    return np.maximum(speed[agent, None] * cos_sin(turn)[0], 0.0)

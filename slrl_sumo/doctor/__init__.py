@@ -1,0 +1,1 @@
+"""What in a scenario will hurt, before a run."""

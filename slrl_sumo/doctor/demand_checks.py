@@ -1,0 +1,164 @@
+"""What the demand of a scenario means for a run with learned road users; nothing is started."""
+
+from collections.abc import Iterator
+
+from slrl_sumo.doctor.finding import Finding, counted, some
+from slrl_sumo.sumo.command import LOG_OPTIONS
+from slrl_sumo.sumo.demand import Demand
+from slrl_sumo.sumo.options import clock, option, switched_on
+from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.spawned import LEARNED_TYPES
+
+
+def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
+    """What the route and additional files mean for a run."""
+    for path, reason in demand.unreadable.items():
+        yield Finding("problem", "files", f"{path} is not well-formed: {reason}", "mend or remake the file")
+    yield from _name_findings(demand)
+    begin, end = clock(option(scenario, "begin")) or 0.0, clock(option(scenario, "end"))
+    if not demand.road_users:
+        yield Finding(
+            "warning",
+            "demand",
+            "there is no background traffic: no vehicle, flow or person in the route and additional files",
+            "add demand (randomTrips.py makes some), unless learned road users are meant to be alone",
+        )
+    elif demand.first is not None and end is not None and 0 < end <= demand.first:
+        yield Finding(
+            "warning",
+            "demand",
+            f"the first departure ({demand.first:g} s) is not before the end ({end:g} s)",
+            "correct end, or the departures",
+        )
+    elif demand.first is not None and demand.first >= begin + 60:
+        yield Finding(
+            "warning",
+            "demand",
+            f"the scenario begins at {begin:g} s, but nobody departs before {demand.first:g} s: learned road users "
+            "start at once and are alone until then",
+            f"set begin to {demand.first:g}",
+        )
+    for path, (count, first) in demand.unsorted.items():
+        yield Finding(
+            "warning",
+            "demand",
+            f"{path.name}: {count} not in the order of departure (first: {first}); SUMO drops them silently in a run",
+            f"sort it: python $SUMO_HOME/tools/route/sort_routes.py {path.name} -o sorted.rou.xml",
+        )
+    if demand.stopping:
+        yield Finding(
+            "note",
+            "stops",
+            f"{counted(demand.stopping, 'vehicle or flow has', 'vehicles or flows have')} stops on the way "
+            f"(first: {demand.first_stopping})",
+            "none needed: a moved vehicle would lose its stops, so --takeover leaves them to SUMO",
+        )
+    if demand.riding:
+        yield Finding(
+            "note",
+            "rides",
+            f"{counted(demand.riding, 'person or person flow rides', 'persons or person flows ride')} in vehicles",
+            "none needed: they are SUMO's while they ride or wait",
+        )
+    yield from _rerouting_findings(scenario, demand)
+
+
+def _name_findings(demand: Demand) -> Iterator[Finding]:
+    """Names that learned road users need for themselves."""
+    if demand.own_ids:
+        # A flow "learned_car" makes vehicles "learned_car.0", which are the names of ours.
+        clash = [name for name in demand.own_ids if name.partition(".")[0] in LEARNED_TYPES]
+        yield Finding(
+            "problem" if clash else "warning",
+            "ids",
+            f"the scenario has road users named like learned ones ({some(clash or demand.own_ids)})",
+            "rename them: ids that begin with learned_ are taken"
+            + ("" if clash else "; in traces they would be mistaken for learned road users"),
+        )
+    if demand.own_routes:
+        yield Finding(
+            "warning",
+            "ids",
+            f"the scenario has routes named like those of learned road users ({some(demand.own_routes)})",
+            "rename them: run would send learned road users onto these routes",
+        )
+    ours = sorted(demand.types & set(LEARNED_TYPES))
+    if ours:
+        yield Finding(
+            "warning",
+            "vehicle types",
+            f"the scenario defines {', '.join(ours)}: learned road users would take its length, class and model",
+            "rename these types",
+        )
+
+
+def _rerouting_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
+    options = scenario.options
+    sources = []
+    if (clock(options.get("device.rerouting.probability")) or 0) > 0:
+        period = options.get("device.rerouting.period", "0")
+        when = "at departure only" if not clock(period) else f"every {period} s"
+        sources.append(f"device.rerouting.probability {options['device.rerouting.probability']}, {when}")
+    sources += [name for name in ("device.rerouting.explicit", "device.rerouting.knownveh") if options.get(name)]
+    if demand.rerouting_types:
+        sources.append(f"vehicle types with a device: {some(sorted(demand.rerouting_types))}")
+    if demand.rerouters:
+        sources.append(counted(demand.rerouters, "rerouter", "rerouters"))
+    if sources:
+        weights = "".join(
+            f", {name.rpartition('.')[2]} {options[name]}"
+            for name in sorted(options)
+            if name.startswith("device.rerouting.adaptation")
+        )
+        yield Finding(
+            "note",
+            "rerouting",
+            f"background vehicles choose new routes under way ({'; '.join(sources)}{weights}), also round jams that "
+            "learned road users make",
+            "none needed: learned road users get no device; to compare with plain SUMO on equal routes, switch it off",
+        )
+
+
+def output_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
+    """Files that the scenario itself writes."""
+    names = ("summary", "tripinfo", "netstate-dump", *LOG_OPTIONS)
+    written = sorted(name for name in scenario.options if name.endswith("-output") or name in names)
+    if demand.writers:
+        written.append(counted(demand.writers, "detector or data collector", "detectors or data collectors"))
+    if written:
+        yield Finding(
+            "note",
+            "outputs",
+            f"the scenario writes files of its own: {', '.join(written)}",
+            "run leaves them out; --sumo-outputs writes them",
+        )
+
+
+def unknown_names(scenario: Scenario, demand: Demand, edges: frozenset[str]) -> Iterator[Finding]:
+    """Demand on edges and of types that do not exist. SUMO loads demand as it goes, so it dies of these under way.
+
+    `edges`: all edges of the network.
+    """
+    end = clock(option(scenario, "end"))
+    tolerated = switched_on(scenario, "ignore-route-errors")
+    for topic, used, known in (
+        ("edges", demand.edges_used, edges),
+        ("vehicle types", demand.types_used, demand.types),
+    ):
+        lost = sorted(
+            (when, name, who)
+            for name, (who, when) in used.items()
+            if name not in known and not name.startswith("DEFAULT_") and (end is None or end < 0 or when < end)
+        )
+        if lost:
+            when, name, who = lost[0]
+            kind = "edge" if topic == "edges" else "vehicle type"
+            more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
+            dropped = tolerated and topic == "edges"
+            yield Finding(
+                "warning" if dropped else "problem",
+                topic,
+                f"{who} uses {kind} '{name}', which does not exist{more}: SUMO "
+                + ("leaves it out" if dropped else f"stops with an error at {when:g} s or before"),
+                f"correct or remove it{' (duarouter --repair mends routes)' if topic == 'edges' else ''}",
+            )

@@ -1,0 +1,168 @@
+"""Looks at a scenario before learned road users run in it: what will hurt, and what to do about it."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slrl_sumo.doctor.demand_checks import demand_findings, output_findings, unknown_names
+from slrl_sumo.doctor.finding import Finding, Severity
+from slrl_sumo.doctor.option_checks import missing_inputs, option_findings
+from slrl_sumo.doctor.versions import version_findings
+from slrl_sumo.errors import InputError
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.types import DEFAULT_LENGTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.simulation.spawn import legal_lanes, starting_points
+from slrl_sumo.sumo.demand import Demand, read_demand
+from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.session import SumoSession
+
+__all__ = ["SEVERITIES", "Finding", "examine"]
+
+SEVERITIES: tuple[Severity, ...] = ("problem", "warning", "note", "ok")
+"""The gravest first."""
+
+BRIDGE_END = 5.0
+"""m. Lanes that meet at a junction may touch over this length; those that cross beyond it do so on two levels."""
+
+
+def examine(scenario: Scenario) -> list[Finding]:
+    """Everything that matters to a run with learned road users in `scenario`, the gravest first.
+
+    Reads its files, then loads it with SUMO (without a step) where nothing forbids that; nothing is written.
+    """
+    demand = read_demand(scenario)
+    findings = list(missing_inputs(scenario))
+    startable = not findings and not demand.unreadable
+    try:
+        findings += option_findings(scenario)
+        findings += demand_findings(scenario, demand)
+        findings += output_findings(scenario, demand)
+    except InputError as error:
+        findings.append(Finding("problem", "options", str(error), "correct the option"))
+        startable = False
+    findings += version_findings(scenario)
+    if startable and not any(f.severity == "problem" and f.topic == "end" for f in findings):
+        findings += _loaded_findings(scenario, demand)
+    return sorted(findings, key=lambda finding: SEVERITIES.index(finding.severity))
+
+
+def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
+    try:
+        with SumoSession(scenario) as session:
+            network = session.network
+    except InputError as error:
+        reason = str(error).removeprefix(f"{scenario.config}: ")
+        yield Finding("problem", "SUMO", reason, f"mend it until plain SUMO runs it: sumo -c {scenario.config.name}")
+        return
+    yield from unknown_names(scenario, demand, frozenset(lane.edge for lane in network.lanes))
+    yield from network_findings(network)
+
+
+def network_findings(network: Network) -> Iterator[Finding]:
+    """What the network offers learned road users."""
+    places = starting_points(network)
+    possible = [kind for kind in RoadUserType if len(places[kind])]
+    if not possible:
+        yield Finding(
+            "problem",
+            "surfaces",
+            "no lane for cars, bicycles or pedestrians: nobody can be placed",
+            "use a network with streets, or set the permissions of its lanes",
+        )
+        return
+    for kind in RoadUserType:
+        if kind not in possible:
+            yield Finding("note", "surfaces", *_missing_surface(network, kind))
+    reach = {k: sum(lane.length for lane in legal_lanes(network, k)) / 1000 for k in possible}
+    yield Finding(
+        "ok",
+        "surfaces",
+        "lanes: " + ", ".join(f"{km:.1f} km for {TYPE_NAMES[kind]}s" for kind, km in reach.items()),
+        "nothing to do",
+    )
+    yield from _short_edges(network)
+    yield from _junction_findings(network)
+    yield from _bridges(network)
+
+
+def _missing_surface(network: Network, kind: RoadUserType) -> tuple[str, str]:
+    """What is missing and how to mend it."""
+    name = TYPE_NAMES[kind]
+    mend = {
+        RoadUserType.CAR: "lanes that allow passenger cars",
+        RoadUserType.BICYCLE: "cycle lanes (netconvert --bikelanes.guess)",
+        RoadUserType.PEDESTRIAN: "sidewalks and crossings (netconvert --sidewalks.guess --crossings.guess)",
+    }[kind]
+    return (
+        f"no lane where a {name} may be",
+        f"run gives their share to the other types, but refuses a --mix with {name}; to have them, add {mend}",
+    )
+
+
+def _short_edges(network: Network) -> Iterator[Finding]:
+    """Edges on which a learned car would stick out into the junctions at both ends."""
+    car = float(DEFAULT_LENGTH[RoadUserType.CAR])
+    longest: dict[str, float] = {}
+    for lane in legal_lanes(network, RoadUserType.CAR):
+        longest[lane.edge] = max(longest.get(lane.edge, 0.0), lane.length)
+    short = sorted((length, edge) for edge, length in longest.items() if length < car)
+    if short:
+        named = ", ".join(f"{edge} {length:.1f} m" for length, edge in short[:3]) + (", …" if len(short) > 3 else "")
+        yield Finding(
+            "note",
+            "short edges",
+            f"{len(short)} of {len(longest)} edges for cars are shorter than a car of {car:g} m ({named}): a car "
+            "placed there stands in the junction",
+            "netconvert -s NET --geometry.remove --junctions.join -o NEW merges most of them; "
+            "then make the routes again",
+        )
+
+
+def _junction_findings(network: Network) -> Iterator[Finding]:
+    if network.junctions and not any(lane.internal for lane in network.lanes):
+        yield Finding(
+            "warning",
+            "junctions",
+            "no lanes inside junctions: background vehicles jump across them",
+            "make the network again without --no-internal-links",
+        )
+    elif any(lane.surface == Surface.SIDEWALK and not lane.internal for lane in network.lanes) and not any(
+        lane.surface == Surface.CROSSING for lane in network.lanes
+    ):
+        yield Finding(
+            "note",
+            "crossings",
+            "sidewalks, but no pedestrian crossings: learned pedestrians cross the carriageway where nobody yields",
+            "netconvert -s NET --crossings.guess --walkingareas -o NEW adds them",
+        )
+
+
+def _bridges(network: Network) -> Iterator[Finding]:
+    """Streets that cross without a junction: the world of the learned road users is flat."""
+    lanes = [lane for lane in legal_lanes(network, RoadUserType.CAR) if lane.length > 2 * BRIDGE_END]
+    points = LanePoints(lanes, spacing=2.0)
+    length = np.array([lane.length for lane in lanes])[points.lane] if lanes else np.zeros(0)
+    rows = np.flatnonzero(np.minimum(points.offset, length - points.offset) > BRIDGE_END)
+    if len(rows) == 0:
+        return
+    pairs = cKDTree(np.column_stack([points.x, points.y])[rows]).query_pairs(1.5, output_type="ndarray")
+    first, second = rows[pairs[:, 0]], rows[pairs[:, 1]]
+    # Lanes side by side are parallel, however near; those that cross are not.
+    across = np.abs(np.sin(points.heading[first] - points.heading[second])) > 0.35
+    crossing = {
+        tuple(sorted((lanes[a].edge, lanes[b].edge)))
+        for a, b in zip(points.lane[first[across]].tolist(), points.lane[second[across]].tolist(), strict=True)
+        if lanes[a].edge != lanes[b].edge
+    }
+    if crossing:
+        named = ", ".join(" over or under ".join(pair) for pair in sorted(crossing)[:2])
+        yield Finding(
+            "warning",
+            "bridges",
+            f"{len(crossing)} pairs of edges cross without a junction ({named}{', …' if len(crossing) > 2 else ''}): "
+            "learned road users see, and meet, those on the other level",
+            "choose a --region without bridges and tunnels, or leave them out of the analysis",
+        )

@@ -1,0 +1,1 @@
+"""Floating car data (FCD) in SUMO's formats."""

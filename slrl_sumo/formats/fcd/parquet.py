@@ -1,0 +1,156 @@
+"""FCD as Parquet, with the columns that SUMO 1.28 gives it and our own; needs pyarrow (`slrl-sumo[parquet]`)."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.steps import FcdStep, is_fcd, steps_of_rows
+from slrl_sumo.formats.fcd.write import CSV_COLUMNS, OWN_COLUMNS, Places, figures, learned_modes
+from slrl_sumo.scene.state import WorldState
+
+_DOUBLES = ("timestep_time", "vehicle_x", "vehicle_y")
+_TEXTS = ("vehicle_id", "vehicle_type", "vehicle_lane", "vehicle_edge")
+_TYPES = (
+    {name: pa.float32() for name in CSV_COLUMNS}
+    | {name: pa.float64() for name in _DOUBLES}
+    | {name: pa.string() for name in _TEXTS}
+    | {"mode": pa.int8(), "learned": pa.bool_()}
+)
+SCHEMA = pa.schema([(name, _TYPES[name]) for name in CSV_COLUMNS + OWN_COLUMNS])
+"""Types are those of SUMO's own Parquet; what a row does not have is null."""
+
+ROW_GROUP = 1 << 16
+"""Rows that are put together before they are written."""
+
+
+class ParquetWriter:
+    """Writes an FCD file as Parquet, some time steps after the other; a context manager with the methods of FcdWriter.
+
+    Memory holds ROW_GROUP rows and those of one time step. Parquet is readable once it has been closed, not before:
+    where the process is killed, or writing fails, nothing of the file can be read. Raises InputError where the file
+    cannot be written; what there is of it is removed then.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self._columns: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
+        self._rows = 0
+        try:
+            self._file = open(self.path, "wb")  # noqa: SIM115 (closed by close)
+            self._file.tell()  # pipes have no places, and Parquet is read by places
+            self._writer = pq.ParquetWriter(self._file, SCHEMA, compression="zstd")
+        except OSError as e:
+            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
+
+    def write(self, time: float, world: WorldState, places: Places, modes: NDArray[np.integer] | None = None) -> None:
+        """Add the time step `time` (s): see FcdWriter.write."""
+        if self._file.closed:
+            raise ValueError(f"{self.path} is closed")
+        x, y, angle, speed, position = figures(time, world, places)
+        n = len(world)
+        order = np.argsort(places.person, kind="stable")  # vehicles first
+        lane = np.array(places.lane, np.object_)
+        nowhere = lane == ""
+        nobody = np.full(n, None, np.object_)
+        mode = nobody.copy()
+        if modes is not None:
+            rows, values = learned_modes(world, modes)
+            mode[rows] = values
+        step = {
+            "timestep_time": np.full(n, round(time, 3) + 0.0),
+            "vehicle_id": np.array(world.ids, np.object_),
+            "vehicle_x": x,
+            "vehicle_y": y,
+            "vehicle_angle": angle,
+            "vehicle_type": np.array(places.sumo_type, np.object_),
+            "vehicle_speed": speed,
+            "vehicle_pos": np.where(nowhere, np.nan, position),
+            "vehicle_lane": np.where(nowhere | places.person, nobody, lane),
+            "vehicle_edge": np.where(nowhere | ~places.person, nobody, lane),
+            "vehicle_slope": np.zeros(n),
+            "mode": mode,
+            "learned": world.learned,
+        }
+        for name, column in step.items():
+            self._columns[name].append(column[order])
+        self._rows += n
+        if self._rows >= ROW_GROUP:
+            self._flush()
+
+    def close(self) -> None:
+        """Finish the file. Doing it twice does no harm."""
+        if self._file.closed:
+            return
+        self._flush()
+        try:
+            self._writer.close()
+            self._file.close()
+        except OSError as e:
+            self._give_up(e)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            self.close()
+        except InputError:
+            if error is None:  # else the error that came first says more
+                raise
+
+    def _flush(self) -> None:
+        columns, self._columns = self._columns, {name: [] for name in SCHEMA.names}
+        rows, self._rows = self._rows, 0
+        if not rows:
+            return
+        # NaN is what `pos` has where there is none: nothing else may be.
+        arrays = [
+            pa.array(np.concatenate(columns[name]), SCHEMA.field(name).type, from_pandas=True) for name in columns
+        ]
+        try:
+            self._writer.write_table(pa.table(arrays, schema=SCHEMA), row_group_size=rows)
+        except OSError as e:
+            self._give_up(e)
+
+    def _give_up(self, error: OSError) -> None:
+        """A file without its end is of no use to anybody."""
+        self._file.close()
+        if self.path.is_file():
+            self.path.unlink()
+        raise InputError(
+            f"cannot write {self.path}: {error.strerror or error}; the file is removed, because Parquet cannot be read "
+            "without its end (of .csv and .xml what fits stays)"
+        ) from error
+
+
+def parquet_steps(name: str) -> Iterator[FcdStep]:
+    """The time steps of the Parquet file `name`, ours or SUMO's; memory holds a batch of rows.
+
+    Persons are told from vehicles as in CSV. Raises InputError at the first flaw; lines in messages are rows, from 1.
+    """
+    try:
+        with pq.ParquetFile(name) as file:
+            columns = file.schema_arrow.names
+            if not is_fcd(columns):
+                wanted = ", ".join(CSV_COLUMNS[:5])
+                raise InputError(f"{name}: an FCD file in Parquet has at least the columns {wanted}, this one has not")
+            yield from steps_of_rows(columns, _rows(file))
+    except (pa.ArrowException, OSError) as e:
+        first = str(e).splitlines()[0].rstrip(".")
+        raise InputError(f"{name}: is no Parquet file, or cut off: then nothing of it can be read ({first})") from e
+
+
+def _rows(file: pq.ParquetFile) -> Iterator[tuple[int, list[Any]]]:
+    number = 0
+    for batch in file.iter_batches(ROW_GROUP):
+        for fields in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+            number += 1
+            yield number, ["" if field is None else field for field in fields]

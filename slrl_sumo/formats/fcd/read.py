@@ -1,0 +1,87 @@
+"""Trajectories from floating car data (FCD): SUMO's own files and ours."""
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.table import FcdTable, read_table, user_types
+from slrl_sumo.formats.trajectories import Trajectories, track_names
+from slrl_sumo.scene.geometry import centre_from_front, heading_from_sumo, wrap_angle
+from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES
+
+_INTERVAL_MS = round(1000 * DECISION_INTERVAL)
+
+
+def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = None) -> Trajectories:
+    """Read an FCD file (.xml, .xml.gz, .csv, .parquet) of any constant step as Trajectories of 0.4 s.
+
+    Rows at multiples of 0.4 s from its first time step on are taken as they are, others are interpolated linearly
+    between two neighbouring steps of the file; a road user that is absent for a step goes on in a new track (`id#1`).
+    Front bumpers become centres.
+
+    `types` says which road user type ('car', 'bicycle', 'pedestrian') a vehicle type id is. Those it does not name:
+    persons are pedestrians, ids with "bike" or "cycl" and without "motor" bicycles, the rest cars. In CSV and Parquet,
+    where SUMO does not tag persons, a person is who has an edge and no lane, or whose type id says "pedestrian".
+    Lengths and widths are the defaults of the types. Containers, and persons at exactly the place of a vehicle (riding
+    in it), are left out.
+
+    Raises InputError, with file and line, where the file is missing, empty, malformed, cut off (and after how many
+    complete time steps), of an irregular step or in geographic coordinates.
+    """
+    for vtype, kind in (types or {}).items():
+        if kind not in TYPE_NAMES:
+            raise InputError(f"type {vtype!r}: {kind!r} is none of {', '.join(TYPE_NAMES)}")
+    table, flaw = read_table(path)
+    if flaw is not None:
+        raise flaw
+    return _resample(os.fspath(path), table, user_types(table, types or {}))
+
+
+def _resample(name: str, table: FcdTable, user_type: NDArray[np.int8]) -> Trajectories:
+    key, times = np.frombuffer(table.key, np.int32), np.array(table.steps, np.int64)
+    time = times[np.frombuffer(table.step, np.int32)]
+    step = int(np.diff(times).min()) if len(times) > 1 else _INTERVAL_MS
+    if (odd := np.diff(times) % step != 0).any():
+        raise InputError(
+            f"{name}: time steps are irregular: {step / 1000} s between some, "
+            f"but {times[:-1][odd][0] / 1000} s is followed by {times[1:][odd][0] / 1000} s; write all of one length"
+        )
+
+    order = np.argsort(key, kind="stable")  # times came in order
+    key, time = key[order], time[order]
+    heading = heading_from_sumo(np.frombuffer(table.angle)[order])
+    length = DEFAULT_LENGTH[user_type]
+    x, y = centre_from_front(np.frombuffer(table.x)[order], np.frombuffer(table.y)[order], heading, length[key])
+
+    # Runs without a gap, [start, end), and the frames within each.
+    start = np.flatnonzero((np.diff(key, prepend=-1) != 0) | (np.diff(time, prepend=-1) != step))
+    end = np.append(start[1:], len(key))
+    first = -((times[0] - time[start]) // _INTERVAL_MS)  # rounded up
+    last = (time[end - 1] - times[0]) // _INTERVAL_MS
+    kept = first <= last
+    start, first, count = start[kept], first[kept], (last - first + 1)[kept]
+
+    track = np.repeat(np.arange(len(start)), count)
+    frame = np.arange(len(track)) - np.repeat(np.cumsum(count) - count, count) + first[track]
+    ahead = times[0] + frame * _INTERVAL_MS - time[start][track]  # ms since the first row of the run
+    row = start[track] + ahead // step
+    share = (ahead % step) / step
+    following = row + (share > 0)
+    users = key[start]
+    return Trajectories(
+        track=track,
+        frame=frame,
+        x=x[row] + share * (x[following] - x[row]),
+        y=y[row] + share * (y[following] - y[row]),
+        heading=wrap_angle(heading[row] + share * wrap_angle(heading[following] - heading[row])),
+        ids=track_names(table.users[user][0] for user in users),
+        type=user_type[users],
+        length=length[users],
+        width=DEFAULT_WIDTH[user_type[users]],
+        dt=DECISION_INTERVAL,
+        t0=float(times[0] / 1000),
+        source=name,
+    )

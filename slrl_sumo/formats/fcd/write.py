@@ -1,0 +1,283 @@
+"""Floating car data (FCD) as SUMO writes it (https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html)."""
+
+import gzip
+import os
+import re
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.scene.state import WorldState
+
+if TYPE_CHECKING:
+    from slrl_sumo.formats.fcd.parquet import ParquetWriter
+
+SUFFIXES = (".xml.gz", ".xml", ".csv", ".parquet")
+"""What the name of an FCD file may end in; it decides the format."""
+
+CSV_COLUMNS = (
+    *("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"),
+    *("vehicle_speed", "vehicle_pos", "vehicle_lane", "vehicle_edge", "vehicle_slope"),
+)
+"""Columns of SUMO 1.28's own CSV and Parquet. Persons use the same columns: they have an edge and no lane."""
+OWN_COLUMNS = ("mode", "learned")
+"""Columns that follow them: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0.
+SUMO's schema of the XML has no place for either."""
+
+_HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n\n'
+    '<fcd-export xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
+    'xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">\n'
+)
+
+# In the order (id, x, y, angle, type, speed, pos, lane or edge).
+_POSE = ' id="%s" x="%.3f" y="%.3f" angle="%.2f" type="%s" speed="%.3f"'
+_VEHICLE = f'        <vehicle{_POSE} pos="%.3f" lane="%s" slope="0.00"/>\n'
+_PERSON = f'        <person{_POSE} pos="%.3f" edge="%s" slope="0.00"/>\n'
+_VEHICLE_NOWHERE = f'        <vehicle{_POSE} slope="0.00"/>\n'
+_PERSON_NOWHERE = f'        <person{_POSE} slope="0.00"/>\n'
+_CSV_POSE = "%s;%.3f;%.3f;%.2f;%s;%.3f"
+_CSV_VEHICLE = f"{_CSV_POSE};%.3f;%s;;0.00;%s\n"
+_CSV_PERSON = f"{_CSV_POSE};%.3f;;%s;0.00;%s\n"
+_CSV_NOWHERE = f"{_CSV_POSE};;;;0.00;%s\n"
+
+_ESCAPES = str.maketrans(
+    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
+)
+_TO_ESCAPE = re.compile(r'[&<>"\n\r\t]')
+_TO_QUOTE = re.compile(r'[;"\n\r]')
+_NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+
+_FLUSH_CHARACTERS = 1 << 18
+
+
+@dataclass(frozen=True)
+class Places:
+    """What FCD says about the road users of a WorldState beside their motion; parallel to it."""
+
+    sumo_type: tuple[str, ...]
+    """SUMO vehicle type id of each."""
+    lane: tuple[str, ...]
+    """Lane id of a vehicle, edge id of a person; '' where SUMO maps the road user nowhere."""
+    lane_position: Floats
+    """m from the start of the lane or edge, (n,); without meaning where `lane` is ''."""
+    person: NDArray[np.bool_]
+    """True for SUMO's persons, False for its vehicles, (n,)."""
+
+
+def check_fcd_path(path: str | os.PathLike[str]) -> str:
+    """The suffix (one of SUFFIXES) of an FCD file's name; InputError where there is none, or pyarrow is missing."""
+    for suffix in SUFFIXES:
+        if os.fspath(path).lower().endswith(suffix):
+            if suffix == ".parquet" and find_spec("pyarrow") is None:
+                raise InputError(
+                    f"{os.fspath(path)}: Parquet needs pyarrow, which is not installed; "
+                    "pip install 'slrl-sumo[parquet]', or name a .csv"
+                )
+            return suffix
+    raise InputError(f"{os.fspath(path)}: FCD files end in .xml, .xml.gz, .csv or .parquet; give it one of these names")
+
+
+def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
+    """A writer of the format that the file's name asks for. Raises InputError as FcdWriter does."""
+    if check_fcd_path(path) != ".parquet":
+        return FcdWriter(path)
+    from slrl_sumo.formats.fcd.parquet import ParquetWriter  # pyarrow is an extra
+
+    return ParquetWriter(path)
+
+
+class FcdWriter:
+    """Writes an FCD file as XML or CSV, one whole time step after the other; a context manager.
+
+    The same worlds give the same bytes. The file on disk is valid at any time, even where the process dies, and after
+    `close` it holds every time step up to the last one that could be written whole. A pipe is written straight on, and
+    ends validly with `close`. Raises InputError, with the path
+    and the reason, where the name has no known suffix or the file cannot be written (on construction), and where
+    writing fails later (in `write` or `close`; the file is closed then).
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        suffix = check_fcd_path(path)
+        self._gzip = suffix == ".xml.gz"
+        self._csv = suffix == ".csv"
+        self._tail = b"" if self._csv else self._encode("</fcd-export>\n")
+        self._whole = 0
+        """Bytes on disk that end with a whole time step; the tail follows them and the next steps overwrite it."""
+        self._waiting: list[str] = []
+        self._waiting_characters = 0
+        try:
+            self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
+        except OSError as e:
+            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
+        self._seekable = self._file.seekable()
+        self._put([";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n" if self._csv else _HEAD])
+
+    def write(self, time: float, world: WorldState, places: Places, modes: NDArray[np.integer] | None = None) -> None:
+        """Add the time step `time` (s): first the vehicles, then the persons, each in the order of `world`.
+
+        Positions become those of front bumpers, headings SUMO's angles. `modes`: of the learned road users, in their
+        order; None where they have none. Raises ValueError where a figure is not finite.
+        """
+        if self._file.closed:
+            raise ValueError(f"{self.path} is closed")
+        x, y, angle, speed, position = figures(time, world, places)
+        escape = _quoted if self._csv else _escaped
+        columns = [
+            *(escape(world.ids), x.tolist(), y.tolist(), angle.tolist(), escape(places.sumo_type)),
+            *(speed.tolist(), position.tolist(), escape(places.lane)),
+        ]
+        stamp = f"{time + 0.0:.2f}" if abs(round(time, 2) - time) < 1e-6 else f"{time:.3f}"
+        if self._csv:
+            with_lane, with_edge, nowhere = (f"{stamp};{form}" for form in (_CSV_VEHICLE, _CSV_PERSON, _CSV_NOWHERE))
+            person_nowhere = nowhere
+            columns.append(_own_fields(world, modes))
+        else:
+            with_lane, with_edge, nowhere, person_nowhere = _VEHICLE, _PERSON, _VEHICLE_NOWHERE, _PERSON_NOWHERE
+        rows = zip(*columns, strict=True)
+        if places.person.any():
+            vehicles, persons = [], []
+            for person, row in zip(places.person.tolist(), rows, strict=True):
+                if person:
+                    persons.append(with_edge % row if row[7] else person_nowhere % (row[:6] + row[8:]))
+                else:
+                    vehicles.append(with_lane % row if row[7] else nowhere % (row[:6] + row[8:]))
+            lines = vehicles + persons
+        else:
+            lines = [with_lane % row if row[7] else nowhere % (row[:6] + row[8:]) for row in rows]
+        text = "".join(lines)
+        if not self._csv:
+            text = (
+                f'    <timestep time="{stamp}">\n{text}    </timestep>\n'
+                if text
+                else f'    <timestep time="{stamp}"/>\n'
+            )
+        self._waiting.append(text)
+        self._waiting_characters += len(text)
+        if self._waiting_characters >= _FLUSH_CHARACTERS:
+            self._flush()
+
+    def close(self) -> None:
+        """Finish the file. Doing it twice does no harm."""
+        if not self._file.closed:
+            self._flush()
+            if not self._seekable:
+                self._put([""])
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            self.close()
+        except InputError:
+            if error is None:  # else the error that came first says more
+                raise
+
+    def _flush(self) -> None:
+        steps, self._waiting, self._waiting_characters = self._waiting, [], 0
+        if steps:
+            self._put(steps)
+
+    def _encode(self, text: str) -> bytes:
+        # Each piece is a gzip member of its own, so that the file can be cut back to the last whole one.
+        return gzip.compress(text.encode(), compresslevel=4, mtime=0) if self._gzip else text.encode()
+
+    def _put(self, steps: list[str]) -> None:
+        """Write whole time steps and the tail; where that fails, as many of them as find room."""
+        try:
+            self._put_text("".join(steps))
+        except OSError as e:
+            # Of a pipe nobody knows how much has gone through.
+            with suppress(OSError):
+                for step in steps if self._seekable else ():
+                    self._put_text(step)
+            self._file.close()
+            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
+
+    def _put_text(self, text: str) -> None:
+        data = self._encode(text) if text else b""
+        if not self._seekable:
+            self._write(data or self._tail)
+            return
+        try:
+            self._file.seek(self._whole)
+            self._write(data + self._tail)
+        except BaseException:  # an interrupt must not leave half a step behind either
+            with suppress(OSError):  # a device cannot be cut
+                self._file.truncate(self._whole)
+                self._file.seek(self._whole)
+                self._write(self._tail)
+            raise
+        self._whole += len(data)
+
+    def _write(self, data: bytes) -> None:
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+
+
+def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """x, y (m, of front bumpers), angle (degrees), speed (m/s) and position on the lane (m) as FCD has them, (n,) each.
+
+    Raises ValueError where one is not finite.
+    """
+    x, y = front_from_centre(world.x, world.y, world.heading, world.length)
+    position = places.lane_position
+    if not np.isfinite(position).all():
+        position = np.where(np.array(places.lane) == "", 0.0, position)
+    numbers = np.stack([x, y, world.speed, position])
+    angle = np.round(heading_to_sumo(world.heading), 2) % 360.0  # 359.996 would print as 360.00
+    if not (np.isfinite(numbers).all() and np.isfinite(angle).all()):
+        raise ValueError(f"world at {time} s: positions, headings and speeds must be finite")
+    numbers = np.round(numbers, 3)
+    numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
+    x, y, speed, position = numbers + 0.0  # no "-0.000"
+    return x, y, angle, speed, position
+
+
+def _own_fields(world: WorldState, modes: NDArray[np.integer] | None) -> list[str]:
+    """The OWN_COLUMNS of each road user."""
+    fields = [";0"] * len(world)
+    for row, mode in zip(*learned_modes(world, modes), strict=True):
+        fields[row] = f"{mode};1"
+    return fields
+
+
+def learned_modes(world: WorldState, modes: NDArray[np.integer] | None) -> tuple[list[int], list[int] | list[str]]:
+    """Rows of the learned road users, and their modes; '' where they have none.
+
+    Raises ValueError where there are not as many `modes` as learned road users.
+    """
+    learned: list[int] = np.flatnonzero(world.learned).tolist()
+    if modes is None:
+        return learned, [""] * len(learned)
+    if len(modes) != len(learned):
+        raise ValueError(f"{len(modes)} modes for {len(learned)} learned road users")
+    return learned, modes.tolist()
+
+
+def _escaped(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:
+    """Names as XML attribute values; most need no change, which one search over all of them shows."""
+    together = "".join(names)
+    if _NOT_IN_XML.search(together):
+        bad = next(name for name in names if _NOT_IN_XML.search(name))
+        raise InputError(f"id {bad!r} has a character that XML cannot hold; rename it")
+    return [name.translate(_ESCAPES) for name in names] if _TO_ESCAPE.search(together) else names
+
+
+def _quoted(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:
+    """Names as CSV fields."""
+    if not _TO_QUOTE.search("".join(names)):
+        return names
+    return ['"' + name.replace('"', '""') + '"' if _TO_QUOTE.search(name) else name for name in names]

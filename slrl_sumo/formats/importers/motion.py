@@ -1,0 +1,64 @@
+"""Headings from motion, for data that has none."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from slrl_sumo.formats.trajectories import Integers
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.types import RoadUserType
+
+SLOW = 0.3
+"""m/s. Below it the direction of motion says nothing, and the heading is held."""
+
+POSITION_NOISE = 0.05
+"""m. The direction of a step of d metres is trusted to about POSITION_NOISE / d radians."""
+
+# How far a heading usually turns in one step: per metre driven, and besides (rad), by type. Cars and bicycles turn only
+# as they move, a car along a curve of more than 5 m radius; who walks may turn at any speed.
+_TURN_PER_METRE = np.array([0.08, 0.15, 0.15])
+_TURN_PER_STEP = np.array([0.01, 0.02, 0.12])
+_TURN_SLOW = 0.003
+"""rad per step below `SLOW`."""
+
+
+def heading_from_motion(
+    x: Floats, y: Floats, track: Integers, type: NDArray[np.int8], dt: float, still: Floats
+) -> Floats:
+    """Headings (R,) in rad of tracks given by their positions (R,) in m every `dt` s, sorted by track.
+
+    The headings sought are the likeliest ones if each step's direction, the mean of the headings at its ends (as
+    `advance` has it), is known the better the longer the step, and if headings turn no more than a type does. Steps
+    below `SLOW` say nothing, and nearly no turning happens in them: the heading is held. A car that drives backwards
+    keeps its heading. Tracks that never move take `still` (T,), rad; `type` is (T,) as well.
+    """
+    rows = len(x)
+    step = np.hypot(np.diff(x), np.diff(y))  # from row i to row i + 1
+    inside = np.diff(track) == 0
+    moving = inside & (step >= SLOW * dt)
+    kind = type[track]
+
+    measured = np.zeros(rows - 1 if rows else 0)
+    at = np.flatnonzero(moving)
+    direction = np.arctan2(np.diff(y)[at], np.diff(x)[at])
+    cars = kind[at] == RoadUserType.CAR
+    for chosen, period in ((cars, np.pi), (~cars, 2 * np.pi)):
+        measured[at[chosen]] = np.unwrap(direction[chosen], period=period)
+    # A car's axis is known up to half a turn: most of its way it drives forwards.
+    forwards = np.bincount(track[at], step[at] * np.cos(direction - measured[at]), minlength=len(type))
+    measured[at] += np.where(forwards < 0, np.pi, 0.0)[track[at]]
+
+    # Least squares over all rows at once; the tracks are separate blocks of one tridiagonal system.
+    trust = np.where(moving, (step / POSITION_NOISE) ** 2, 0.0)
+    turn = np.where(moving, _TURN_PER_METRE[kind[:-1]] * step + _TURN_PER_STEP[kind[:-1]], _TURN_SLOW)
+    stiff = np.where(inside, 1 / turn**2, 0.0)
+    has_motion = np.bincount(track[at], minlength=len(type)) > 0
+    diagonal = np.where(has_motion[track], 0.0, 1.0)
+    right = np.where(has_motion[track], 0.0, still[track])
+    stiff *= has_motion[track[:-1]]
+    beside = 0.25 * trust - stiff
+    for end in (slice(None, -1), slice(1, None)):
+        diagonal[end] += 0.25 * trust + stiff
+        right[end] += 0.5 * trust * measured
+    heading = solveh_banded(np.stack([np.r_[0.0, beside], diagonal]), right) if rows else np.zeros(0)
+    return wrap_angle(heading)

@@ -1,0 +1,186 @@
+"""From positions at the times of a recording to Trajectories of 0.4 s."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_smoothing_spline
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.importers.motion import heading_from_motion
+from slrl_sumo.formats.trajectories import Integers, Trajectories, track_names
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+
+TOP_SPEED = np.array([70.0, 17.0, 9.0])
+"""m/s per type; who is faster between two rows has jumped: the track is split there."""
+
+JUMP = 0.5
+"""m that a position may be off besides."""
+
+PARKED_WITHIN = 1.0
+"""m. A car or bicycle that never leaves a box of this size …"""
+
+PARKED_FOR = 5.0
+"""… though it is there for this many seconds, is parked."""
+
+SMOOTHING = 0.004
+"""s⁴. Where a recording is smoothed, motion of this period and less is taken for noise: 2 pi SMOOTHING^(1/4) = 1.6 s.
+HC moves by 3 cm (root mean square), SDD by 6 cm; accelerations and yaw rates then are those of people and cars."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """N rows of U road users as a recording has them, in any order. Metres, seconds, radians; x east, y north."""
+
+    file: str
+    """For messages."""
+    source: str
+    """Data set and name of the recording."""
+    user: Integers
+    """Index of the road user, (N,)."""
+    time: Floats
+    x: Floats
+    y: Floats
+    heading: Floats
+    """(N,); NaN in the rows of road users whose heading is to be found from their motion."""
+    period: float
+    """s between two rows of a road user; where more than 1.5 of it is missing there is a gap."""
+    ids: tuple[str, ...]
+    """(U,)"""
+    type: NDArray[np.int8]
+    """RoadUserType, (U,)."""
+    length: Floats
+    width: Floats
+    still: Floats
+    """Heading of road users without one that never move, (U,)."""
+    noisy: bool = False
+    """Whether positions are raw marks in images, to be smoothed."""
+    licence: str = ""
+
+
+def resample(samples: Samples) -> Trajectories:
+    """Trajectories of 0.4 s from the first sample on, by interpolation between neighbouring rows of a road user.
+
+    At gaps and jumps a road user goes on in a new track (`id#1`); pieces between two frames are dropped. Noisy
+    positions are smoothed (penalised spline), others interpolated linearly. Raises InputError where positions or
+    headings make no sense in metres, seconds and radians, or a road user is in two places.
+    """
+    order = np.lexsort((samples.time, samples.user))
+    user, time = samples.user[order], samples.time[order]
+    x, y, heading = samples.x[order], samples.y[order], samples.heading[order]
+    wait, step = np.diff(time), np.hypot(np.diff(x), np.diff(y))
+    same = np.diff(user) == 0
+    if (twice := same & (wait < 1e-6)).any():
+        row = int(np.flatnonzero(twice)[0])
+        raise InputError(f"{samples.file}: {samples.ids[user[row]]!r} is twice at {time[row]:g} s")
+    close = same & (wait < 1.5 * samples.period)
+    jump = close & (step > TOP_SPEED[samples.type[user[:-1]]] * wait + JUMP)
+    _check_units(samples, user, time, x, y, heading, close, jump)
+
+    # Runs without a gap, [start, end), and the frames within each.
+    t0 = float(time.min())
+    start = np.r_[0, np.flatnonzero(~close | jump) + 1]
+    run_of_row = np.repeat(np.arange(len(start)), np.diff(np.r_[start, len(user)]))
+    end = np.r_[start[1:], len(user)]
+    first = np.ceil((time[start] - t0) / DECISION_INTERVAL - 1e-6).astype(np.int64)
+    last = np.floor((time[end - 1] - t0) / DECISION_INTERVAL + 1e-6).astype(np.int64)
+    kept = first <= last
+    start, end, first, count = start[kept], end[kept], first[kept], (last - first + 1)[kept]
+    track = np.repeat(np.arange(len(start)), count)
+    frame = np.arange(len(track)) - np.repeat(np.cumsum(count) - count, count) + first[track]
+    when = np.clip(t0 + frame * DECISION_INTERVAL, time[start][track], time[end - 1][track])
+
+    # Row before each frame, within its run, and how far the frame is from there to the next one.
+    wide = float(time.max()) - t0 + 1.0  # runs one after another make one rising axis
+    run = run_of_row[start][track]
+    before = np.searchsorted(run_of_row * wide + (time - t0), run * wide + (when - t0), side="right") - 1
+    before = np.clip(before, start[track], end[track] - 1)
+    after = np.minimum(before + 1, end[track] - 1)
+    share = np.where(after > before, (when - time[before]) / np.where(after > before, time[after] - time[before], 1), 0)
+    new_x, new_y = x[before] + share * (x[after] - x[before]), y[before] + share * (y[after] - y[before])
+    if samples.noisy:
+        _smooth(new_x, new_y, when, track, x, y, time, start, end, samples.period)
+
+    users = user[start]
+    given = ~np.isnan(heading[before])
+    new_heading = heading_from_motion(new_x, new_y, track, samples.type[users], DECISION_INTERVAL, samples.still[users])
+    turned = wrap_angle(heading[before] + share * wrap_angle(heading[after] - heading[before]))
+    return Trajectories(
+        track=track,
+        frame=frame,
+        x=new_x,
+        y=new_y,
+        heading=np.where(given, turned, new_heading),
+        ids=track_names(samples.ids[u] for u in users.tolist()),
+        type=samples.type[users],
+        length=samples.length[users],
+        width=samples.width[users],
+        t0=t0,
+        source=samples.source,
+        licence=samples.licence,
+        parked=_parked(samples)[users],
+    )
+
+
+def _smooth(
+    new_x: Floats,
+    new_y: Floats,
+    when: Floats,
+    track: Integers,
+    x: Floats,
+    y: Floats,
+    time: Floats,
+    start: Integers,
+    end: Integers,
+    period: float,
+) -> None:
+    """Put smoothed positions in place of interpolated ones, run by run; runs of less than 5 rows stay as they are."""
+    frames = np.searchsorted(track, np.arange(len(start) + 1))
+    for run, (s, e) in enumerate(zip(start.tolist(), end.tolist(), strict=True)):
+        if e - s < 5:
+            continue
+        at = slice(frames[run], frames[run + 1])
+        t = time[s:e] - time[s]
+        for new, old in ((new_x, x), (new_y, y)):
+            new[at] = make_smoothing_spline(t, old[s:e], lam=SMOOTHING / period)(when[at] - time[s])
+
+
+def _check_units(
+    samples: Samples,
+    user: Integers,
+    time: Floats,
+    x: Floats,
+    y: Floats,
+    heading: Floats,
+    close: NDArray[np.bool_],
+    jump: NDArray[np.bool_],
+) -> None:
+    if jump.sum() > 0.05 * close.sum():
+        row = int(np.flatnonzero(jump)[0])
+        raise InputError(
+            f"{samples.file}: {samples.ids[user[row]]!r} ({TYPE_NAMES[samples.type[user[row]]]}) and others move "
+            f"{np.hypot(x[row + 1] - x[row], y[row + 1] - y[row]):.3g} m within {time[row + 1] - time[row]:.3g} s; "
+            "check that positions are in metres and times or frame rate are right"
+        )
+    fast = close & ~jump & ~np.isnan(heading[:-1]) & (np.hypot(np.diff(x), np.diff(y)) > 2.0 * np.diff(time))
+    if fast.sum() >= 10:
+        motion = np.arctan2(np.diff(y)[fast], np.diff(x)[fast])
+        off = float(np.median(np.abs(wrap_angle(motion - heading[:-1][fast]))))
+        if off > 0.5:
+            raise InputError(
+                f"{samples.file}: headings and motion differ by {np.degrees(off):.0f} degrees (median over moving "
+                "road users); check unit and direction of the heading column"
+            )
+
+
+def _parked(samples: Samples) -> NDArray[np.bool_]:
+    """Which road users are parked, (U,)."""
+    low, high = np.full((3, len(samples.ids)), np.inf), np.full((3, len(samples.ids)), -np.inf)
+    for i, values in enumerate((samples.x, samples.y, samples.time)):
+        np.minimum.at(low[i], samples.user, values)
+        np.maximum.at(high[i], samples.user, values)
+    wide, deep, there = high - low
+    small = np.maximum(wide, deep) < PARKED_WITHIN
+    parked: NDArray[np.bool_] = small & (there >= PARKED_FOR) & (samples.type != RoadUserType.PEDESTRIAN)
+    return parked

@@ -1,0 +1,321 @@
+"""Tracks of road users over time, their file, and how to collect them."""
+
+import os
+import zipfile
+import zlib
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
+
+Integers = NDArray[np.int64]
+
+FILE_KIND = "slrl_sumo trajectories"
+FILE_VERSION = 2
+"""Version 1 had no `parked`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectories:
+    """T tracks in R rows, sorted by track, then frame; a track has a row in every frame from its first to its last.
+
+    Frame: metres, x east, y north; headings in radians counter-clockwise from +x. Positions are centres of boxes.
+    Arrays are taken as they are and are not to be written to. Raises ValueError where the table breaks these rules.
+    """
+
+    track: Integers
+    """Index of the row's track, (R,), 0 to T - 1; every track has a row."""
+    frame: Integers
+    """Number of intervals since `t0`, (R,)."""
+    x: Floats
+    y: Floats
+    heading: Floats
+    ids: tuple[str, ...]
+    """One unique name per track, (T,)."""
+    type: NDArray[np.int8]
+    """RoadUserType per track, (T,)."""
+    length: Floats
+    """Box length in m per track, (T,)."""
+    width: Floats
+    """Box width in m per track, (T,)."""
+    dt: float = DECISION_INTERVAL
+    """Length of an interval in s."""
+    t0: float = 0.0
+    """Time of frame 0 in s."""
+    source: str = ""
+    """Where the tracks come from."""
+    licence: str = ""
+    """On what terms they may be used."""
+    parked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """Whether the road user only stood there, per track, (T,): others see it, nothing is to be learned from it.
+    Nobody is if it is not given."""
+
+    def __post_init__(self) -> None:
+        rows, tracks = len(self.track), len(self.ids)
+        if not len(self.parked):
+            object.__setattr__(self, "parked", np.zeros(tracks, np.bool_))
+        for name in ("frame", "x", "y", "heading"):
+            if getattr(self, name).shape != (rows,):
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, track has {(rows,)}")
+        for name in ("type", "length", "width", "parked"):
+            if getattr(self, name).shape != (tracks,):
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, but there are {tracks} ids")
+        if len(set(self.ids)) != tracks:
+            raise ValueError("ids of tracks are not unique")
+        if not self.dt > 0:
+            raise ValueError(f"dt must be positive, it is {self.dt}")
+        for name in ("x", "y", "heading"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(f"{name} holds values that are not finite")
+        step = np.diff(self.track, prepend=-1, append=tracks)
+        if step[0] != 1 or step[-1] != 1 or not np.isin(step, (0, 1)).all():
+            raise ValueError("rows are not sorted by track, or a track has no row")
+        gap = (np.diff(self.track) == 0) & (np.diff(self.frame) != 1)
+        if gap.any():
+            row = int(np.flatnonzero(gap)[0])
+            raise ValueError(
+                f"track {self.ids[self.track[row]]!r} goes from frame {self.frame[row]} to {self.frame[row + 1]}: "
+                "frames of a track must follow each other; split the track at the gap"
+            )
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.track)
+
+    @cached_property
+    def starts(self) -> Integers:
+        """First row of each track, and R at the end, (T + 1,)."""
+        return np.searchsorted(self.track, np.arange(len(self.ids) + 1)).astype(np.int64)
+
+    @cached_property
+    def speed(self) -> Floats:
+        """m/s per row, (R,): distance covered in the last interval over dt.
+
+        The first row of a track has no last interval and takes the speed of the second; a track of one row has 0.
+        """
+        speed = np.hypot(self._change(self.x), self._change(self.y)) / self.dt
+        first = self.starts[:-1][np.diff(self.starts) > 1]
+        speed[first] = speed[first + 1]
+        return speed
+
+    @cached_property
+    def acceleration(self) -> Floats:
+        """m/s² per row, (R,): change of speed over the last interval over dt; 0 at the first two rows of a track."""
+        return self._change(self.speed) / self.dt
+
+    @cached_property
+    def yaw_rate(self) -> Floats:
+        """rad/s per row, (R,): change of heading over the last interval over dt; 0 at the first row of a track."""
+        turn = wrap_angle(self._change(self.heading))
+        return turn / self.dt
+
+    def _change(self, values: Floats) -> Floats:
+        """Backward differences within tracks, 0 at the first row of each."""
+        change = np.diff(values, prepend=0.0)
+        change[self.starts[:-1]] = 0.0
+        return change
+
+    @property
+    def frames(self) -> range:
+        """All frames from the first to the last with a road user."""
+        return range(int(self.frame.min()), int(self.frame.max()) + 1) if len(self) else range(0)
+
+    @cached_property
+    def _by_frame(self) -> tuple[NDArray[np.intp], Integers]:
+        order = np.argsort(self.frame, kind="stable")
+        return order, self.frame[order]
+
+    def rows_at(self, frame: int) -> NDArray[np.intp]:
+        """The rows of a frame, in the order of their tracks."""
+        order, frames = self._by_frame
+        first, end = np.searchsorted(frames, (frame, frame + 1))
+        return order[first:end]
+
+    def world(self, frame: int) -> WorldState:
+        """The road users of a frame (none outside `frames`), all of them background, in the order of their tracks."""
+        rows = self.rows_at(frame)
+        tracks = self.track[rows]
+        return WorldState(
+            time=self.t0 + frame * self.dt,
+            ids=tuple([self.ids[i] for i in tracks.tolist()]),
+            type=self.type[tracks],
+            x=self.x[rows],
+            y=self.y[rows],
+            heading=self.heading[rows],
+            speed=self.speed[rows],
+            acceleration=self.acceleration[rows],
+            yaw_rate=self.yaw_rate[rows],
+            length=self.length[tracks],
+            width=self.width[tracks],
+            learned=np.zeros(len(rows), np.bool_),
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .npz file that `load_trajectories` reads; a file that was there is replaced whole or not at all."""
+        path = Path(path)
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            with open(part, "wb") as file:
+                np.savez_compressed(
+                    file,
+                    kind=np.array(FILE_KIND),
+                    version=np.array(FILE_VERSION),
+                    ids=np.array(self.ids, np.str_),
+                    dt=np.array(self.dt),
+                    t0=np.array(self.t0),
+                    source=np.array(self.source),
+                    licence=np.array(self.licence),
+                    **{name: getattr(self, name) for name in _DTYPES},
+                )
+            os.replace(part, path)
+        except OSError as e:
+            raise InputError(f"cannot write {path}: {e.strerror or e}") from e
+        finally:
+            part.unlink(missing_ok=True)
+
+
+_DTYPES: dict[str, type[np.generic]] = {
+    "track": np.int64,
+    "frame": np.int64,
+    "x": np.float64,
+    "y": np.float64,
+    "heading": np.float64,
+    "type": np.int8,
+    "length": np.float64,
+    "width": np.float64,
+    "parked": np.bool_,
+}
+
+
+def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
+    """Read what `Trajectories.save` wrote. Raises InputError where the file is missing, damaged or something else."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
+            if not isinstance(data, np.lib.npyio.NpzFile) or "kind" not in data or str(data["kind"]) != FILE_KIND:
+                raise InputError(f"{os.fspath(path)} is not a trajectories file; make one with `slrl-sumo import`")
+            if not 1 <= int(data["version"]) <= FILE_VERSION:
+                raise InputError(
+                    f"{os.fspath(path)} has trajectories format {int(data['version'])}, this version reads "
+                    f"1 to {FILE_VERSION}; make the file anew with `slrl-sumo import` or `slrl-sumo record`"
+                )
+            return Trajectories(
+                ids=tuple(data["ids"].tolist()),
+                dt=float(data["dt"]),
+                t0=float(data["t0"]),
+                source=str(data["source"]),
+                licence=str(data["licence"]),
+                **{
+                    name: data[name].astype(dtype, casting="safe")
+                    for name, dtype in _DTYPES.items()
+                    if name != "parked" or int(data["version"]) > 1
+                },
+            )
+    except OSError as e:
+        raise InputError(f"cannot read {os.fspath(path)}: {e.strerror or e}") from e
+    except (ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as e:
+        raise InputError(
+            f"{os.fspath(path)} is not a trajectories file or is damaged: {' '.join(str(e).split())}"
+        ) from e
+
+
+def track_names(ids: Iterable[str]) -> tuple[str, ...]:
+    """Unique names for tracks from the ids of their road users: `id` for the first track, then `id#1`, `id#2`, …"""
+    ids = list(ids)
+    taken: set[str] = set(ids)
+    seen: dict[str, int] = {}
+    names = []
+    for name in ids:
+        count = seen.get(name)
+        if count is None:
+            seen[name] = 0
+            names.append(name)
+            continue
+        while True:  # somebody may really be called `id#1`
+            count += 1
+            new = f"{name}#{count}"
+            if new not in taken:
+                break
+        seen[name] = count
+        taken.add(new)
+        names.append(new)
+    return tuple(names)
+
+
+class TrajectoryBuilder:
+    """Collects the worlds of a running simulation, one per interval, and makes Trajectories of them.
+
+    A road user that was absent for a frame, or that is named as jumped, goes on in a new track: `id`, `id#1`, …
+    """
+
+    def __init__(self, dt: float = DECISION_INTERVAL, source: str = "", licence: str = "") -> None:
+        self.dt, self.source, self.licence = dt, source, licence
+        self._t0: float | None = None
+        self._last_frame = -1
+        self._track_of: dict[str, int] = {}
+        """Track of each road user of the last frame."""
+        self._ids: list[str] = []
+        self._type: list[int] = []
+        self._length: list[float] = []
+        self._width: list[float] = []
+        self._frames: list[int] = []
+        self._tracks: list[Integers] = []
+        self._poses: list[Floats] = []
+
+    def append(self, world: WorldState, new_track_ids: Collection[str] = ()) -> None:
+        """Add the road users of one frame; those of `new_track_ids` jumped since the last one.
+
+        Type and size of a track are those of its first row. Raises ValueError where the world is not later than the
+        last one or lies between two frames.
+        """
+        if self._t0 is None:
+            self._t0 = world.time
+        frame = round((world.time - self._t0) / self.dt)
+        if frame <= self._last_frame or abs(self._t0 + frame * self.dt - world.time) > 0.01 * self.dt:
+            raise ValueError(
+                f"a world at {world.time} s is not the next of a series from {self._t0} s each {self.dt} s"
+            )
+        before = self._track_of if frame == self._last_frame + 1 else {}
+        tracks = [-1 if name in new_track_ids else before.get(name, -1) for name in world.ids]
+        for row, name in enumerate(world.ids):
+            if tracks[row] < 0:
+                tracks[row] = len(self._ids)
+                self._ids.append(name)
+                self._type.append(int(world.type[row]))
+                self._length.append(float(world.length[row]))
+                self._width.append(float(world.width[row]))
+        self._track_of = dict(zip(world.ids, tracks, strict=True))
+        self._last_frame = frame
+        self._frames.append(frame)
+        self._tracks.append(np.array(tracks, np.int64))
+        self._poses.append(np.stack([world.x, world.y, world.heading]))
+
+    def build(self) -> Trajectories:
+        """The tracks collected so far."""
+        track = np.concatenate([np.zeros(0, np.int64), *self._tracks])
+        poses = np.concatenate([np.zeros((3, 0)), *self._poses], axis=1)
+        frame = np.repeat(np.array(self._frames, np.int64), [len(t) for t in self._tracks])
+        order = np.argsort(track, kind="stable")  # frames came in order
+        x, y, heading = poses[:, order]
+        return Trajectories(
+            track=track[order],
+            frame=frame[order],
+            x=x,
+            y=y,
+            heading=heading,
+            ids=track_names(self._ids),
+            type=np.array(self._type, np.int8),
+            length=np.array(self._length, np.float64),
+            width=np.array(self._width, np.float64),
+            dt=self.dt,
+            t0=0.0 if self._t0 is None else self._t0,
+            source=self.source,
+            licence=self.licence,
+        )

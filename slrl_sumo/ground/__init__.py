@@ -1,0 +1,1 @@
+"""The ground of a scene: surfaces, the road map and its tiles."""

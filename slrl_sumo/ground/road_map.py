@@ -1,0 +1,138 @@
+"""The ground of a scene as pixels, in tiles that are painted when somebody comes near."""
+
+import math
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.shape_index import index_by_tile, piece_boxes
+from slrl_sumo.ground.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, paint
+from slrl_sumo.ground.tiles import Ids, Tiles
+from slrl_sumo.scene.geometry import Floats
+
+__all__ = ["Area", "Ribbon", "RoadMap", "Surface", "SurfaceShapes"]
+
+CORE = 128.0
+"""Side of the square that one tile answers for, in m."""
+MARGIN = 48.0
+"""What a tile shows around its core, in m: the ego view (33.5 m) of all in the core lies within this one tile."""
+MEMORY_LIMIT = 128 * 2**20
+"""Bytes: 334 tiles."""
+NEAR = 10.0
+"""Who is farther than this (m) from every surface has left the scene."""
+NEAR_CELL = 2.0
+"""Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS of them."""
+MAX_CELLS = 16 * 2**20
+
+
+class RoadMap:
+    """Surface ids of a whole network as pixels (rows grow northwards), in square tiles of bounded total memory.
+
+    Tiles are painted on demand and the least recently used ones are dropped: a map costs time where road users are, and
+    all its tiles together at most `memory_limit` bytes (at least one tile is kept).
+    """
+
+    def __init__(
+        self,
+        shapes: SurfaceShapes,
+        *,
+        resolution: float = 4.0,
+        core: float = CORE,
+        margin: float = MARGIN,
+        memory_limit: int = MEMORY_LIMIT,
+    ) -> None:
+        """`resolution` in px/m; `core` and `margin` of a tile in m; `memory_limit` in bytes."""
+        self.shapes = shapes
+        self.resolution = resolution
+        self.core = core
+        self.margin = margin
+        self.memory_limit = memory_limit
+        boxes = piece_boxes(shapes.shapes, core)
+        self.bounds: tuple[float, float, float, float] = boxes.bounds
+        """(x0, y0, x1, y1) of all shapes in m; zeros without shapes."""
+        self._surfaces = frozenset(shape.surface for shape in shapes.shapes)
+        self._tiles = Tiles(
+            shapes,
+            index_by_tile(boxes, core, margin),
+            resolution=resolution,
+            core=core,
+            margin=margin,
+            memory_limit=memory_limit,
+        )
+        self._near_cell, self._near = _occupancy(shapes.shapes, self.bounds)
+
+    def has(self, surface: Surface) -> bool:
+        """Whether any shape is of this surface."""
+        return surface in self._surfaces
+
+    @property
+    def resident_bytes(self) -> int:
+        """Memory of the painted tiles that are kept now."""
+        return self._tiles.resident_bytes
+
+    def surface_at(self, x: Floats, y: Floats) -> Ids:
+        """Surface under each point (m), (n,); NONE outside everything."""
+        return self._tiles.at(x, y)
+
+    def near_surface(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Whether some surface lies near each point (m), (n,): True up to 10 m, False beyond 20 m.
+
+        In between it depends on the grid; on scenes above about 50 km² that range grows.
+        """
+        rows, cols = self._near.shape
+        reach = _near_reach(self._near_cell)
+        col = np.floor((x - self.bounds[0] + reach) / self._near_cell)
+        row = np.floor((y - self.bounds[1] + reach) / self._near_cell)
+        inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+        near = np.zeros(len(x), np.bool_)
+        near[inside] = self._near[row[inside].astype(np.intp), col[inside].astype(np.intp)] > 0
+        return near
+
+    def ego_surfaces(
+        self,
+        x: Floats,
+        y: Floats,
+        heading: Floats,
+        *,
+        behind: float,
+        ahead: float,
+        side: float,
+        resolution: float,
+    ) -> Ids:
+        """Crops of the ground as seen by each road user, (n, rows, cols) Surface ids.
+
+        The view reaches `behind`, `ahead` and to each `side` (m) of positions `x`, `y` (m). `heading` (rad) points to
+        the right of the crop; row 0 is the far left. `resolution` in px/m; the nearest pixel counts. Raises ValueError
+        if the view may reach beyond the margin of a tile.
+        """
+        if math.hypot(max(behind, ahead), side) + 1.0 > self.margin:
+            raise ValueError(f"the ego view reaches beyond the tile margin of {self.margin} m")
+        rows, cols = round(2 * side * resolution), round((behind + ahead) * resolution)
+        crops = np.empty((len(x), rows, cols), np.uint8)
+        self._tiles.views(x, y, heading, (0.5 / resolution - behind, side - 0.5 / resolution), 1.0 / resolution, crops)
+        return crops
+
+
+def _near_reach(cell: float) -> float:
+    """How far a shape's mark on the occupancy grid reaches beyond it, and the grid beyond the bounds, in m.
+
+    NEAR, and two cells for where in their cells the point and the border of the shape lie.
+    """
+    return NEAR + 2 * cell
+
+
+def _occupancy(shapes: Sequence[Shape], bounds: tuple[float, float, float, float]) -> tuple[float, Ids]:
+    """Cell size (m) and the grid of cells near some surface; its corner lies `_near_reach` outside the bounds."""
+    width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
+    cell = max(NEAR_CELL, math.sqrt((width + 4 * NEAR) * (height + 4 * NEAR) / MAX_CELLS))
+    reach = _near_reach(cell)
+    size = (math.ceil((height + 2 * reach) / cell), math.ceil((width + 2 * reach) / cell))
+    grid = np.zeros(size, np.uint8)
+    paint(grid, shapes, bounds[0] - reach, bounds[1] - reach, 1 / cell, value=1)
+    radius = math.ceil(reach / cell)
+    offset = np.arange(-radius, radius + 1)
+    disc = (np.square(offset)[:, None] + np.square(offset) <= radius**2).astype(np.uint8)
+    cv2.dilate(grid, disc, dst=grid)
+    return cell, grid

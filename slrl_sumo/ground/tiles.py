@@ -1,0 +1,249 @@
+"""Painted squares of the ground: half a byte per pixel, as many squares as fit into a memory limit."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.surfaces import SurfaceShapes, paint
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats, cos_sin
+
+Ids = NDArray[np.uint8]
+Longs = NDArray[np.int64]
+Words = NDArray[np.uint32]
+Store = tuple[Longs, Longs, Longs, int, Words]
+"""Keys of all squares, their slots, when each slot was last used, the time now, and what is painted in the slots."""
+
+PACKED = 8
+"""Pixels in a word of 32 bits, the first one in its lowest bits."""
+MISSING = -1
+"""Slot of a square that is not painted."""
+FARTHEST = 2**31
+"""Squares are numbered below this, to either side of the origin; what is farther away has no ground."""
+
+
+class Tiles:
+    """The squares of side `core` (m) that the ground consists of, each painted with `margin` m around it.
+
+    Squares are painted when they are asked for, and the least recently used one goes where `memory_limit` bytes would
+    be exceeded; one always fits.
+    """
+
+    def __init__(
+        self,
+        shapes: SurfaceShapes,
+        index: Mapping[tuple[int, int], NDArray[np.intp]],
+        *,
+        resolution: float,
+        core: float,
+        margin: float,
+        memory_limit: int,
+    ) -> None:
+        """`index`: which shapes show in the square (column, row), in paint order; `resolution` in px/m."""
+        self._shapes = shapes
+        self._resolution = resolution
+        self._core, self._margin = core, margin
+        self._pixels = round((core + 2 * margin) * resolution)
+        self._words = -(-self._pixels // PACKED)
+        members = {_key(column, row): shapes for (column, row), shapes in index.items()}
+        self._keys = np.array(sorted(members), np.int64)
+        self._members = [members[key] for key in self._keys.tolist()]
+        self._slots = np.full(len(self._keys), MISSING, np.int64)
+        one = self._pixels * self._words * PACKED // 2
+        # Memory that nobody has written to is only reserved: what is not painted costs nothing.
+        self._squares = np.zeros((max(1, min(memory_limit // one, len(self._keys))), self._pixels, self._words), "u4")
+        self._used = np.zeros(len(self._squares), np.int64)
+        """When each slot was last asked for; 0 is never."""
+        self._owner = np.full(len(self._squares), MISSING, np.int64)
+        """Which square each slot holds."""
+        self._now = 0
+
+    @property
+    def resident_bytes(self) -> int:
+        """Memory of the squares that are painted now."""
+        return int(np.count_nonzero(self._owner != MISSING) * self._squares[0].nbytes)
+
+    def at(self, x: Floats, y: Floats) -> Ids:
+        """What lies under points (m), (n,); zero outside everything. ValueError where there are not as many y as x."""
+        _alike(x, y)
+        found = np.zeros(len(x), np.uint8)
+        pending = np.ones(len(x), np.bool_)
+        x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
+        self._now += 1
+        while (square := _look_up(x, y, found, pending, self._state(), self._measures())) != MISSING:
+            self._paint(square)
+        return found
+
+    def views(self, x: Floats, y: Floats, heading: Floats, begin: tuple[float, float], step: float, out: Ids) -> None:
+        """What lies under the pixels of views from places `x`, `y` (m) with `heading` (rad), written to `out` (n, rows,
+        cols). The first pixel lies at `begin` (m ahead, m to the left), the next ones every `step` m, columns ahead and
+        rows to the right. All of a view must lie within the margin round its place. ValueError where lengths differ."""
+        _alike(x, y, heading)
+        cos, sin = cos_sin(heading)
+        pending = np.ones(len(x), np.bool_)
+        x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
+        self._now += 1
+        while (
+            square := _cut_out(x, y, cos, sin, begin, step, out, pending, self._state(), self._measures())
+        ) != MISSING:
+            self._paint(square)
+
+    def _state(self) -> Store:
+        return self._keys, self._slots, self._used, self._now, self._squares
+
+    def _measures(self) -> tuple[float, float, float]:
+        return self._resolution, self._core, self._margin
+
+    def _paint(self, square: int) -> None:
+        """Paint a square, in place of the one that was not asked for for longest if there is no room."""
+        slot = int(self._used.argmin())
+        if self._owner[slot] != MISSING:
+            self._slots[self._owner[slot]] = MISSING
+        column, row = _column_row(int(self._keys[square]))
+        canvas = np.zeros((self._pixels, self._words * PACKED), np.uint8)
+        shapes = [self._shapes.shapes[k] for k in self._members[square].tolist()]
+        x0, y0 = column * self._core - self._margin, row * self._core - self._margin
+        # A view of the canvas: OpenCV clips at its borders.
+        paint(canvas[:, : self._pixels], shapes, x0, y0, self._resolution)
+        _pack(canvas, self._squares[slot])
+        self._slots[square], self._owner[slot], self._used[slot] = slot, square, self._now
+
+
+def _alike(*columns: Floats) -> None:
+    """Compiled functions would read beyond the end of a shorter one."""
+    if len({np.shape(column) for column in columns}) > 1:
+        raise ValueError(f"places need arrays of one shape, not {', '.join(str(np.shape(c)) for c in columns)}")
+
+
+def _key(column: int, row: int) -> int:
+    """Column and row of a square as one number, ascending by row."""
+    return row * FARTHEST * 2 + column
+
+
+def _column_row(key: int) -> tuple[int, int]:
+    row = (key + FARTHEST) // (FARTHEST * 2)
+    return key - row * FARTHEST * 2, row
+
+
+@compiled
+def _pack(canvas: Ids, words: Words) -> None:
+    for r in range(words.shape[0]):
+        for w in range(words.shape[1]):
+            word = np.uint32(0)
+            for k in range(PACKED):
+                word |= np.uint32(canvas[r, w * PACKED + k]) << np.uint32(4 * k)
+            words[r, w] = word
+
+
+@compiled
+def _square(x: float, y: float, core: float, keys: Longs) -> int:
+    """Index of the square that a point (m) lies in, MISSING where there is none."""
+    column, row = math.floor(x / core), math.floor(y / core)
+    if not (abs(x / core) < FARTHEST - 1 and abs(y / core) < FARTHEST - 1):
+        return MISSING
+    key = row * FARTHEST * 2 + column
+    low, high = 0, len(keys)
+    while low < high:
+        middle = (low + high) // 2
+        if keys[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low if low < len(keys) and keys[low] == key else MISSING
+
+
+@compiled
+def _look_up(
+    x: Floats,
+    y: Floats,
+    found: Ids,
+    pending: NDArray[np.bool_],
+    store: Store,
+    measures: tuple[float, float, float],
+) -> int:
+    """Find what lies under the `pending` points whose square is painted; returns a square that is not, or MISSING."""
+    keys, slots, used, now, squares = store
+    resolution, core, margin = measures
+    missing = square = MISSING
+    west, south = 0.0, 0.0
+    for i in range(len(x)):
+        if not pending[i]:
+            continue
+        # Neighbours in the list are mostly neighbours on the ground.
+        if square == MISSING or not (west <= x[i] < west + core and south <= y[i] < south + core):
+            square = _square(x[i], y[i], core, keys)
+            if square == MISSING:
+                pending[i] = False
+                continue
+            west, south = math.floor(x[i] / core) * core, math.floor(y[i] / core) * core
+        slot = slots[square]
+        if slot == MISSING:
+            missing = square
+            continue
+        row = int((y[i] - (south - margin)) * resolution)
+        col = int((x[i] - (west - margin)) * resolution)
+        found[i] = squares[slot, row, col >> 3] >> np.uint32((col & 7) * 4) & np.uint32(15)
+        used[slot] = now
+        pending[i] = False
+    return missing
+
+
+@compiled
+def _cut_out(
+    x: Floats,
+    y: Floats,
+    cos: Floats,
+    sin: Floats,
+    begin: tuple[float, float],
+    step: float,
+    out: Ids,
+    pending: NDArray[np.bool_],
+    store: Store,
+    measures: tuple[float, float, float],
+) -> int:
+    """Cut the `pending` views out of squares that are painted; returns a square that is not, or MISSING.
+
+    The nearest pixel counts, in single precision: what OpenCV 5 does in warpAffine, to the bit.
+    """
+    keys, slots, used, now, squares = store
+    resolution, core, margin = measures
+    ahead, left = begin
+    missing = MISSING
+    rows, cols = out.shape[1], out.shape[2]
+    words = squares.shape[2]
+    scale = step * resolution
+    at, shift = np.empty(cols, np.int32), np.empty(cols, np.uint32)
+    for i in range(len(x)):
+        if not pending[i]:
+            continue
+        square, c, s = _square(x[i], y[i], core, keys), cos[i], sin[i]
+        # Nor is there anything to be seen where a direction is no number.
+        if square == MISSING or not c * c + s * s < 2.0:
+            out[i] = 0
+            pending[i] = False
+            continue
+        slot = slots[square]
+        if slot == MISSING:
+            missing = square
+            continue
+        west, south = math.floor(x[i] / core) * core - margin, math.floor(y[i] / core) * core - margin
+        col0 = np.float32((x[i] + c * ahead - s * left) * resolution - 0.5 - west * resolution)
+        row0 = np.float32((y[i] + s * ahead + c * left) * resolution - 0.5 - south * resolution)
+        along, across = np.float32(scale * c), np.float32(scale * s)
+        flat = squares[slot].reshape(-1)
+        for r in range(rows):
+            col_begin = np.float64(across * np.float32(r) + col0)
+            row_begin = np.float64(-along * np.float32(r) + row0)
+            for k in range(cols):
+                # Multiplied and added at once, rounded once to single precision.
+                col = np.int32(np.rint(np.float32(np.float64(along) * k + col_begin)))
+                row = np.int32(np.rint(np.float32(np.float64(across) * k + row_begin)))
+                at[k] = row * words + (col >> 3)
+                shift[k] = (col & 7) * 4
+            for k in range(cols):
+                out[i, r, k] = flat[at[k]] >> shift[k] & np.uint32(15)
+        used[slot] = now
+        pending[i] = False
+    return missing

@@ -1,0 +1,1 @@
+"""Worker processes with crash isolation and retry; Ray; signals."""

@@ -1,0 +1,188 @@
+"""The connection to a Ray cluster, or a Ray of our own on this machine. Ray is imported here and nowhere else before.
+
+Ray executes what it is sent: a Ray of our own asks for a token that only this process and its children know. Whether a
+cluster does is up to those who started it (https://docs.ray.io/en/latest/ray-security/token-auth.html).
+"""
+
+import logging
+import os
+import re
+import secrets
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.jobs.ray_address import AUTO, LOCAL, may_be_address
+
+CONNECT_S = 15
+"""s in which a cluster must have answered."""
+
+LOOPBACK = "127.0.0.2"
+"""Where our own Ray is: Ray turns 127.0.0.1 into the machine's outer address."""
+
+TOKEN = secrets.token_hex(32)
+"""Of all Rays of our own in this process, because Ray keeps the first that it has read."""
+
+ENVIRONMENT = ("RAY_USAGE_STATS_ENABLED", "TMPDIR", "RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH")
+"""What Ray and its processes are told; all is as before when the connection has ended."""
+
+LONGEST = 40
+"""Characters of a folder in which Ray can still make its sockets (107 for the whole path)."""
+
+
+@contextmanager
+def ray_cluster(address: str, cpus: int | None = None) -> Iterator[Any]:
+    """Connect to a Ray cluster (see jobs.pool.Place.ray) and give the module `ray`.
+
+    `cpus`: cores of a Ray of our own; None: all. Raises InputError within CONNECT_S where there is no Ray, no cluster,
+    or one that cannot be used. Whatever was begun on the cluster ends with the connection.
+    """
+    check_ray(address)
+    folder = None
+    settings = {"RAY_USAGE_STATS_ENABLED": "0"}
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    logging.getLogger("ray").setLevel(logging.CRITICAL)
+    options: dict[str, Any] = {"address": address, "log_to_driver": False, "logging_level": logging.CRITICAL}
+    try:
+        if address == LOCAL:
+            folder = _folder()
+            settings["TMPDIR"] = str(folder)
+            if "RAY_AUTH_MODE" not in os.environ:
+                token = folder / "token"
+                token.touch(mode=0o600)
+                token.write_text(TOKEN, encoding="utf-8")
+                settings |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(token)}
+            options |= {"num_cpus": cpus, "include_dashboard": False, "_temp_dir": str(folder)}
+            options |= {"_node_ip_address": LOOPBACK, "object_store_memory": 512 * 2**20}
+        os.environ.update(settings)
+        ray = _connected(address, options)
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def check_head(ray: Any, address: str) -> None:
+    """InputError where the cluster's head is gone: Ray would wait for a minute, deaf to everything, and then end us."""
+    host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
+    for patience in (1.0, 3.0, 6.0):
+        try:
+            socket.create_connection((host.strip("[]"), int(port)), timeout=patience).close()
+            return
+        except ConnectionRefusedError:
+            time.sleep(patience / 3)
+        except OSError:
+            continue
+    raise InputError(
+        f"--ray {address}: the cluster's head answers no longer; what is finished is kept: give the same command again "
+        "when it is back, or without --ray"
+    )
+
+
+def check_ray(address: str) -> None:
+    """InputError where there is no Ray here, or nobody at `address`. Quick: Ray is not imported."""
+    if find_spec("ray") is None:
+        raise InputError(f"--ray {address}: Ray is not installed here; pip install 'slrl-sumo[ray]'")
+    if not may_be_address(address):
+        raise InputError(
+            f"--ray {address}: give HOST:PORT of a cluster's head, auto for the one of this machine, or local"
+        )
+    if address in (LOCAL, AUTO):
+        return
+    host, _, port = address.rpartition(":")
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=3.0).close()
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"--ray {address}: nobody answers there ({reason}); start one with ray start --head, or name another"
+        ) from None
+
+
+def _connected(address: str, options: dict[str, Any]) -> Any:
+    """The module `ray`, connected."""
+    import ray
+
+    if ray.is_initialized():
+        raise InputError(f"--ray {address}: this process is connected to a Ray already")
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        if address != LOCAL:
+            _try(address)
+        ray.init(**options)
+    except (RuntimeError, OSError, ValueError, TypeError) as error:
+        ray.shutdown()
+        raise InputError(f"--ray {address}: {in_one_line(str(error))}") from None
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in handlers.items():  # Ray has set its own, which would end us without a word
+                signal.signal(number, handler)
+    _quiet()
+    return ray
+
+
+def _try(address: str) -> None:
+    """Connect in a process of its own: Ray would wait for minutes, deaf to signals, and print what it waits for."""
+    code = "import ray, sys, logging; ray.init(sys.argv[1], log_to_driver=False, logging_level=logging.CRITICAL)"
+    command = [sys.executable, "-c", code, address]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_S, check=False)
+    except subprocess.TimeoutExpired:
+        raise InputError(
+            f"--ray {address}: no Ray answered within {CONNECT_S} s; look whether that is the port of a cluster's "
+            "head, whether this is one of its machines, and whether it has the same token (RAY_AUTH_TOKEN_PATH)"
+        ) from None
+    if done.returncode:
+        raise ConnectionError(done.stderr)
+
+
+def in_one_line(text: str) -> str:
+    """What Ray said about a connection that failed."""
+    if "ersion mismatch" in text:
+        numbers = re.findall(r"(Ray|Python): *([\d.]+\w*)", text)
+        parts = [f"{name} {number}" for name, number in numbers]
+        return f"the cluster has {' and '.join(parts[:2])}, this is {' and '.join(parts[2:4])}; install the same here"
+    if "any running Ray instance" in text:
+        return "no Ray runs on this machine; start one with ray start --head, or join a cluster"
+    if "oken" in text and "uthentication" in text:
+        return "the cluster asks for its token; see RAY_AUTH_TOKEN_PATH in Ray's documentation"
+    last = [line for line in text.splitlines() if line.strip()]
+    return f"no connection ({last[-1].strip()[:300] if last else 'Ray does not say why'})"
+
+
+def _quiet() -> None:
+    """Ray prints on our stdout which of its workers and machines died, with no switch for it; we say it ourselves."""
+    with suppress(ImportError):
+        from ray._private import worker
+
+        worker.print_to_stdstream = lambda *_, **__: None
+
+
+def _folder() -> Path:
+    """A new folder with a path so short that Ray can make its sockets in it."""
+    try:
+        for parent in (tempfile.gettempdir(), "/tmp"):
+            if len(parent) + len("/slrl_ray_12345678") <= LONGEST:
+                return Path(tempfile.mkdtemp(prefix="slrl_ray_", dir=parent))
+    except OSError as error:
+        raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
+    raise InputError("no place for Ray's sockets: set TMPDIR to a folder with a short path")

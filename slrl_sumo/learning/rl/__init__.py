@@ -1,0 +1,1 @@
+"""Reinforcement learning of the selector: rewards, arena, rollouts, PPO."""

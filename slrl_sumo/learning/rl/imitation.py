@@ -1,0 +1,153 @@
+"""Teaching a policy what road users of recordings chose, before it is trained by reward.
+
+The prior knows only the vector. Here the policy learns, from the same windows, what the image adds: where the road
+bends, who is in the way. PPO from there has to find neither lanes nor brakes by chance.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch.nn.functional import cross_entropy
+
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.learning.supervised.fit import goals
+from slrl_sumo.learning.supervised.modes import assign
+from slrl_sumo.learning.supervised.windows import windows
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.policy import Policy, policy_logits
+from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_images
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.record import record
+from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.session import SumoSession
+
+
+@dataclass(frozen=True)
+class ImitationSettings:
+    """How long the policy is taught before PPO, and by how much."""
+
+    epochs: int = 4
+    """Passes over the windows; 0 leaves it out: PPO begins at the prior."""
+    seconds: float = 400.0
+    """Of SUMO's own traffic that is recorded in each scenario, where no recordings are given."""
+    stride: int = 4
+    """Every stride-th frame counts: windows that follow each other hardly differ."""
+    learning_rate: float = 1e-3
+    batch: int = 512
+
+
+@dataclass(frozen=True, eq=False)
+class Lessons:
+    """M windows with what was seen and chosen in them."""
+
+    vector: NDArray[np.float32]
+    """(M, 12)."""
+    image: NDArray[np.uint8]
+    """(M, EGO_ROWS, EGO_COLS, 3)."""
+    type: NDArray[np.int64]
+    mode: NDArray[np.int64]
+    """The mode of the recorded destination, (M,)."""
+
+    def __len__(self) -> int:
+        return len(self.type)
+
+
+def lessons(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundle, stride: int) -> Lessons:
+    """All windows of a recording on its ground, with the modes of `bundle`."""
+    every = windows([recording], stride)
+    goal = goals(every, str(bundle.training.get("modes_by", "kmeans")))
+    mode = np.zeros(len(every), np.int64)
+    for t in RoadUserType:
+        mode[every.type == t] = assign(goal[every.type == t], bundle.mode_centres[t])
+    image = np.zeros((len(every), EGO_ROWS, EGO_COLS, 3), np.uint8)
+    for frame in np.unique(every.frame):
+        here = np.flatnonzero(every.frame == frame)
+        rows = recording.rows_at(int(frame))
+        place = np.searchsorted(recording.track[rows], every.track[here])
+        image[here] = ego_images(recording.world(int(frame)), place, roadmap)
+    return Lessons(every.vector, image, every.type, mode)
+
+
+def watch(scenario: Scenario, seconds: float, seed: int) -> tuple[Trajectories, RoadMap]:
+    """SUMO's own traffic in a scenario, with the ground that it moves on."""
+    for item in record(scenario, seconds=seconds, seed=seed):
+        if isinstance(item, Trajectories):
+            recording = item
+    with SumoSession(scenario, seed=seed) as session:
+        return recording, RoadMap(session.network.surfaces())
+
+
+def imitate(
+    policy: Policy,
+    bundle: ModelBundle,
+    parts: list[Lessons],
+    settings: ImitationSettings,
+    seed: int,
+    report: Callable[[float, dict[str, float]], None],
+) -> None:
+    """Fit `policy` (in place) to the modes that were chosen, and empty `parts`.
+
+    `report` is told the share done and the figures.
+
+    Figures, after each epoch, on a tenth of each part that is left out of learning: cross-entropy (nats) and
+    accuracy of the policy, `imitation/cross_entropy`, `imitation/accuracy`, and those of the prior.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    vector, image, kind, mode = (
+        torch.from_numpy(np.concatenate([getattr(part, name) for part in parts]))
+        for name in ("vector", "image", "type", "mode")
+    )
+    # The last tenth of each part: windows of one road user follow each other, so these are of others.
+    tested = torch.cat([torch.arange(len(part)) >= 0.9 * len(part) for part in parts])
+    parts.clear()  # images are large; these are not needed twice
+    train, test = (~tested).nonzero()[:, 0], tested.nonzero()[:, 0]
+    optimizer = torch.optim.Adam(policy.parameters(), lr=settings.learning_rate)
+    batches = -(-len(train) // settings.batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, settings.learning_rate, total_steps=max(1, batches * settings.epochs)
+    )
+    for epoch in range(settings.epochs):
+        order = train[torch.randperm(len(train), generator=generator)]
+        for rows in torch.split(order, settings.batch):
+            ahead = _nothing(bundle, len(rows))
+            logits, _ = policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows], ahead)
+            loss = cross_entropy(logits, mode[rows])
+            optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimizer.step()
+            schedule.step()
+        report((epoch + 1) / settings.epochs, _measured(policy, bundle, vector, image, kind, mode, test))
+
+
+def _nothing(bundle: ModelBundle, rows: int) -> torch.Tensor:
+    """Nobody is met and nothing left: what modes lead to is judged by PPO's teacher, not by imitation."""
+    return torch.zeros(rows, bundle.config.modes, 4)
+
+
+def _measured(
+    policy: Policy,
+    bundle: ModelBundle,
+    vector: torch.Tensor,
+    image: torch.Tensor,
+    kind: torch.Tensor,
+    mode: torch.Tensor,
+    test: torch.Tensor,
+) -> dict[str, float]:
+    with torch.no_grad():
+        parts = [
+            policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows], _nothing(bundle, len(rows)))[0]
+            for rows in torch.split(test, 4096)
+        ]
+        logits = torch.cat(parts)
+        known = torch.log_softmax(bundle.prior.logits(vector[test], kind[test]), -1)
+    right = mode[test]
+    return {
+        "imitation/cross_entropy": float(cross_entropy(logits, right)),
+        "imitation/accuracy": float((logits.argmax(-1) == right).float().mean()),
+        "imitation/prior_cross_entropy": float(cross_entropy(known, right)),
+        "imitation/prior_accuracy": float((known.argmax(-1) == right).float().mean()),
+    }

@@ -1,0 +1,209 @@
+"""What a road user is rewarded for: pure functions on arrays, and their weights (paper, section 3.3).
+
+All of them return one number per road user, of order 1, positive where it is good.
+"""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.contacts import close_pairs
+from slrl_sumo.scene.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+
+CLOSE = 1.0
+"""m between centres; the paper's r1."""
+SLOW = 0.5
+"""m/s; the paper's r3."""
+LIKED = np.zeros((len(RoadUserType), len(Surface)))
+"""How wrong a Surface is for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads, but
+slightly dislike it (paper, r2)."""
+LIKED[:, Surface.NONE] = 1.0
+LIKED[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
+LIKED[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
+HARD_ACCELERATION = 3.0
+"""m/s²; uncomfortable, along or across."""
+HORIZON = 2.4
+"""s that `danger` looks ahead: in it a car stops comfortably from 25 km/h."""
+MARGIN = 0.5
+"""m between boxes that it counts as too near: centres of pedestrians collide before their small boxes do."""
+REACH = 40.0
+"""m within which it looks."""
+STEP = 0.2
+"""m in a decision interval, below which somebody is to stand."""
+PATH = 0.5
+"""m beside its path where everybody may be."""
+RAREST = -8.0
+"""Log probability at which a mode counts as never seen."""
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """What each term counts; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three; the last
+    four are for road users with a route (preset `extended`)."""
+
+    close: float = 1.0
+    off_surface: float = 1.0
+    moving: float = 0.25
+    alive: float = 1.0
+    contact: float = 10.0
+    lost: float = 10.0
+    danger: float = 2.0
+    speed: float = 0.5
+    wrong_way: float = 0.5
+    comfort: float = 0.1
+    realism: float = 0.05
+    progress: float = 0.5
+    off_path: float = 1.0
+    red: float = 10.0
+    priority: float = 5.0
+
+
+TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
+
+
+def weighted(terms: dict[str, Floats], weights: RewardWeights) -> Floats:
+    """The reward of each road user, (n,): the sum of all TERMS, each (n,), by weight."""
+    return np.asarray(sum(getattr(weights, name) * terms[name] for name in TERMS), np.float64)
+
+
+def close(world: WorldState, n: int) -> Floats:
+    """r1: minus the number of road users whose centres are closer than CLOSE, for the first `n` of `world`, (n,)."""
+    pairs = close_pairs(world, CLOSE)
+    return -np.bincount(pairs.ravel(), minlength=len(world))[:n].astype(np.float64)
+
+
+def off_surface(kind: NDArray[np.int8], surface: NDArray[np.uint8]) -> Floats:
+    """r2: minus how wrong the `surface` under each road user is for its type `kind`; both (n,)."""
+    return -LIKED[kind, surface]
+
+
+def moving(speed: Floats) -> Floats:
+    """r3: 1 for who is faster than SLOW; `speed` (n,) in m/s."""
+    return (speed > SLOW).astype(np.float64)
+
+
+def alive(n: int) -> Floats:
+    """1 for everybody, (n,). Without it most decisions cost something, and an end by contact would be a relief: what is
+    spared by it made up for two thirds of the penalty."""
+    return np.ones(n)
+
+
+def contact(touching: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who has come into contact with somebody, (n,)."""
+    return -touching.astype(np.float64)
+
+
+def lost(gone: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who has left the ground and the scene, (n,): otherwise that would be a way out of trouble."""
+    return -gone.astype(np.float64)
+
+
+def danger(world: WorldState, n: int) -> Floats:
+    """From 0 down to -1 the sooner each of the first `n` road users of `world` would come too near to somebody, (n,).
+
+    Too near: MARGIN from box to box. Everybody is led on at present speed and yaw rate, in steps of 0.4 s up to
+    HORIZON. Only what lies ahead counts: who is run into from behind has nothing to mend.
+    """
+    seconds = np.arange(HORIZON, 0.0, -DECISION_INTERVAL)
+    size = np.hypot(world.length, world.width)
+    now = np.column_stack([world.x, world.y, *cos_sin(world.heading), world.speed, size])
+    first = _first_meeting(now, _led_on(world, seconds), n)
+    after = np.append(seconds, HORIZON + DECISION_INTERVAL)[first]
+    return np.asarray(-(1.0 - (after - DECISION_INTERVAL) / HORIZON))
+
+
+@compiled
+def _first_meeting(now: Floats, boxes: Floats, n: int) -> NDArray[np.intp]:
+    """The last of `boxes` (s, m, 5), which go back in time, in which each of the first `n` road users meets somebody
+    ahead, (n,); -1 for nobody. `now` (m, 6): x, y, cosine and sine of the heading, speed, diagonal."""
+    first = np.full(n, -1)
+    for i in range(n):
+        if not now[i, 4] > SLOW:
+            continue
+        for j in range(len(now)):
+            dx, dy = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
+            apart = math.sqrt(dx * dx + dy * dy)
+            if j == i or not apart < REACH or not now[i, 2] * dx + now[i, 3] * dy > 0.0:
+                continue
+            # Who cannot come near within the horizon need not be looked at box by box.
+            if not apart - 0.5 * (now[i, 5] + now[j, 5]) - 2.0 * MARGIN < (now[i, 4] + now[j, 4]) * HORIZON:
+                continue
+            for step in range(len(boxes) - 1, first[i], -1):
+                if _overlap(boxes[step, i], boxes[step, j]):
+                    first[i] = step
+                    break
+    return first
+
+
+@compiled
+def _overlap(a: Floats, b: Floats) -> bool:
+    """`boxes_overlap` of one pair."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    cos_a, sin_a, cos_b, sin_b = math.cos(a[2]), math.sin(a[2]), math.cos(b[2]), math.sin(b[2])
+    c, s = abs(cos_a * cos_b + sin_a * sin_b), abs(sin_b * cos_a - cos_b * sin_a)
+    return bool(
+        abs(cos_a * dx + sin_a * dy) <= 0.5 * (a[3] + b[3] * c + b[4] * s)
+        and abs(cos_a * dy - sin_a * dx) <= 0.5 * (a[4] + b[3] * s + b[4] * c)
+        and abs(cos_b * dx + sin_b * dy) <= 0.5 * (b[3] + a[3] * c + a[4] * s)
+        and abs(cos_b * dy - sin_b * dx) <= 0.5 * (b[4] + a[3] * s + a[4] * c)
+    )
+
+
+def _led_on(world: WorldState, seconds: Floats) -> Floats:
+    """Boxes (s, m, 5), half of MARGIN larger on all sides, after some seconds (s,) at constant speed and yaw rate."""
+    boxes = np.empty((len(seconds), len(world), 5))
+    turn, way = world.yaw_rate * seconds[:, None], world.speed * seconds[:, None]
+    c, s = cos_sin(world.heading + 0.5 * turn)
+    boxes[..., 0], boxes[..., 1], boxes[..., 2] = world.x + way * c, world.y + way * s, world.heading + turn
+    boxes[..., 3], boxes[..., 4] = world.length + MARGIN, world.width + MARGIN
+    return boxes
+
+
+def speed_kept(speed: Floats, desired: Floats) -> Floats:
+    """From 0 at the desired speed down to -1 at none or twice of it; both (n,) in m/s."""
+    return -np.minimum(np.abs(speed - desired) / np.maximum(desired, 0.1), 1.0)
+
+
+def wrong_way(heading: Floats, lane_heading: Floats, on_lane: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who is `on_lane` and drives against its direction (more than 90 degrees off); rad, (n,)."""
+    against = np.abs(wrap_angle(heading - lane_heading)) > 0.5 * np.pi
+    return -(against & on_lane).astype(np.float64)
+
+
+def comfort(speed: Floats, acceleration: Floats, yaw_rate: Floats) -> Floats:
+    """From 0 down to -1 at HARD_ACCELERATION along or across; m/s, m/s², rad/s, (n,)."""
+    felt = np.hypot(acceleration, speed * yaw_rate) / HARD_ACCELERATION
+    return -np.minimum(felt**2, 1.0)
+
+
+def realism(log_probability: Floats) -> Floats:
+    """From 0 for modes that people always chose down to -1 for modes that nobody did.
+
+    `log_probability` (n,): that of the chosen mode under the bundle's prior, a density learned from recordings.
+    """
+    return np.maximum(log_probability, RAREST) / -RAREST
+
+
+def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
+    """1 for who came as far along its path as it was to, down to -1 for who went back; 1 too for who had to stop.
+
+    `covered` and `wanted` (n,): m along the path; `known` (n,): who has a route, 0 without.
+    """
+    share = np.clip(covered / np.maximum(wanted, STEP), -1.0, 1.0)
+    return np.where(known, np.where(wanted < STEP, 1.0, share), 0.0)
+
+
+def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
+    """From 0 within PATH of the path down to -1 at three times as far; `aside` in m, (n,)."""
+    return -np.where(known, np.clip((np.abs(aside) - PATH) / (2.0 * PATH), 0.0, 1.0), 0.0)
+
+
+def passed(covered: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for who went over a `closed` line, (n,) each; m covered along the path, and m from the front to it."""
+    return -(closed & (line > 0.0) & (covered > line)).astype(np.float64)

@@ -1,0 +1,63 @@
+"""A bundle with its trained selector: how it was trained, as JSON and as a section of the model card."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from slrl_sumo import __version__
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.scene.types import TYPE_NAMES
+
+HEADING = "\n## Selector\n"
+KNOWS = {
+    "paper": "It sees 32 m ahead and knows no destination, traffic light or right of way. Measured: docs/selectors.md.",
+    "extended": "It knows its route for 40 m, the signals and the right of way on it. Measured: docs/routes.md.",
+}
+LAST = 20
+"""Updates that the closing figures are means of."""
+
+
+def with_selector(
+    bundle: ModelBundle, policy: Policy, record: dict[str, Any], log: list[dict[str, float]]
+) -> ModelBundle:
+    """`bundle` with a trained `policy`; `record` says what was asked for, `log` has the figures of every update."""
+    last = {name: _mean([row[name] for row in log[-LAST:]]) for name in (log[-1] if log else {})}
+    wanted = ("episode/", "reward/", "motion/")
+    figures = {name: value for name, value in last.items() if name.startswith(wanted)}
+    training = {**record, "slrl_sumo": __version__, "last_updates": figures}
+    card = bundle.card.split(HEADING)[0].rstrip("\n") + "\n" + HEADING + _section(record, figures)
+    return replace(bundle, policy=policy.requires_grad_(False).eval(), policy_training=training, card=card)
+
+
+def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
+    settings = record["settings"]
+    weights = ", ".join(f"{name} {value:g}" for name, value in settings["reward"].items() if value)
+    lines = [
+        "",
+        "Chooses the modes by what a road user sees (`--selector greedy` or `sampled`). Trained by PPO: `slrl-sumo "
+        f"train {record['scenarios']} --bundle {record['bundle']} --steps {record['steps']} "
+        f"--workers {record['workers']} --seed {record['seed']}`,",
+        f"{settings['arena']['agents']} learned road users in each simulation, with background traffic; settings: "
+        "selector.json.",
+        "",
+        f"Weights of the reward's terms (slrl_sumo.learning.rl.rewards): {weights}.",
+        "",
+        f"Over the last {LAST} updates of training, modes drawn from the policy:",
+        "",
+        "| type | mean speed (m/s) | standing | contacts or losses per 1,000 steps |",
+        "|---|---|---|---|",
+    ]
+    for name in TYPE_NAMES:
+        speed, standing = figures.get(f"motion/mean_speed_{name}_mps"), figures.get(f"motion/standing_{name}")
+        ends = figures.get(f"episode/ends_per_1000_steps_{name}")
+        if speed is not None and standing is not None and ends is not None:
+            lines.append(f"| {name} | {speed:.2f} | {standing:.1%} | {ends:.2f} |")
+    lines += ["", KNOWS[settings["policy"]["preset"]], ""]
+    return "\n".join(lines)
+
+
+def _mean(values: list[float]) -> float:
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else 0.0

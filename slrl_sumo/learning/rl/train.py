@@ -1,0 +1,316 @@
+"""Training a selector from a bundle: networks, PPO, checkpoints, logs, and the bundle with its selector.
+
+Beside the bundle OUT stands a folder OUT-training with all that the training needs to go on after it was stopped:
+
+settings.json     what was asked for
+networks/         the generated scenarios
+checkpoint.pt     policy, optimiser and how far it is
+log.csv           the figures of every update; tensorboard/ holds the same as charts
+"""
+
+import csv
+import json
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, get_args
+
+import torch
+
+from netgen.errors import NetgenError
+from netgen.families import Family, generate
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.jobs.pool import Place, anywhere
+from slrl_sumo.learning.rl.arena_slots import ArenaSource
+from slrl_sumo.learning.rl.imitation import imitate, lessons, watch
+from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
+from slrl_sumo.learning.rl.rollouts import WorkerRollouts
+from slrl_sumo.learning.rl.selector_card import with_selector
+from slrl_sumo.learning.rl.training_log import EpisodeBook
+from slrl_sumo.learning.rl.training_settings import TrainSettings
+from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.sumo.recording_ground import everywhere_road
+from slrl_sumo.sumo.scenario import find_scenario
+
+Figures = dict[str, float]
+Report = Callable[[str, int, int, Figures], None]
+"""Told of what is going on, how much of it is done, how much there is in all, and its figures."""
+
+
+@dataclass(frozen=True)
+class TrainRequest:
+    """What is to be trained; the words are those of `slrl-sumo train`."""
+
+    scenarios: str
+    """Families (intersection, shared-space, random) or scenarios, separated by commas."""
+    bundle: str
+    out: Path
+    steps: int
+    """Agent-steps in all."""
+    workers: int = 2
+    seed: int = 1
+    device: str = "auto"
+    threads: int | None = None
+    """Of PyTorch in the update; None: as many as workers, which wait meanwhile, but no more than there are cores. On
+    cores that others keep busy, threads that wait for each other make updates slower; by ten times where they spin
+    (OMP_WAIT_POLICY)."""
+
+    recordings: tuple[Path, ...] = ()
+    """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
+
+    ray: str | None = None
+    """Where the simulations run: see slrl_sumo.jobs.pool.Place. It does not change the result."""
+
+    @property
+    def folder(self) -> Path:
+        """Where checkpoints and logs lie."""
+        return self.out.parent / f"{self.out.name}-training"
+
+
+def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, report: Report) -> ModelBundle:
+    """Train, save the bundle with its new selector as `request.out` and return it.
+
+    The policy is taught by imitation first (slrl_sumo.learning.rl.imitation), then by PPO. `report` hears of "watching"
+    and "imitation", then of "training": agent-steps, and the figures of every update (see EpisodeBook). With `resume`
+    the training goes on at its last checkpoint, exactly as without the break, or for more steps than were asked for
+    before (learning_rate and kl_coef are then those of their share of all); otherwise the folder must not hold one.
+    Raises InputError, SumoError (a worker that dies again and again).
+    """
+    bundle = load_bundle(request.bundle)
+    folder = request.folder
+    rollout_size = request.workers * settings.arena.agents * settings.ppo.num_steps
+    total = max(1, round(request.steps / rollout_size))
+    record = _record(request, settings)
+    state = _prepare(folder, record, resume)
+    scenarios = _scenarios(request.scenarios, settings, folder / "networks")
+    device = _device(request.device)
+    torch.set_num_threads(request.threads or min(request.workers, os.cpu_count() or 1))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(request.seed)
+        policy = Policy(replace(settings.policy, modes=bundle.config.modes))
+    agent = Agent(policy, bundle.prior, settings.ppo, device)
+    done = 0
+    if state is None:
+        figures = _taught(policy, bundle, request, scenarios, settings, report)
+        _write_json(folder / "imitation.json", figures)
+        agent.begin.load_state_dict(policy.state_dict())
+        _save_checkpoint(folder, agent, 0)
+    else:
+        done = int(state["iteration"])
+        if done < total and done % settings.networks.reset_every:
+            raise InputError(
+                f"{folder}: ended after {done} updates, in the middle of {settings.networks.reset_every} with the same "
+                "simulations, and cannot go on; train anew with more --steps"
+            )
+        agent.policy.load_state_dict(state["policy"])
+        agent.begin.load_state_dict(state["begin"])
+        agent.optimizer.load_state_dict(state["optimizer"])
+    extended = settings.policy.preset == "extended"
+    arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance, extended=extended)
+    source = ArenaSource(tuple(map(anywhere, scenarios)), anywhere(request.bundle, shipped_bundles()), arena)
+    rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Place(request.workers, request.ray))
+    log = _Log(folder, done, rollout_size)
+    book = EpisodeBook(request.workers * arena.agents)
+    reset_every = settings.networks.reset_every
+    clock = time.perf_counter()
+
+    def after(iteration: int, batch: Batch, infos: list[dict[str, Any]], losses: dict[str, float]) -> None:
+        nonlocal clock
+        if iteration % reset_every == 0:
+            book.start()
+        now = time.perf_counter()
+        speed = {"speed/agent_steps_per_s": rollout_size / (now - clock), "speed/workers_replaced": rollouts.replaced}
+        clock = now
+        figures = book.figures(batch, infos) | {f"loss/{name}": value for name, value in losses.items()} | speed
+        log.add(iteration, figures)
+        report("training", (iteration + 1) * rollout_size, total * rollout_size, figures)
+        if (iteration + 1) % reset_every == 0 or iteration + 1 == total:
+            _save_checkpoint(folder, agent, iteration + 1)
+
+    try:
+        learn(
+            agent,
+            rollouts,
+            settings.ppo,
+            iterations=range(done, total),
+            total=total,
+            reset_every=reset_every,
+            seed=request.seed,
+            after=after,
+        )
+    finally:
+        rollouts.close()
+        log.close()
+    taught = json.loads((folder / "imitation.json").read_text(encoding="utf-8"))
+    trained = with_selector(bundle, agent.policy.cpu(), record | {"imitation": taught}, log.rows)
+    trained = replace(trained, name=request.out.name)
+    trained.save(request.out)
+    return trained
+
+
+def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
+    """What decides the result, as JSON-ready values."""
+    asked = {
+        "scenarios": request.scenarios,
+        "bundle": request.bundle,
+        "recordings": [path.name for path in request.recordings],
+    }
+    numbers = {"steps": request.steps, "workers": request.workers, "seed": request.seed}
+    return json.loads(json.dumps({**asked, **numbers, "settings": asdict(settings)}))  # type: ignore[no-any-return]
+
+
+def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, Any] | None:
+    """Make the training's folder, or find the checkpoint to go on from."""
+    checkpoint, asked = folder / "checkpoint.pt", folder / "settings.json"
+    if checkpoint.exists() and not resume:
+        raise InputError(f"{folder}: holds a training already; go on with --resume, or give another --out")
+    if resume and asked.exists():
+        before = json.loads(asked.read_text(encoding="utf-8"))
+        longer = max(before.get("steps", 0), record["steps"])
+        odd = _difference(before | {"steps": longer}, record)
+        if odd:
+            raise InputError(f"{folder}: was begun with another {odd}; resume with the same settings")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_json(asked, record)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); give another --out") from None
+    if not checkpoint.exists():
+        return None
+    try:
+        state: dict[str, Any] = torch.load(checkpoint, weights_only=True)
+    except Exception as error:
+        raise InputError(f"{checkpoint}: is damaged ({error}); delete it to begin anew") from None
+    return state
+
+
+def _difference(a: Any, b: Any, where: str = "") -> str:
+    """The first key in which two JSON values differ, as section.key; empty where they are equal."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        for key in sorted(set(a) | set(b)):
+            odd = _difference(a.get(key), b.get(key), f"{where}.{key}" if where else key)
+            if odd:
+                return odd
+        return ""
+    return "" if a == b else f"{where} ({a} then, {b} now)"
+
+
+def _scenarios(text: str, settings: TrainSettings, folder: Path) -> tuple[str, ...]:
+    """Scenarios to open: those named, and the generated ones of families; all are looked up first."""
+    found: list[str] = []
+    for name in (part.strip() for part in text.split(",")):
+        if name not in get_args(Family):
+            find_scenario(name)
+            found.append(name)
+            continue
+        for seed in range(settings.networks.first_seed, settings.networks.first_seed + settings.networks.count):
+            place = folder / f"{name}-{seed}"
+            if not (place / f"{place.name}.sumocfg").exists():
+                try:
+                    generate(name, seed, place)
+                except NetgenError as error:
+                    raise InputError(str(error)) from None
+            found.append(str(place))
+    return tuple(found)
+
+
+def _taught(
+    policy: Policy,
+    bundle: ModelBundle,
+    request: TrainRequest,
+    scenarios: tuple[str, ...],
+    settings: TrainSettings,
+    report: Report,
+) -> Figures:
+    """Teach `policy` by imitation; returns the closing figures."""
+    plan = settings.imitation
+    last: Figures = {}
+    # Recordings know no routes: the preset `extended` is taught by looking ahead alone.
+    if not plan.epochs or settings.policy.preset == "extended":
+        return last
+    parts = []
+    sources: tuple[Path | str, ...] = (*request.recordings, *scenarios)
+    for number, source in enumerate(sources):
+        report("watching", number, len(sources), last)
+        if isinstance(source, Path):
+            recording = load_trajectories(source)
+            ground = everywhere_road(recording)
+        else:
+            # Seeds of SUMO, like those of the networks, that no evaluation uses.
+            recording, ground = watch(find_scenario(source), plan.seconds, settings.networks.first_seed + number)
+        parts.append(lessons(recording, ground, bundle, plan.stride))
+
+    def after(share: float, figures: Figures) -> None:
+        last.update(figures)
+        report("imitation", round(share * plan.epochs), plan.epochs, figures)
+
+    imitate(policy, bundle, parts, plan, request.seed, after)
+    return last
+
+
+def _write_json(file: Path, values: Any) -> None:
+    file.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+
+
+def _device(name: str) -> torch.device:
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError):
+        raise InputError(f"--device {name}: PyTorch has none of that name here; use cpu, or auto") from None
+    return torch.device(name)
+
+
+def _save_checkpoint(folder: Path, agent: Agent, iteration: int) -> None:
+    """All or nothing: a training that is killed while it writes goes on from the checkpoint before."""
+    state = {
+        "iteration": iteration,
+        "policy": agent.policy.state_dict(),
+        "begin": agent.begin.state_dict(),
+        "optimizer": agent.optimizer.state_dict(),
+    }
+    torch.save(state, folder / "checkpoint.new")
+    os.replace(folder / "checkpoint.new", folder / "checkpoint.pt")
+
+
+class _Log:
+    """log.csv and TensorBoard; what a stopped training wrote after its checkpoint is taken back."""
+
+    def __init__(self, folder: Path, done: int, rollout_size: int) -> None:
+        from torch.utils.tensorboard.writer import SummaryWriter
+
+        self.rows: list[dict[str, float]] = []
+        self._file = folder / "log.csv"
+        self._size = rollout_size
+        if done and self._file.exists():
+            with self._file.open(newline="", encoding="utf-8") as file:
+                rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+            self.rows = [row for row in rows if row["iteration"] < done]
+        self._open = self._file.open("w", newline="", encoding="utf-8")
+        self._writer: csv.DictWriter[str] | None = None
+        for row in self.rows:
+            self._write(row)
+        self._charts = SummaryWriter(str(folder / "tensorboard"), purge_step=done * rollout_size)
+
+    def add(self, iteration: int, figures: Figures) -> None:
+        row = {"iteration": float(iteration), "agent_steps": float((iteration + 1) * self._size), **figures}
+        self.rows.append(row)
+        self._write(row)
+        self._open.flush()
+        for name, value in figures.items():
+            self._charts.add_scalar(name, value, (iteration + 1) * self._size)
+
+    def close(self) -> None:
+        self._open.close()
+        self._charts.close()
+
+    def _write(self, row: dict[str, float]) -> None:
+        if self._writer is None:
+            self._writer = csv.DictWriter(self._open, list(row))
+            self._writer.writeheader()
+        self._writer.writerow(row)

@@ -1,0 +1,57 @@
+"""What a training reports: per update, the figures of episodes, rewards and losses, by type."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.learning.rl.ppo import Batch
+from slrl_sumo.learning.rl.rewards import TERMS
+from slrl_sumo.metrics.counters import STANDING_SPEED
+from slrl_sumo.scene.types import TYPE_NAMES
+
+
+class EpisodeBook:
+    """Follows the episodes of n slots from step to step."""
+
+    def __init__(self, slots: int) -> None:
+        self._return = np.zeros(slots)
+
+    def start(self) -> None:
+        """All simulations begin anew: episodes under way are forgotten."""
+        self._return[:] = 0.0
+
+    def figures(self, batch: Batch, infos: list[dict[str, Any]]) -> dict[str, float]:
+        """The figures of one rollout, for a chart: names with a slash as TensorBoard groups them. Slots of which an
+        info says `replaced` began anew just before that step.
+
+        `episode/return`: mean over episodes that ended in it (NaN where none did); `episode/success`: their share that
+        ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
+        `motion/…`: mean speed (m/s) and standing share per type.
+        """
+        reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()
+        ended = terminated | batch.truncated.numpy()
+        replaced = np.stack([info["replaced"] for info in infos])
+        kind = np.stack([info["type"] for info in infos])
+        speed = np.stack([info["speed_mps"] for info in infos])
+        returns: list[NDArray[np.float64]] = []
+        for t in range(len(reward)):
+            self._return[replaced[t]] = 0.0
+            self._return += reward[t]
+            returns.append(self._return[ended[t]])
+            self._return[ended[t]] = 0.0
+        result = {"episode/return": _mean(np.concatenate(returns)), "episode/success": _mean(~terminated[ended])}
+        result["reward/total"] = float(reward.mean())
+        for name in TERMS:
+            result[f"reward/{name}"] = float(np.mean([info[name] for info in infos]))
+        for number, name in enumerate(TYPE_NAMES):
+            mine = kind == number
+            result[f"episode/success_{name}"] = _mean(~terminated[ended & mine])
+            result[f"motion/mean_speed_{name}_mps"] = _mean(speed[mine])
+            result[f"motion/standing_{name}"] = _mean(speed[mine] < STANDING_SPEED)
+            result[f"episode/ends_per_1000_steps_{name}"] = 1000.0 * _mean(terminated[mine])
+        return result
+
+
+def _mean(values: NDArray[Any]) -> float:
+    return float(values.mean()) if len(values) else float("nan")

@@ -1,0 +1,1 @@
+"""Supervised learning: windows, modes, displacement models and prior from recordings."""

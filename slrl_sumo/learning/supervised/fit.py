@@ -1,0 +1,314 @@
+"""Supervised fit: recordings -> modes, displacement models and prior (paper, sections 3.1, 3.2 and 4.1)."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import sklearn
+import torch
+from numpy.typing import NDArray
+from torch.nn import functional
+
+import slrl_sumo
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.learning.supervised.model_card import model_card
+from slrl_sumo.learning.supervised.modes import AT_ONCE, assign, cluster, curved
+from slrl_sumo.learning.supervised.network_training import HEADING, rolled, train_displacement, train_prior
+from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
+from slrl_sumo.models.bundle import BundleConfig, ModelBundle
+from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
+from slrl_sumo.models.prior import Prior
+from slrl_sumo.models.stacked_networks import StackedNetworks
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+
+HELD_OUT = 0.1
+"""Share of the tracks of each type that is kept out of training."""
+
+MIRROR_BELOW = 20_000
+"""A type with fewer windows than this is taught by its mirrored ones too. Left and right are not alike in traffic, but
+a few road users cannot show how they differ; and on held-out recordings of HC and SDD the mirror paid for all types."""
+
+MODES_BY = ("relative", "kmeans", "balanced", "curved")
+"""How modes are found: K-Means over destinations relative to the own speed (Windows.relative), the default because it
+predicted held-out recordings of HC and SDD best (docs/prediction.md); over destinations as in the paper; the same
+balanced between turning and going straight (slrl_sumo.learning.supervised.modes.balance); or, for vehicles, balanced over that
+distance and the curvature of the first 2 s (slrl_sumo.learning.supervised.modes.curved), so that there are modes that slow down in
+a turn; their models learn those 2 s."""
+
+BALANCED = ("balanced", "curved")
+
+TURNING = 0.02
+"""rad/s; a road user with a higher yaw rate is turning."""
+
+MOVING_DISTANCE = 2.4
+"""m in the 4.8 s of a window from which somebody is in motion: 0.5 m/s, the paper's r3."""
+
+FREE_TURNING = 0.5
+"""m/s from which on pedestrians turn as quickly as they ever do; below it the less the slower they are."""
+
+Longs = NDArray[np.int64]
+
+
+def fit(
+    recordings: Sequence[Trajectories],
+    *,
+    name: str,
+    seed: int,
+    epochs: int = 35,
+    stride: int = 1,
+    modes: str = "relative",
+    tests: Sequence[Trajectories] = (),
+    notice: str = "",
+    mirror: bool = False,
+    forget: float = 0.0,
+) -> ModelBundle:
+    """Learn a bundle called `name` from recordings of all three road user types.
+
+    Errors are measured on `tests`, recordings of all three types that nothing is learned from; without them on
+    HELD_OUT of the tracks of each type, which are kept out of training. `stride` > 1 uses every stride-th frame only;
+    `modes` is one of MODES_BY; `mirror` teaches every type by its mirrored windows too, not only those with few;
+    `forget` is that of train_displacement; `notice` is what the licence of the data wants said in the model card. The
+    same seed and recordings give the same weights on one machine, whatever the number of threads. Raises InputError
+    where the recordings have another interval or too little of a type.
+    """
+    if not recordings:
+        raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
+    for recording in (*recordings, *tests):
+        if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
+            raise InputError(
+                f"recording {recording.source or 'without a source'} has an interval of {recording.dt} s, "
+                f"fit needs {DECISION_INTERVAL} s; import it again with that interval"
+            )
+    if modes not in MODES_BY:
+        raise InputError(f"--modes {modes}: there is no such clustering; use {', '.join(MODES_BY)}")
+    with one_thread():
+        return _fit(recordings, tests, name, seed, epochs, stride, modes, notice, mirror, forget)
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let torch compute in one thread: the networks are so small that threads mostly wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _fit(
+    recordings: Sequence[Trajectories],
+    tests: Sequence[Trajectories],
+    name: str,
+    seed: int,
+    epochs: int,
+    stride: int,
+    modes: str,
+    notice: str,
+    mirror: bool,
+    forget: float,
+) -> ModelBundle:
+    every = windows([*recordings, *tests], stride)
+    held_out = every.recording >= len(recordings) if tests else _hold_out(every, seed)
+    _check_types(every, held_out)
+    train = every.take(~held_out)
+    few = np.bincount(train.type, minlength=len(RoadUserType)) < MIRROR_BELOW
+    few |= mirror
+    train = joined([train, mirrored(train.take(few[train.type]))])
+    config = BundleConfig()
+    centres = np.stack(
+        [
+            cluster(goals(train, modes)[train.type == t], config.modes, seed, TYPE_NAMES[t], balanced=modes in BALANCED)
+            for t in RoadUserType
+        ]
+    )
+    mode = _modes_of(train, modes, centres)
+    counts = np.stack([np.bincount(mode[train.type == t], minlength=config.modes) for t in RoadUserType])
+
+    models = DisplacementModels(config.modes, config.displacement_hidden)
+    prior = Prior(config.modes, config.prior_hidden)
+    _set_bounds(models, train)
+    for networks in (models.networks, prior.networks):
+        _set_normalisation(networks, train)
+    generator = torch.Generator().manual_seed(seed)
+    # Modes that say how to turn at once would go round in circles if they were held for longer than they say.
+    horizon = AT_ONCE if modes == "curved" else FUTURE
+    train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
+    train_prior(prior, train, mode, epochs, generator)
+
+    training: dict[str, Any] = {
+        "recordings": [{"source": r.source, "licence": r.licence, "tracks": len(r.ids)} for r in recordings],
+        "notice": notice,
+        "stride": stride,
+        "seed": seed,
+        "epochs": epochs,
+        "modes": config.modes,
+        "modes_by": modes,
+        "forget": forget,
+        "mirrored": [TYPE_NAMES[t] for t in RoadUserType if few[t]],
+        "held_out_share": None if tests else HELD_OUT,
+        "tests": [recording.source for recording in tests],
+        "versions": {
+            "slrl_sumo": slrl_sumo.__version__,
+            "torch": str(torch.__version__),
+            "scikit_learn": sklearn.__version__,
+        },
+        "types": {
+            TYPE_NAMES[t]: _measured(models, prior, every, held_out, centres, counts[t], modes, t) for t in RoadUserType
+        },
+    }
+    return ModelBundle(
+        name=name,
+        config=config,
+        mode_centres=centres,
+        mode_counts=counts,
+        displacement=models.requires_grad_(False).eval(),
+        prior=prior.requires_grad_(False).eval(),
+        training=training,
+        card=model_card(name, training),
+    )
+
+
+def _hold_out(every: Windows, seed: int) -> NDArray[np.bool_]:
+    """Which windows, (N,), belong to the tracks that are kept out of training: HELD_OUT of each type, at least one."""
+    random = np.random.default_rng(seed)
+    identity = every.recording * (every.track.max(initial=0) + 1) + every.track
+    chosen = []
+    for t in RoadUserType:
+        tracks = np.unique(identity[every.type == t])
+        chosen.append(random.permutation(tracks)[: max(1, round(HELD_OUT * len(tracks)))])
+    return np.isin(identity, np.concatenate(chosen))
+
+
+def _check_types(every: Windows, held_out: NDArray[np.bool_]) -> None:
+    identity = np.stack([every.recording, every.track])
+    for t in RoadUserType:
+        mine = every.type == t
+        train, test = (np.unique(identity[:, mine & who], axis=1).shape[1] for who in (~held_out, held_out))
+        if not (train and test):
+            raise InputError(
+                f"{TYPE_NAMES[t]}: {train + test} tracks of 6 s or longer in the recordings, a bundle needs at least "
+                f"2 of every type, to learn from and to test; add recordings with {TYPE_NAMES[t]} traffic"
+            )
+
+
+def goals(every: Windows, modes: str) -> Floats:
+    """What modes of this kind (one of MODES_BY) are clusters of, (N, 2): m, or what `curved` gives."""
+    if modes == "relative":
+        return every.relative
+    if modes == "curved":
+        goal = every.destination.copy()
+        for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
+            mine = every.type == kind
+            goal[mine] = curved(goal[mine], every.path[mine, AT_ONCE - 1], kind)
+        return goal
+    return every.destination
+
+
+def _modes_of(every: Windows, modes: str, centres: Floats) -> Longs:
+    """The mode of each window, (N,)."""
+    goal, mode = goals(every, modes), np.zeros(len(every), np.int64)
+    for t in RoadUserType:
+        mode[every.type == t] = assign(goal[every.type == t], centres[t])
+    return mode
+
+
+def _set_bounds(models: DisplacementModels, train: Windows) -> None:
+    """Bound each type by what it was recorded to do while in motion (standing ones would only narrow the bounds)."""
+    before = train.vector[:, SPEED].astype(np.float64)
+    after = before + train.acceleration * DECISION_INTERVAL
+    for t in RoadUserType:
+        rows = train.type == t
+        moving = rows & (np.maximum(before, after) > 0.1)
+        rows = moving if moving.any() else rows
+        # Most moments are straight ahead (walkers in SUMO turn at corners only): their share must not rule the turns.
+        turning = rows & (np.abs(train.yaw_rate) > TURNING)
+        turning = turning if turning.any() else rows
+        for bounds, values in (
+            (models.acceleration_bounds, train.acceleration[rows]),
+            (models.yaw_rate_bounds, train.yaw_rate[turning]),
+        ):
+            lowest, highest = np.percentile(values, (1, 99))
+            bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
+        fast = rows & (after > 1.0)
+        if t == RoadUserType.PEDESTRIAN:
+            models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
+        elif fast.any():
+            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[fast]) / after[fast], 99))
+        models.max_speed[t] = float(np.percentile(before[train.type == t], 99))
+
+
+def _set_normalisation(networks: StackedNetworks, train: Windows) -> None:
+    """Mean and 1 / standard deviation of each feature and type; 0 for features that are constant in a type."""
+    for t in RoadUserType:
+        vector = train.vector[train.type == t].astype(np.float64)
+        mean, deviation = vector.mean(0), vector.std(0)
+        mean[HEADING], deviation[HEADING] = 0.0, np.pi / np.sqrt(3)  # every direction alike: as `turned` makes them
+        varies = deviation > 1e-6
+        networks.mean[t] = torch.from_numpy(mean)
+        networks.scale[t] = torch.from_numpy(np.where(varies, 1 / np.where(varies, deviation, 1.0), 0.0))
+
+
+@torch.inference_mode()
+def _measured(
+    models: DisplacementModels,
+    prior: Prior,
+    every: Windows,
+    held_out: NDArray[np.bool_],
+    centres: Floats,
+    counts: Longs,
+    modes: str,
+    t: RoadUserType,
+) -> dict[str, Any]:
+    """The training record of one type: sizes, errors on its held-out windows, bounds."""
+    mine = every.type == t
+    test, train = every.take(held_out & mine), every.take(~held_out & mine)
+    true = torch.from_numpy(_modes_of(test, modes, centres))
+    vector, kind = torch.from_numpy(test.vector), torch.from_numpy(test.type)
+    target = torch.from_numpy(test.displacement).float()
+    acceleration, yaw_rate = (both.gather(1, true[:, None])[:, 0] for both in models.motion_all(vector, kind))
+    speed = vector[:, SPEED]
+    moved = displacement(speed, acceleration, yaw_rate, models.max_speed[kind])
+    straight = torch.stack([speed * DECISION_INTERVAL, torch.zeros_like(speed)], -1)
+    error, straight_error = (moved - target).norm(dim=-1), (straight - target).norm(dim=-1)
+    arrived = rolled(models, vector[:, None], kind, true)[0][:, 0, -1]
+    arrival_error = (arrived - torch.from_numpy(test.destination).float()).norm(dim=-1)
+    seen = torch.bincount(true, minlength=len(counts))
+    way = np.hypot(train.destination[:, 0], train.destination[:, 1])
+    moving = way > MOVING_DISTANCE
+
+    def by_mode(values: torch.Tensor) -> list[float]:
+        return (torch.bincount(true, values.double(), len(counts)) / seen.clamp_min(1)).tolist()
+
+    logits = prior.logits(vector, kind)
+    frequency = torch.from_numpy((counts + 1) / (counts + 1).sum())
+    return {
+        "tracks": len(np.unique(np.stack([every.recording, every.track])[:, mine], axis=1).T),
+        "windows": int(mine.sum()),
+        "held_out_windows": len(test),
+        "smallest_mode": int(counts.min()),
+        "displacement_error_m": float(error.mean()),
+        "constant_velocity_error_m": float(straight_error.mean()),
+        "destination_error_m": float(arrival_error.mean()),
+        "by_mode": {
+            "windows": counts.tolist(),
+            "held_out_windows": seen.tolist(),
+            "displacement_error_m": by_mode(error),
+            "constant_velocity_error_m": by_mode(straight_error),
+            "destination_error_m": by_mode(arrival_error),
+        },
+        "prior_cross_entropy_nats": float(functional.cross_entropy(logits, true)),
+        "frequency_cross_entropy_nats": float(-frequency[true].log().mean()),
+        "prior_accuracy": float((logits.argmax(-1) == true).float().mean()),
+        "most_frequent_accuracy": float((true == int(counts.argmax())).float().mean()),
+        "moving_speed_mps": float(way[moving].mean() / (FUTURE * DECISION_INTERVAL)) if moving.any() else None,
+        "speed_percentiles_mps": np.percentile(train.vector[:, SPEED], (1, 99)).tolist(),
+        "acceleration_percentiles_mps2": np.percentile(train.acceleration, (1, 99)).tolist(),
+        "acceleration_bounds_mps2": models.acceleration_bounds[t].tolist(),
+        "yaw_rate_bounds_radps": models.yaw_rate_bounds[t].tolist(),
+        "max_curvature_per_m": float(models.max_curvature[t]),
+        "max_speed_mps": float(models.max_speed[t]),
+    }

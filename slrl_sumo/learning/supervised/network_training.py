@@ -1,0 +1,228 @@
+"""Supervised training of the stacked networks, batched over types and modes."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+from torch import Tensor
+from torch.nn import functional
+
+from slrl_sumo.learning.supervised.windows import FUTURE, Windows
+from slrl_sumo.models.displacement import SPEED, DisplacementModels, new_speed
+from slrl_sumo.models.prior import Prior
+from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+
+LEARNING_RATE = 3e-3
+"""Of Adam at the start; it falls linearly to 0 over the epochs."""
+
+TYPE_EPOCHS = 10
+"""Epochs in which all modes of a type learn as one before they part: a mode may have only a handful of windows."""
+
+STEPS = 8
+"""Steps an epoch has at least, where there are windows enough for it: else little data would mean hardly any steps.
+Many more of them made modes with few windows overfit (tried on the HC recordings)."""
+
+KINEMATIC_WEIGHT = 0.1
+"""Weight of the first step's acceleration and yaw rate errors beside the position errors: near standstill positions
+say nothing about the turn, and nothing about how hard a stopped road user brakes."""
+
+EPOCH_PATHS = 120_000
+"""Windows an epoch of paths draws at most: those of successive moments share 11 of 12 intervals, so of a million any
+eighth says as much. Each group of a model gets the same share, or all that it has: modes for rare manoeuvres have a few
+hundred windows of a million, and would hardly learn."""
+
+PRIOR_PENALTY = 1.0
+"""Of the sum of squared weights of the mode classifiers, beside the sum of the windows' cross-entropies. Found on HC:
+it made the 400 windows of cyclists and cars say less about other cyclists and cars, and changed nothing for walkers."""
+
+MODE_PENALTY = 3.0
+"""Of the sum of squared differences between the weights of a mode's model and those its type has in common, beside
+the sum of the windows' errors: a mode with few windows keeps to what its type does. Found on HC
+(docs/prediction.md)."""
+
+ACCELERATION = FEATURES.index("acceleration")
+HEADING = FEATURES.index("heading")
+Longs = NDArray[np.int64]
+
+
+def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
+    """Feature vectors (..., 12) with a new random heading each: which way is north must not matter to the models."""
+    turned = vector.clone()
+    turned[..., HEADING] = (torch.rand(vector.shape[:-1], generator=generator) * 2 - 1) * torch.pi
+    return turned
+
+
+def _epochs(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator[None]:
+    """Run through `count` epochs with a falling learning rate, and a bar on stderr where somebody watches it."""
+    console = Console(stderr=True)
+    for epoch in track(range(count), what, console=console, transient=True, disable=not console.is_terminal):
+        optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1 - epoch / count)
+        yield
+
+
+def _batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) -> Iterator[Tensor]:
+    """One epoch: int64 indices (up to `blocks`, `rows`) of windows, in blocks that share a group.
+
+    Every window comes up once, and the last block of a group is filled up with windows of the group. The blocks of
+    each group are spread evenly over the epoch, so that every step sees the groups in the same proportion.
+    """
+    order = np.lexsort((random.random(len(group)), group))
+    made, place = [], []
+    for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        n = -(-len(mine) // rows)
+        filled = np.concatenate([mine, random.choice(mine, n * rows - len(mine))])
+        made.append(filled.reshape(n, rows))
+        place.append((np.arange(n) + random.random(n)) / n)
+    mixed = np.concatenate(made)[np.argsort(np.concatenate(place), kind="stable")]
+    blocks = min(blocks, -(-len(mixed) // STEPS))
+    for first in range(0, len(mixed), blocks):
+        yield torch.from_numpy(mixed[first : first + blocks])
+
+
+def train_displacement(
+    models: DisplacementModels,
+    train: Windows,
+    mode: Longs,
+    epochs: int,
+    generator: torch.Generator,
+    *,
+    forget: float = 0.0,
+    horizon: int = FUTURE,
+) -> None:
+    """Train all displacement models at once, each on the windows of its type and mode (N,).
+
+    A model is rolled out over `horizon` intervals, usually the 4.8 s to the destination, fed with its own speed and
+    acceleration as in a run, and all positions on the way count: a model that is trained on single steps drifts where
+    errors add up. `forget`: share of the windows in which they are not told the acceleration. Who accelerates goes on
+    accelerating, so models that always know it wait for what they are to begin: a mode must say by itself what to do.
+    They start as constant velocity, then all modes of a type learn the same for TYPE_EPOCHS, then each its own.
+    """
+    networks = models.networks
+    networks.initialise(generator)
+    _train_paths(
+        models, train, np.zeros_like(mode), min(TYPE_EPOCHS, epochs), "paths of types", generator, forget, horizon
+    )
+    with torch.no_grad():
+        for parameter in networks.parameters():
+            parameter.copy_(parameter[:, :1].expand_as(parameter))
+    _train_paths(models, train, mode, epochs, "paths of modes", generator, forget, horizon)
+
+
+def rolled(
+    models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tensor, horizon: int = FUTURE
+) -> tuple[Tensor, Tensor]:
+    """What becomes of road users that follow one mode for `horizon` intervals, their surroundings staying as they are.
+
+    `vector` (n, rows, 12), `kind` and `mode` (n,) as in `DisplacementModels.motion_blocks`. Returns the positions
+    (n, rows, horizon, 2) in m, in the ego frame of the start, and acceleration and yaw rate (n, rows, 2) of the first
+    step.
+    """
+    top = models.max_speed[kind][:, None]
+    speed, rest = vector[..., SPEED], vector[..., ACCELERATION + 1 :]
+    x = y = heading = torch.zeros_like(speed)
+    positions, first = [], torch.zeros(0)
+    for step in range(horizon):
+        acceleration, yaw_rate = models.motion_blocks(vector, kind, mode)
+        if step == 0:
+            first = torch.stack([acceleration, yaw_rate], -1)
+        after = new_speed(speed, acceleration, top)
+        middle = heading + 0.5 * DECISION_INTERVAL * yaw_rate
+        x = x + DECISION_INTERVAL * after * middle.cos()
+        y = y + DECISION_INTERVAL * after * middle.sin()
+        heading = heading + DECISION_INTERVAL * yaw_rate
+        vector = torch.cat([torch.stack([after, (after - speed) / DECISION_INTERVAL], -1), rest], -1)
+        speed = after
+        positions.append(torch.stack([x, y], -1))
+    return torch.stack(positions, -2), first
+
+
+def _train_paths(
+    models: DisplacementModels,
+    train: Windows,
+    mode: Longs,
+    epochs: int,
+    what: str,
+    generator: torch.Generator,
+    forget: float,
+    horizon: int,
+) -> None:
+    vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
+    target = torch.from_numpy(train.path[:, :horizon].astype(np.float32))
+    # What is beyond the bounds cannot be learned; the position errors still count it.
+    bounds = torch.stack([models.acceleration_bounds, models.yaw_rate_bounds], -1)[kind]
+    kinematics = torch.from_numpy(np.stack([train.acceleration, train.yaw_rate], -1)).float()
+    kinematics = kinematics.clamp(bounds[:, 0], bounds[:, 1])
+    # Errors count relative to those of constant velocity at that time, so that walking and driving, and the first
+    # step and the last, weigh alike.
+    ahead = torch.arange(1, horizon + 1) * DECISION_INTERVAL
+    usual, unit = [], []
+    for t in RoadUserType:
+        mine = kind == int(t)
+        straight = torch.stack([vector[mine, SPEED, None] * ahead, torch.zeros(int(mine.sum()), horizon)], -1)
+        usual.append((straight - target[mine]).square().mean((0, 2)).sqrt().clamp_min(1e-2))
+        unit.append(kinematics[mine].square().mean(0).sqrt().clamp_min(1e-3))
+    path_scale, kinematic_scale = torch.stack(usual), torch.stack(unit)
+    random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
+    group = train.type * models.networks.members + mode
+    common = [weight.detach().clone() for weight in models.networks.weight]
+    optimizer = torch.optim.Adam(models.parameters())
+    for _ in _epochs(epochs, what, optimizer):
+        some = _some(group, random)
+        for rows in _batches(group[some], 64, 120, random):
+            rows = torch.from_numpy(some)[rows]
+            of = kind[rows[:, 0]]
+            seen = turned(vector[rows], generator)
+            if forget:
+                seen[..., ACCELERATION] *= torch.rand(rows.shape, generator=generator) >= forget
+            path, first = rolled(models, seen, of, chosen[rows[:, 0]], horizon)
+            error = _huber((path - target[rows]) / path_scale[of][:, None, :, None])
+            error = error + KINEMATIC_WEIGHT * _huber((first - kinematics[rows]) / kinematic_scale[of][:, None])
+            apart = [(w - c).square().sum() for w, c in zip(models.networks.weight, common, strict=True)]
+            error = error + MODE_PENALTY / len(train) * torch.stack(apart).sum()
+            optimizer.zero_grad()
+            torch.autograd.backward(error)
+            optimizer.step()
+
+
+def _some(group: Longs, random: np.random.Generator) -> Longs:
+    """Windows of one epoch, int64 indices in a random order; `group` (N,) as in `_batches`."""
+    order = random.permutation(len(group))
+    if len(group) <= EPOCH_PATHS:
+        return order
+    # The same number of each group, as far as it goes.
+    share = EPOCH_PATHS // len(np.unique(group))
+    grouped = order[np.argsort(group[order], kind="stable")]
+    first = np.searchsorted(group[grouped], group[grouped])
+    chosen = np.zeros(len(group), np.bool_)
+    chosen[grouped[np.arange(len(group)) - first < share]] = True
+    return order[chosen[order]]
+
+
+def _huber(error: Tensor) -> Tensor:
+    """Mean Huber loss: a few wild recorded positions must not rule a model with few windows."""
+    return functional.smooth_l1_loss(error, torch.zeros_like(error))
+
+
+def train_prior(prior: Prior, train: Windows, mode: Longs, epochs: int, generator: torch.Generator) -> None:
+    """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,).
+
+    The weights have a Gaussian prior (PRIOR_PENALTY): a type with few windows learns less from each of them.
+    """
+    prior.networks.initialise(generator)
+    vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
+    random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
+    optimizer = torch.optim.Adam(prior.parameters())
+    for _ in _epochs(epochs, "prior", optimizer):
+        for rows in _batches(train.type, 128, 36, random):
+            t = kind[rows[:, 0]]
+            logits = prior.networks(turned(vector[rows], generator), t, torch.zeros_like(t))
+            size = torch.stack([weight.square().sum() for weight in prior.networks.weight]).sum()
+            error = functional.cross_entropy(logits.flatten(0, 1), chosen[rows].flatten())
+            error = error + PRIOR_PENALTY / len(train) * size
+            optimizer.zero_grad()
+            torch.autograd.backward(error)
+            optimizer.step()

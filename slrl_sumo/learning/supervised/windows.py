@@ -1,0 +1,151 @@
+"""Windows: what road users saw in recordings, what they did next and where they were 4.8 s later."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import track
+
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.perception.features import FEATURES, features
+from slrl_sumo.scene.geometry import Floats, to_ego
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+
+PAST = 2
+"""Intervals a road user must have been recorded for: a speed needs one, an acceleration two."""
+
+FUTURE = 12
+"""Intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
+
+OWN_SPEED = 0.75
+"""Share of constant velocity that is taken out of relative destinations. With 1, modes only say what changes; with 0
+they are the paper's, where half of the 20 modes of pedestrians are for speeds that a given one does not have. Of 0,
+0.5, 0.75 and 1 it predicted held-out recordings of HC and SDD best (docs/prediction.md)."""
+
+BACKWARDS = 0.3
+"""m/s; a car that moves against its heading faster than this reverses."""
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """N moments of recorded road users, as parallel arrays. Ego frame: that of the moment itself."""
+
+    vector: NDArray[np.float32]
+    """Features at the moment, (N, 12)."""
+    type: NDArray[np.int64]
+    """RoadUserType, (N,)."""
+    acceleration: Floats
+    """m/s² carried out in the next interval, (N,)."""
+    yaw_rate: Floats
+    """rad/s carried out in the next interval, (N,)."""
+    path: Floats
+    """Positions after each of the next 12 intervals, (N, 12, 2) m, ego frame."""
+    track: NDArray[np.int64]
+    """Index of the track in its recording, (N,)."""
+    recording: NDArray[np.int64]
+    """Index of the recording, (N,)."""
+    frame: NDArray[np.int64]
+    """Frame of the moment in its recording, (N,)."""
+
+    def __len__(self) -> int:
+        return len(self.type)
+
+    @property
+    def displacement(self) -> Floats:
+        """Position after the next interval, (N, 2) m, ego frame."""
+        return self.path[:, 0]
+
+    @property
+    def destination(self) -> Floats:
+        """Position after 12 intervals, (N, 2) m, ego frame."""
+        return self.path[:, -1]
+
+    @property
+    def relative(self) -> Floats:
+        """Destination less OWN_SPEED of the way that the own speed would lead straight on, (N, 2) m, ego frame."""
+        ahead = OWN_SPEED * FUTURE * DECISION_INTERVAL * self.vector[:, FEATURES.index("speed")].astype(np.float64)
+        return self.destination - np.stack([ahead, np.zeros(len(self))], -1)
+
+    def take(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> "Windows":
+        """The windows `rows` (a mask or indices)."""
+        return Windows(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
+    """All windows of the recordings: each row that has 2 rows before it and 12 after it in its track.
+
+    With `stride` > 1 only every stride-th frame number counts. Parked road users have no windows, and neither have cars
+    that reverse in the intervals before or in the next one: the models drive forwards only, and would learn to speed up
+    from it. A car that stands and reverses later has some: the nearest that the models can do is to stand. Features
+    come from the same code that live simulation uses, with every recorded road user of the frame around, parked and
+    reversing ones among them.
+    """
+    console = Console(stderr=True)
+    numbered = track(
+        enumerate(recordings),
+        "windows",
+        total=len(recordings),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+    )
+    return joined([_of_one(recording, index, stride) for index, recording in numbered])
+
+
+def joined(parts: Sequence[Windows]) -> Windows:
+    """The windows of all parts, one after the other."""
+    names = Windows.__dataclass_fields__
+    return Windows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def mirrored(windows: Windows) -> Windows:
+    """The windows seen in a mirror: what was on the left is on the right."""
+    vector = windows.vector.copy()
+    vector[:, FEATURES.index("heading")] *= -1
+    return replace(windows, vector=vector, yaw_rate=-windows.yaw_rate, path=windows.path * np.array([1.0, -1.0]))
+
+
+def reversing(recording: Trajectories) -> NDArray[np.bool_]:
+    """Whether the row's car drove backwards in the last interval, (R,). Steps below BACKWARDS are noise."""
+    dx, dy = np.diff(recording.x, prepend=0.0), np.diff(recording.y, prepend=0.0)
+    ahead = dx * np.cos(recording.heading) + dy * np.sin(recording.heading)
+    back = (ahead < 0.0) & (np.hypot(dx, dy) > BACKWARDS * recording.dt)
+    back[recording.starts[:-1]] = False
+    return np.asarray(back & (recording.type[recording.track] == RoadUserType.CAR))
+
+
+def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
+    row = np.arange(PAST, len(recording.frame) - FUTURE)
+    # Rows of a track follow each other frame by frame, so both ends in one track mean a window without a gap.
+    whole = recording.track[row - PAST] == recording.track[row + FUTURE]
+    backwards = np.cumsum(reversing(recording))
+    forwards = backwards[row - PAST] == backwards[row + 1]
+    row = row[whole & forwards & (recording.frame[row] % stride == 0) & ~recording.parked[recording.track[row]]]
+    heading = recording.heading[row, None]
+    later = row[:, None] + np.arange(1, FUTURE + 1)
+    dx = recording.x[later] - recording.x[row, None]
+    dy = recording.y[later] - recording.y[row, None]
+    return Windows(
+        vector=_vectors(recording, row),
+        type=recording.type[recording.track[row]].astype(np.int64),
+        acceleration=recording.acceleration[row + 1],
+        yaw_rate=recording.yaw_rate[row + 1],
+        path=np.stack(to_ego(dx, dy, heading), -1),
+        track=recording.track[row].astype(np.int64),
+        recording=np.full(len(row), index, np.int64),
+        frame=recording.frame[row].astype(np.int64),
+    )
+
+
+def _vectors(recording: Trajectories, row: NDArray[np.intp]) -> NDArray[np.float32]:
+    """Feature vectors (len(row), 12) of rows of a recording, frame by frame."""
+    vector = np.zeros((len(row), len(FEATURES)), np.float32)
+    place = np.full(len(recording), -1)
+    place[row] = np.arange(len(row))
+    for frame in np.unique(recording.frame[row]):
+        here = place[recording.rows_at(frame)]  # in the order of the frame's world
+        wanted = np.flatnonzero(here >= 0)
+        vector[here[wanted]] = features(recording.world(frame), wanted)
+    return vector

@@ -1,0 +1,87 @@
+"""Where road users get to in the next seconds under each of their modes."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from slrl_sumo.scene.advance import HALT, INTENT
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
+
+STEPS = 8
+"""Intervals that are looked ahead: 3.2 s."""
+HELD = 5
+"""Intervals for which a mode's acceleration and yaw rate are kept up; then speed and heading stay."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModeRollouts:
+    """Of n road users under each mode, after each of STEPS intervals: (n, STEPS, modes) each, in m and m/s."""
+
+    x: Floats
+    y: Floats
+    cos: Floats
+    """Of the heading."""
+    sin: Floats
+    speed: Floats
+    way: Floats
+    """m covered by then."""
+
+
+def roll_out(users: WorldState, acceleration: Floats, yaw_rate: Floats, top: Floats, *, halting: bool) -> ModeRollouts:
+    """How `advance` would move n road users that keep up a mode's `acceleration` and `yaw_rate`, (n, modes), for HELD
+    intervals, and then speed and heading; up to the speed `top`, (n,). With `halting` as `scene.advance.halting` has
+    it."""
+    intent = INTENT if halting else -np.inf
+    # numpy's tan takes a tenth of the time of a compiled cosine and sine (see geometry.cos_sin).
+    tan = np.tan(0.25 * DECISION_INTERVAL * yaw_rate)
+    return ModeRollouts(
+        *_courses(users.x, users.y, users.heading, users.speed, acceleration, tan, top, intent, HALT, DECISION_INTERVAL)
+    )
+
+
+@compiled
+def _courses(
+    x: Floats,
+    y: Floats,
+    heading: Floats,
+    speed: Floats,
+    acceleration: Floats,
+    tan: Floats,
+    top: Floats,
+    intent: float,
+    halt: float,
+    dt: float,
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
+    """The fields of ModeRollouts; `tan` (n, modes) of a quarter of the turn of one interval. Who accelerates by
+    less than `intent` and would be slower than `halt` stops."""
+    n, modes = acceleration.shape
+    at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
+    at_sin, at_speed, at_way = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
+    for i in range(n):
+        begin_c, begin_s = math.cos(heading[i]), math.sin(heading[i])
+        for mode in range(modes):
+            gain, ends = dt * acceleration[i, mode], acceleration[i, mode] < intent
+            px, py, way, now, c, s = x[i], y[i], 0.0, speed[i], begin_c, begin_s
+            square = tan[i, mode] ** 2
+            half_c, half_s = (1.0 - square) / (1.0 + square), 2.0 * tan[i, mode] / (1.0 + square)
+            for step in range(STEPS):
+                if step < HELD:
+                    after = now + gain
+                    now = min(max(after, 0.0), top[i])
+                    if ends and after < halt:
+                        now = 0.0
+                    # Half a turn to the mean heading of the interval, and one more to that at its end.
+                    middle_c, middle_s = c * half_c - s * half_s, s * half_c + c * half_s
+                    c, s = middle_c * half_c - middle_s * half_s, middle_s * half_c + middle_c * half_s
+                else:
+                    middle_c, middle_s = c, s
+                distance = now * dt
+                px, py, way = px + distance * middle_c, py + distance * middle_s, way + distance
+                at_x[i, step, mode], at_y[i, step, mode] = px, py
+                at_cos[i, step, mode], at_sin[i, step, mode] = c, s
+                at_speed[i, step, mode], at_way[i, step, mode] = now, way
+    return at_x, at_y, at_cos, at_sin, at_speed, at_way

@@ -1,0 +1,1 @@
+"""What is measured: counters, safety, realism, trips, signals. Pure functions and accumulators."""

@@ -1,0 +1,71 @@
+"""The most used way through a scene, and who is where along it."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.types import RoadUserType
+
+CELL = 20.0
+"""m; ways that begin in one square of this size and end in one belong together."""
+SPACING = 1.0
+"""m between points of a corridor."""
+ASIDE = 5.0
+"""m from its middle within which somebody is in it."""
+ALIGNED = np.radians(45.0)
+"""rad between its direction and a heading, at most."""
+SHORTEST = 20.0
+"""m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Corridor:
+    """A way as points (k, 2), m, `SPACING` apart, with its direction at each, rad, (k,)."""
+
+    points: Floats
+    direction: Floats
+
+
+def busiest(trajectories: Trajectories) -> Corridor | None:
+    """The longest way of the pair of places between which the most metres were travelled; None where all are short.
+
+    Ways of vehicles count; those of pedestrians where there are none.
+    """
+    t = trajectories
+    walking = t.type == RoadUserType.PEDESTRIAN
+    candidates = np.flatnonzero(walking if walking.all() else ~walking)
+    travelled: Counter[tuple[int, ...]] = Counter()
+    longest: dict[tuple[int, ...], tuple[float, int]] = {}
+    for track in candidates.tolist():
+        first, last = int(t.starts[track]), int(t.starts[track + 1]) - 1
+        metres = float(np.hypot(np.diff(t.x[first : last + 1]), np.diff(t.y[first : last + 1])).sum())
+        ends = np.array([t.x[first], t.y[first], t.x[last], t.y[last]])
+        pair = tuple(np.floor(ends / CELL).astype(np.int64).tolist())
+        travelled[pair] += round(metres)
+        longest[pair] = max(longest.get(pair, (0.0, track)), (metres, track))
+    if not travelled or longest[travelled.most_common(1)[0][0]][0] < SHORTEST:
+        return None
+    _, track = longest[travelled.most_common(1)[0][0]]
+    rows = slice(int(t.starts[track]), int(t.starts[track + 1]))
+    way = np.column_stack([t.x[rows], t.y[rows]])
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+    places = np.arange(0.0, along[-1], SPACING)
+    points = np.column_stack([np.interp(places, along, way[:, 0]), np.interp(places, along, way[:, 1])])
+    ahead = np.gradient(points, axis=0)
+    return Corridor(points, np.arctan2(ahead[:, 1], ahead[:, 0]))
+
+
+def along(corridor: Corridor, trajectories: Trajectories) -> Floats:
+    """m along the corridor of each row, (R,); nan where it is not in it, or goes in another direction."""
+    t = trajectories
+    apart, nearest = cKDTree(corridor.points).query(np.column_stack([t.x, t.y]))
+    turned = np.abs(wrap_angle(t.heading - corridor.direction[nearest]))
+    dx, dy = t.x - corridor.points[nearest, 0], t.y - corridor.points[nearest, 1]
+    beyond = dx * np.cos(corridor.direction[nearest]) + dy * np.sin(corridor.direction[nearest])
+    # Before the begin and behind the end the nearest point is the first or the last one.
+    inside = (apart < ASIDE) & (turned < ALIGNED) & (np.abs(beyond) <= SPACING)
+    return np.where(inside, nearest * SPACING + beyond, np.nan)

@@ -1,0 +1,89 @@
+"""Distributions of motion, by road user type, and how far apart two of them are."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import TYPE_NAMES
+
+QUANTITIES = {"speed": "m/s", "acceleration": "m/s²", "yaw_rate": "rad/s"}
+"""What is compared, with its unit."""
+EDGES: Mapping[str, tuple[Floats, ...]] = {
+    "speed": (np.linspace(0.0, 20.0, 41), np.linspace(0.0, 10.0, 41), np.linspace(0.0, 3.0, 31)),
+    "acceleration": (np.linspace(-6.0, 6.0, 50),) * 2 + (np.linspace(-3.0, 3.0, 32),),
+    "yaw_rate": (np.linspace(-1.0, 1.0, 42),) * 2 + (np.linspace(-3.0, 3.0, 32),),
+}
+"""Borders of the bins by quantity and RoadUserType, in the quantity's unit: 40 or 49, for pedestrians 30 or 31
+bins. 0 lies in the middle of a bin, or at the end of the first one, so that rounding does not move it to another.
+Values beyond count in the outer bins."""
+
+
+Kinematics = Mapping[str, tuple[Floats, ...]]
+"""Values by quantity and RoadUserType."""
+
+
+def kinematics(trajectories: Trajectories, tracks: NDArray[np.bool_] | None = None) -> Kinematics:
+    """Speed (m/s), acceleration (m/s²) and yaw rate (rad/s) of all moments at which they are known, by RoadUserType.
+
+    They are backward differences over dt, so a track has a speed and a yaw rate from its second row on, and an
+    acceleration from its third. Parked road users are left out, and those not among `tracks`, (T,), if given.
+    """
+    t = trajectories
+    since = t.frame - t.frame[t.starts[t.track]]
+    counted = (~t.parked if tracks is None else tracks & ~t.parked)[t.track]
+    kind = t.type[t.track]
+    return {
+        name: tuple(values[counted & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
+        for name, values, known in (
+            ("speed", t.speed, 1),
+            ("acceleration", t.acceleration, 2),
+            ("yaw_rate", t.yaw_rate, 1),
+        )
+    }
+
+
+def jensen_shannon_distance(*, a: Floats, b: Floats, edges: Floats) -> float:
+    """How far two samples are apart as histograms over `edges`: the root of the Jensen-Shannon divergence to base 2.
+
+    0 where the histograms are the same, 1 where they have no bin in common; no unit; a metric (Endres and Schindelin
+    2003; divergence: Lin 1991). `a` (n,), `b` (m,) and `edges` (k + 1,) in one unit; values beyond the edges count in
+    the outer bins. It depends on the bins: compare only figures of the same. Raises ValueError for an empty sample.
+    """
+    if not len(a) or not len(b):
+        raise ValueError("a distribution of nothing has no distance")
+    return math.sqrt(divergence(histogram(a, edges), histogram(b, edges)))
+
+
+def kinematic_distances(ours: Kinematics, theirs: Kinematics) -> dict[str, dict[str, float | None]]:
+    """Jensen-Shannon distances over EDGES by type name and quantity; None where one of the two has nobody of a type."""
+    return {
+        name: {
+            quantity: jensen_shannon_distance(a=ours[quantity][k], b=theirs[quantity][k], edges=EDGES[quantity][k])
+            if len(ours[quantity][k]) and len(theirs[quantity][k])
+            else None
+            for quantity in QUANTITIES
+        }
+        for k, name in enumerate(TYPE_NAMES)
+    }
+
+
+def histogram(values: Floats, edges: Floats) -> Floats:
+    """Share of the values in each bin, (k,); those beyond the edges (k + 1,) count in the outer bins."""
+    counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+    return np.asarray(counts / max(len(values), 1), np.float64)
+
+
+def divergence(p: Floats, q: Floats) -> float:
+    """Jensen-Shannon divergence of two histograms (k,) that each add up to 1, in bits: from 0 to 1."""
+    middle = 0.5 * (p + q)
+    return min(max(0.5 * (_relative_entropy(p, middle) + _relative_entropy(q, middle)), 0.0), 1.0)
+
+
+def _relative_entropy(p: Floats, q: Floats) -> float:
+    """Kullback-Leibler divergence in bits of histograms; q is positive wherever p is."""
+    known = p > 0.0
+    return float((p[known] * np.log2(p[known] / q[known])).sum())

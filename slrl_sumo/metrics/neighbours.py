@@ -1,0 +1,53 @@
+"""Who is near whom in a table of positions over time."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from slrl_sumo.formats.trajectories import Integers
+from slrl_sumo.scene.geometry import Floats
+
+CHUNK = 5000
+"""Rows that are searched at once: what bounds the memory."""
+
+Rows = NDArray[np.intp]
+
+
+def row_pairs(*, x: Floats, y: Floats, frame: Integers, reach: Floats, lag: int = 0) -> Iterator[tuple[Rows, Rows]]:
+    """Pairs of rows (i, j) with frame[j] = frame[i] + `lag` that are closer than reach[i] + reach[j], part by part.
+
+    `x`, `y`, `reach`: m, (R,); `frame`: (R,), in any order; `lag`: 0 or more. With lag 0 each pair comes once, and no
+    row with itself; with a lag the rows of one road user do come with each other.
+    """
+    order = np.argsort(frame, kind="stable")
+    frames = frame[order]
+    cuts = [0]
+    for begin in np.flatnonzero(np.diff(frames, prepend=frames[:1])).tolist():
+        if begin - cuts[-1] >= CHUNK:  # parts of whole frames
+            cuts.append(begin)
+    for first, following in pairwise([*cuts, len(order)]):
+        if first == following:
+            continue
+        here = order[first:following]
+        lower, upper = np.searchsorted(frames, (frames[first] + lag, frames[following - 1] + lag + 1))
+        there = order[lower:upper]
+        if not len(there):
+            continue
+        radius = float(reach[here].max() + reach[there].max())
+        # Frames lie so far apart in the third dimension that they do not see each other.
+        apart = 2.0 * radius + 1.0
+        base = int(frame[here[0]])
+        points = np.column_stack([x[here], y[here], (frame[here] - base) * apart])
+        tree = cKDTree(points)
+        if lag == 0:
+            found = tree.query_pairs(radius, output_type="ndarray")
+            i, j = here[found[:, 0]], here[found[:, 1]]
+        else:
+            others = cKDTree(np.column_stack([x[there], y[there], (frame[there] - lag - base) * apart]))
+            near = tree.sparse_distance_matrix(others, radius, output_type="ndarray")
+            i, j = here[near["i"]], there[near["j"]]
+        close = np.hypot(x[i] - x[j], y[i] - y[j]) < reach[i] + reach[j]
+        yield i[close], j[close]

@@ -1,0 +1,264 @@
+"""Who goes past a signal, and what the signal showed."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.geometry import Floats, front_from_centre
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.network import Network
+
+Aspect = Literal["red", "yellow", "green"]
+PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
+"""From the least to the most."""
+
+BEYOND, ASIDE = 0.5, 10.0
+"""m behind a stop line, and beside its lane, within which a vehicle that SUMO has on no lane has gone past it."""
+KERB = 1.0
+"""m of a crossing's ends on which persons may wait for green, or cut the corner."""
+AWAY = 3.0
+"""m outside of a crossing at which a person that comes again enters it anew."""
+
+
+@dataclass(frozen=True)
+class Passage:
+    """One road user that went past a signal: a vehicle into a junction, a person onto a crossing."""
+
+    time: float
+    """s; after the SUMO step in which it happened."""
+    road_user: str
+    type: RoadUserType
+    lane: str
+    """The lane before the junction, or that of the crossing."""
+    aspect: Aspect
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A way over the lanes inside a junction to an edge."""
+
+    signal: str
+    """'' where no signal controls it, as a right turn beside the signal."""
+    index: int
+    inside: frozenset[str]
+    edge: str
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    lane: str
+    line: Floats
+    inner: Floats
+    """The line without its ends, at which people wait."""
+    half_width: float
+    link: _Link
+
+
+class Passages:
+    """Watches signals through `api` (libsumo or a TraCI connection); call `look` after every SUMO step.
+
+    A vehicle passes when SUMO's lane for it goes from one that ends at a signal to one behind it; a vehicle that SUMO
+    has on no lane, because it is moved from outside and far from its route, when its front is behind the stop line. A
+    person passes when its centre is on a signalised crossing, more than KERB from its ends, from whatever side it came;
+    it saw the most permissive of what was shown since it stepped on.
+
+    Red is what was red before the step and after it: SUMO switches at the begin of a step, so that somebody who goes
+    in the very step in which the light turns green has not run a red light, and neither has who goes in the step in
+    which yellow ends.
+    """
+
+    def __init__(self, api: Any, network: Network) -> None:
+        self._api = api
+        self._lanes = {lane.id: lane for lane in network.lanes}
+        self._links: dict[str, list[_Link]] = {}
+        self._crossings: list[_Crossing] = []
+        for signal in api.trafficlight.getIDList():
+            for index, links in enumerate(api.trafficlight.getControlledLinks(signal)):
+                for start, end, via in links:
+                    self._add(signal, index, start, end, via)
+        for start, links in self._links.items():
+            known = {inside for link in links for inside in link.inside}
+            ways = [(link[0], link[4]) for link in api.lane.getLinks(start)]
+            links += [self._link("", 0, end, via) for end, via in ways if end in self._lanes and via not in known]
+        self._approach: dict[str, str] = {}
+        self._passed: dict[str, str] = {}
+        self._stepped: dict[str, str] = {}
+        self._waiting: dict[tuple[str, str], Aspect] = {}
+        """What persons on a crossing have seen there, until they have passed or gone: by person and crossing."""
+        self._states = self._read()
+
+    def look(self, world: WorldState, who: Iterable[str]) -> list[Passage]:
+        """Passages of the road users `who` in the SUMO step that has just been made; `world` is the state after it."""
+        wanted = frozenset(who)
+        before, self._states = self._states, self._read()
+        rows = np.array([i for i, road_user in enumerate(world.ids) if road_user in wanted], np.intp)
+        users = world.take(rows)
+        walking = users.type == RoadUserType.PEDESTRIAN
+        found = self._walkers(users.take(np.flatnonzero(walking)), before)
+        found += self._vehicles(users.take(np.flatnonzero(~walking)), before)
+        for memory in (self._approach, self._passed, self._stepped):
+            for road_user in [r for r in memory if r not in wanted]:
+                del memory[road_user]
+        return found
+
+    def _add(self, signal: str, index: int, start: str, end: str, via: str) -> None:
+        crossing = next((self._lanes[i] for i in (end, via) if i and self._is_crossing(i)), None)
+        if crossing is not None:
+            if all(known.lane != crossing.id for known in self._crossings):
+                link = _Link(signal, index, frozenset(), "")
+                inner = shortened(crossing.shape, KERB)
+                self._crossings.append(_Crossing(crossing.id, crossing.shape, inner, 0.5 * crossing.width, link))
+        elif start in self._lanes and end in self._lanes and not start.startswith(":"):
+            self._links.setdefault(start, []).append(self._link(signal, index, end, via))
+
+    def _link(self, signal: str, index: int, end: str, via: str) -> _Link:
+        inside = [via] if via else []
+        # Where vehicles wait inside a junction, a second lane follows.
+        while inside and len(inside) < 5:
+            onward = [link[4] for link in self._api.lane.getLinks(inside[-1]) if link[4]]
+            if not onward:
+                break
+            inside.append(onward[0])
+        return _Link(signal, index, frozenset(inside), self._lanes[end].edge)
+
+    def _is_crossing(self, lane: str) -> bool:
+        return lane in self._lanes and self._lanes[lane].surface == Surface.CROSSING
+
+    def _read(self) -> dict[str, str]:
+        light = self._api.trafficlight
+        return {signal: light.getRedYellowGreenState(signal) for signal in light.getIDList()}
+
+    def _vehicles(self, users: WorldState, before: dict[str, str]) -> list[Passage]:
+        if not self._links:
+            return []
+        found = []
+        front_x, front_y = front_from_centre(users.x, users.y, users.heading, users.length)
+        present = frozenset(self._api.vehicle.getIDList())
+        for row, vehicle in enumerate(users.ids):
+            if vehicle not in present:
+                continue
+            lane = self._api.vehicle.getLaneID(vehicle)
+            came = self._approach.get(vehicle)
+            links = self._links[came] if came is not None else []
+            taken = self._taken(vehicle, lane, links, float(front_x[row]), float(front_y[row]), came)
+            if came is not None and taken:
+                del self._approach[vehicle]
+                edge = self._lanes[came].edge
+                controlled = [link for link in taken if link.signal]
+                if self._passed.get(vehicle) != edge and controlled:
+                    self._passed[vehicle] = edge
+                    aspect = self._aspect(controlled, before)
+                    found.append(Passage(users.time, vehicle, RoadUserType(users.type[row]), came, aspect))
+            if lane and not lane.startswith(":"):
+                # On a road again: whoever comes back to the same signal passes it once more. A moved vehicle that
+                # stands at the stop line may be now before it, now behind it for SUMO: that is one passage.
+                if self._passed.get(vehicle) not in (None, self._lanes[lane].edge):
+                    del self._passed[vehicle]
+                if lane in self._links:
+                    self._approach[vehicle] = lane
+                else:
+                    self._approach.pop(vehicle, None)
+        return found
+
+    def _taken(
+        self, vehicle: str, lane: str, links: list[_Link], front_x: float, front_y: float, came: str | None
+    ) -> list[_Link]:
+        """The links that a vehicle on its way from the lane `came` has taken with this step; none if it has not."""
+        if came is None or not links:
+            return []
+        if not lane:
+            line = self._lanes[came].shape
+            ahead_x, ahead_y = (line[-1] - line[-2]) / max(float(np.hypot(*(line[-1] - line[-2]))), 1e-9)
+            dx, dy = front_x - line[-1, 0], front_y - line[-1, 1]
+            ahead, aside = dx * ahead_x + dy * ahead_y, dy * ahead_x - dx * ahead_y
+            if ahead < BEYOND or abs(aside) > ASIDE + ahead:
+                return []
+            return self._on_route(vehicle, came, links)
+        if lane.startswith(":"):
+            return [link for link in links if lane in link.inside] or (
+                self._on_route(vehicle, came, links) if self._same_junction(lane, links) else []
+            )
+        edge = self._lanes[lane].edge
+        return [link for link in links if link.edge == edge] if edge != self._lanes[came].edge else []
+
+    def _same_junction(self, lane: str, links: list[_Link]) -> bool:
+        junction = lane.rsplit("_", 2)[0]
+        return any(inside.rsplit("_", 2)[0] == junction for link in links for inside in link.inside)
+
+    def _on_route(self, vehicle: str, came: str, links: list[_Link]) -> list[_Link]:
+        """Of the links from a lane those to the route's next edge; all of them where none leads there."""
+        route = self._api.vehicle.getRoute(vehicle)
+        here = self._lanes[came].edge
+        following = {route[i + 1] for i in range(len(route) - 1) if route[i] == here}
+        return [link for link in links if link.edge in following] or links
+
+    def _walkers(self, users: WorldState, before: dict[str, str]) -> list[Passage]:
+        found: list[Passage] = []
+        if not len(users):
+            return found
+        waiting, self._waiting = self._waiting, {}
+        for crossing in self._crossings:
+            outside = outside_by(users.x, users.y, crossing.line, crossing.half_width)
+            near = np.flatnonzero(outside <= 0.0)
+            beyond = outside_by(users.x[near], users.y[near], crossing.inner, crossing.half_width) <= 0.0
+            for row, passes in zip(near.tolist(), beyond.tolist(), strict=True):
+                person = users.ids[row]
+                if self._stepped.get(person) == crossing.lane:
+                    continue
+                shown = self._aspect([crossing.link], before)
+                seen = max(shown, waiting.get((person, crossing.lane), shown), key=PERMISSIVE.index)
+                if passes:
+                    self._stepped[person] = crossing.lane
+                    found.append(Passage(users.time, person, RoadUserType.PEDESTRIAN, crossing.lane, seen))
+                else:
+                    self._waiting[person, crossing.lane] = seen
+            for row in np.flatnonzero(outside > AWAY).tolist():
+                if self._stepped.get(users.ids[row]) == crossing.lane:
+                    del self._stepped[users.ids[row]]
+        return found
+
+    def _aspect(self, links: list[_Link], before: dict[str, str]) -> Aspect:
+        """What links showed; where it is not known which of several was taken, the most permissive of them counts."""
+        seen = [
+            (before.get(link.signal, self._states[link.signal])[link.index], self._states[link.signal][link.index])
+            for link in links
+        ]
+        if all(a in "ru" and b in "ru" for a, b in seen):
+            return "red"
+        return "yellow" if all(a in "ruyY" and b in "ruyY" for a, b in seen) else "green"
+
+
+def outside_by(x: Floats, y: Floats, line: Floats, half_width: float) -> NDArray[np.float64]:
+    """How far n points lie outside of a ribbon with straight ends round the polyline `line` (k, 2), in m, (n,).
+
+    Negative or 0 inside. The nearest piece of the line decides; its ends bound the ribbon.
+    """
+    best = np.full(len(x), np.inf)
+    for number, (a, b) in enumerate(pairwise(line)):
+        length = float(np.hypot(*(b - a)))
+        if length <= 0.0:
+            continue
+        ux, uy = (b - a) / length
+        ahead = (x - a[0]) * ux + (y - a[1]) * uy
+        aside = np.abs((y - a[1]) * ux - (x - a[0]) * uy)
+        before, behind = -ahead, ahead - length
+        if number > 0:
+            before = before - half_width
+        if number < len(line) - 2:
+            behind = behind - half_width
+        best = np.minimum(best, np.maximum(np.maximum(before, behind), aside - half_width))
+    return best
+
+
+def shortened(line: Floats, cut: float) -> Floats:
+    """The polyline `line` (k, 2) without `cut` m at each end, but not more than a third of it at each."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    cut = min(cut, float(along[-1]) / 3.0)
+    s = np.concatenate([[cut], along[(along > cut) & (along < along[-1] - cut)], [along[-1] - cut]])
+    return np.column_stack([np.interp(s, along, line[:, 0]), np.interp(s, along, line[:, 1])])

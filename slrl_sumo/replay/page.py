@@ -1,0 +1,262 @@
+"""The replay page: a trace over its network as one HTML file that needs nothing else."""
+
+import base64
+import hashlib
+import html
+import json
+import sys
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.table import FcdTable, read_table, user_types
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
+from slrl_sumo.jobs.progress import progress
+from slrl_sumo.metrics.near_misses import DEFINITIONS, Conflict, ConflictFinder
+from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack
+from slrl_sumo.replay.vehicle_sizes import Size, scenario_sizes, size_of
+from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.sumo.net_file import find_net, read_net_file
+from slrl_sumo.sumo.network import Network
+
+MOST_CONFLICTS = 2000
+"""In the page's list: collisions first, then the near misses with the smallest times to collision."""
+SAMPLE = 20_000
+"""Positions that are looked up in the network."""
+BESIDE = 2.0
+"""m from a surface in which a position belongs to the network: SUMO's own walkers are there at ends of streets."""
+FOREIGN, ODD = 0.4, 0.05
+"""Shares of positions off the network from which it is another trace's, and from which that is worth a note."""
+SCRIPTS = ("unpack.js", "ground.js", "scene.js", "controls.js")
+"""Of the page, in their order (slrl_sumo/replay/assets)."""
+
+
+@dataclass(frozen=True)
+class Users:
+    """All road users of a trace, (u,) each."""
+
+    ids: tuple[str, ...]
+    vtypes: tuple[str, ...]
+    """SUMO vehicle type id, '' where the trace has none."""
+    kind: NDArray[np.int8]
+    """RoadUserType."""
+    length: Floats
+    """m"""
+    width: Floats
+
+
+def write_replay(fcd: Path, net: str, out: Path) -> None:
+    """Write the page `out` for the trace `fcd` on the network `net` (file, .sumocfg, folder or shipped scenario).
+
+    What could be read of a trace with a flaw is shown, and the flaw is named on stderr. Raises InputError where nothing
+    could be read, most positions lie off the network, or a file cannot be read or written.
+    """
+    path, scenario = find_net(net)
+    sizes, kinds = ({}, {}) if scenario is None else scenario_sizes(scenario)
+    with progress() as bar:
+        task = bar.add_task("reading", total=1.0)
+        table, flaw = read_table(fcd, lambda share: bar.update(task, completed=share))
+        network = read_net_file(path)
+        notes = [] if flaw is None else [f"{flaw}; the page shows these"]
+        users = describe(table, sizes, kinds)
+        rows = centred(table, users)
+        notes += check_place(network, rows, fcd, net)
+        times = np.array(table.steps, np.int64)
+        bar.update(task, description="looking for conflicts", completed=0.0)
+        finder = ConflictFinder()
+        for number, (world, keys) in enumerate(worlds(rows, users, times)):
+            finder.look(world, keys)
+            bar.update(task, completed=(number + 1) / len(times))
+    page = build_page(network, users, rows, times, finder.conflicts(), title=fcd.name, notes=notes, told=table.told)
+    try:
+        out.write_bytes(page)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror}); name another file") from None
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
+
+
+def describe(table: FcdTable, sizes: dict[str, Size], kinds: dict[str, str]) -> Users:
+    """The road users of a table with types and boxes; `sizes` and `kinds` by vehicle type id, see `scenario_sizes`."""
+    kind = user_types(table, kinds)
+    boxes = [size_of(vtype, k, sizes) for (_, vtype), k in zip(table.users, kind.tolist(), strict=True)]
+    length, width = np.array(boxes, np.float64).reshape(-1, 2).T
+    ids, vtypes = zip(*table.users, strict=True)
+    return Users(ids, vtypes, kind, length, width)
+
+
+def centred(table: FcdTable, users: Users) -> Rows:
+    """The rows of a table, sorted by road user and time, at the centres of boxes."""
+    key = np.frombuffer(table.key, np.int32).astype(np.int64)
+    order = np.argsort(key, kind="stable")  # times came in order
+    key = key[order]
+    heading = heading_from_sumo(np.frombuffer(table.angle)[order])
+    front_x, front_y = (np.frombuffer(column)[order] for column in (table.x, table.y))
+    x, y = centre_from_front(front_x, front_y, heading, users.length[key])
+    mode = np.frombuffer(table.mode, np.int8)[order].astype(np.int64)
+    learned = np.frombuffer(table.learned, np.int8)[order] > 0
+    # Traces without the flag still name the types of those that were added.
+    learned |= np.array([vtype.startswith("learned_") for vtype in users.vtypes], np.bool_)[key] | (mode > 0)
+    return Rows(
+        user=key,
+        step=np.frombuffer(table.step, np.int32)[order].astype(np.int64),
+        x=x,
+        y=y,
+        heading=heading,
+        speed=np.frombuffer(table.speed, np.float32)[order].astype(np.float64),
+        state=np.where(learned, 1 + mode, 0),
+    )
+
+
+def check_place(network: Network, rows: Rows, fcd: Path, net: str) -> list[str]:
+    """What is odd about a trace on this network, one line each; InputError where most of it lies off the network."""
+    # Rails and waterways are no surface to anybody, but trains on them are in their place.
+    everything = [
+        Ribbon(Surface.ROAD, lane.shape, lane.width) for lane in network.lanes if lane.surface == Surface.NONE
+    ]
+    shapes = (*(shape for shape, _ in network.painted()), *everything)
+    if not shapes:
+        raise InputError(f"--net {net}: there are no lanes in it; give the network that {fcd} was made on")
+    roadmap = RoadMap(SurfaceShapes(shapes))
+    some = np.unique(np.linspace(0, len(rows.x) - 1, SAMPLE).astype(np.int64))
+    beside = [
+        roadmap.surface_at(rows.x[some] + dx, rows.y[some] + dy) == Surface.NONE
+        for dx, dy in ((0.0, 0.0), (BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE))
+    ]
+    off = float(np.all(beside, axis=0).mean())
+    x0, y0, x1, y1 = roadmap.bounds
+    where = (
+        f"{off:.0%} of the positions in {fcd} lie off the network {net}, which reaches from ({x0:.0f}, {y0:.0f}) to "
+        f"({x1:.0f}, {y1:.0f}) m; the trace goes from ({rows.x.min():.0f}, {rows.y.min():.0f}) to "
+        f"({rows.x.max():.0f}, {rows.y.max():.0f}) m"
+    )
+    if off > FOREIGN:
+        raise InputError(f"{where}; give the network that it was made on")
+    return [where] if off > ODD else []
+
+
+def worlds(rows: Rows, users: Users, times: NDArray[np.int64]) -> Iterator[tuple[WorldState, NDArray[np.int64]]]:
+    """Everybody in each time step, and their indices among all road users, ascending. Unknown speeds are those of the
+    movement from the step before, 0 where there is none."""
+    order = np.argsort(rows.step, kind="stable")
+    seconds = np.diff(times[rows.step], prepend=0) / 1000.0
+    follows = (np.diff(rows.user, prepend=-1) == 0) & (np.diff(rows.step, prepend=-1) == 1)
+    moved = np.hypot(np.diff(rows.x, prepend=0.0), np.diff(rows.y, prepend=0.0))
+    travelled = np.where(follows, moved / np.where(follows, seconds, 1.0), 0.0)
+    speed = np.where(np.isfinite(rows.speed), rows.speed, travelled)
+    ends = np.searchsorted(rows.step[order], np.arange(1, len(times)))
+    for time, here in zip((times / 1000.0).tolist(), np.split(order, ends), strict=True):
+        key, none = rows.user[here], np.zeros(len(here))
+        world = WorldState(
+            time=time,
+            ids=("",) * len(here),  # nobody asks: `keys` say who it is
+            type=users.kind[key],
+            x=rows.x[here],
+            y=rows.y[here],
+            heading=rows.heading[here],
+            speed=speed[here],
+            acceleration=none,
+            yaw_rate=none,
+            length=users.length[key],
+            width=users.width[key],
+            learned=rows.state[here] > 0,
+        )
+        yield world, key
+
+
+def build_page(
+    network: Network,
+    users: Users,
+    rows: Rows,
+    times: NDArray[np.int64],
+    conflicts: list[Conflict],
+    *,
+    title: str,
+    notes: list[str],
+    told: bool,
+) -> bytes:
+    """The page as UTF-8. `told`: whether the trace says who is not learned.
+
+    What comes from the trace is in the packed data only, which the page shows as text.
+    """
+    streams = pack(rows, times)
+    vtypes = sorted(set(users.vtypes))
+    number = {vtype: i for i, vtype in enumerate(vtypes)}
+    listed = sorted(conflicts, key=lambda c: (c.kind != "collision", c.value if c.kind != "collision" else c.time))
+    listed = sorted(listed[:MOST_CONFLICTS], key=lambda c: c.time)
+    header: dict[str, Any] = {
+        "title": title,
+        "notes": notes,
+        "told": told,
+        "units": {"metre": METRE, "turn": TURN, "speed": SPEED},
+        "times": np.diff(times, prepend=0).tolist(),
+        "types": TYPE_NAMES,
+        "vtypes": vtypes,
+        "users": {
+            "id": users.ids,
+            "vtype": [number[vtype] for vtype in users.vtypes],
+            "kind": users.kind.tolist(),
+            "length": np.round(users.length, 2).tolist(),
+            "width": np.round(users.width, 2).tolist(),
+        },
+        "streams": [len(stream) for stream in streams],
+        "conflicts": [
+            [int(c.kind != "collision"), c.a, c.b, *(round(v, 2) for v in (c.time, c.end, c.x, c.y, c.value))]
+            for c in listed
+        ],
+        "unlisted": len(conflicts) - len(listed),
+        "definitions": DEFINITIONS,
+        "ground": ground(network),
+    }
+    head = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
+    raw = len(head).to_bytes(4, "little") + head + b"".join(streams)
+    squeeze = zlib.compressobj(9, zlib.DEFLATED, -15)
+    data = base64.b64encode(squeeze.compress(raw) + squeeze.flush()).decode()
+
+    folder = files("slrl_sumo.replay") / "assets"
+    style = (folder / "page.css").read_text(encoding="utf-8")
+    script = "".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS)
+    page = (folder / "page.html").read_text(encoding="utf-8")
+    # Nothing but this script and this style runs, and nothing is fetched, whatever a trace may hold.
+    policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'"
+    for name, text in (("title", html.escape(title)), ("policy", policy), ("style", style), ("script", script)):
+        page = page.replace(f"<!--{name}-->", text)
+    return page.replace("<!--data-->", data).encode()
+
+
+def _hash(text: str) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def ground(network: Network) -> list[list[Any]]:
+    """The network as the page draws it, in paint order: [what, width in m (0: an outline), x, y, x, y …] with the
+    coordinates in cm, each less that of the point before."""
+    shapes: list[list[Any]] = []
+    rails = ((Ribbon(Surface.NONE, lane.shape, lane.width), lane) for lane in network.lanes if not lane.internal)
+    for shape, lane in (*network.painted(), *(pair for pair in rails if pair[1].surface == Surface.NONE)):
+        points = np.rint(100 * np.asarray(shape.points)).astype(np.int64)
+        if len(points) < 2 or not len(points[0]):
+            continue
+        if isinstance(shape, Area):
+            what = "junction" if lane is None or shape.surface == Surface.ROAD else "walkingarea"
+            if lane is None and shape.surface != Surface.ROAD:
+                what = shape.surface.name.lower()
+            width = 0.0
+        else:
+            what, width = shape.surface.name.lower(), round(shape.width, 2)
+            if lane is not None and lane.internal and shape.surface == Surface.ROAD:
+                what = "junction"
+            elif shape.surface == Surface.NONE:
+                what, width = "rail", min(width, 1.5)
+        shapes.append([what, width, *np.diff(points, axis=0, prepend=np.zeros((1, 2), np.int64)).ravel().tolist()])
+    return shapes

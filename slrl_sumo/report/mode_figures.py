@@ -1,0 +1,60 @@
+"""Pictures of what learned road users see and choose."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.picture import TYPE_COLOURS
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.simulation.events import Views
+
+
+def draw_modes(counts: NDArray[np.int64], centres: Floats) -> Figure:
+    """For each type that chose: where each mode leads to in 4.8 s, in the ego frame, and how often it was chosen.
+
+    `counts`: (3, modes); `centres`: (3, modes, 2), m.
+    """
+    kinds = np.flatnonzero(counts.any(axis=1)).tolist()
+    figure = Figure(figsize=(4.4 * len(kinds) + 0.4, 6.6), layout="constrained")
+    grid = figure.subplots(2, len(kinds), squeeze=False, height_ratios=(1.5, 1.0))
+    for column, kind in enumerate(kinds):
+        share = 100.0 * counts[kind] / counts[kind].sum()
+        x, y = centres[kind].T
+        axes = grid[0, column]
+        axes.scatter(x, y, 4.0 + 22.0 * share, color=TYPE_COLOURS[kind], alpha=0.6, edgecolor="black", linewidth=0.4)
+        for mode in np.argsort(-share)[:5].tolist():
+            axes.annotate(str(mode), (x[mode], y[mode]), fontsize=8, ha="center", va="center")
+        axes.plot(0.0, 0.0, marker=">", color="black", ms=7)
+        axes.set_title(f"{TYPE_NAMES[kind]}: {counts[kind].sum()} decisions", fontsize=10)
+        axes.set_xlabel("ahead after 4.8 s (m)")
+        axes.set_ylabel("to the left after 4.8 s (m)")
+        axes.margins(0.15)
+        bars = grid[1, column]
+        bars.bar(np.arange(len(share)), share, color=TYPE_COLOURS[kind])
+        bars.set_xlabel("mode (number)")
+        bars.set_ylabel("share of decisions (%)")
+        bars.set_xticks(np.arange(0, len(share), 2))
+        bars.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def draw_views(views: Sequence[Views]) -> Figure:
+    """What some road users saw: a column for each time."""
+    rows = max(len(view.ids) for view in views)
+    figure = Figure(figsize=(4.2 * len(views), 2.6 * rows), layout="constrained")
+    grid = figure.subplots(rows, len(views), squeeze=False)
+    for axes in grid.flat:
+        axes.set_visible(False)
+    for column, view in enumerate(views):
+        for row, road_user in enumerate(view.ids):
+            axes = grid[row, column]
+            axes.set_visible(True)
+            # The image's first row is the left side; 8 m behind to 32 m ahead.
+            axes.imshow(view.images[row], extent=(-8, 32, -10, 10), interpolation="nearest")
+            axes.set_title(f"{road_user} at {view.time:.1f} s", fontsize=9)
+            axes.set_xlabel("ahead (m)", fontsize=8)
+            axes.set_ylabel("left (m)", fontsize=8)
+    return figure

@@ -1,0 +1,132 @@
+"""Lines that are driven and walked on: polylines, and what lies where along them."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """A polyline that is at least one piece long; `s` is m along it. Lists, for their single items are what is read."""
+
+    x: list[float]
+    y: list[float]
+    s: list[float]
+
+    @property
+    def end(self) -> float:
+        """m along the line where it ends."""
+        return self.s[-1]
+
+    def at(self, s: float) -> tuple[float, float, float]:
+        """Position (m) and direction (rad) at `s`; straight on before the first and after the last point."""
+        i = min(max(bisect_right(self.s, s) - 1, 0), len(self.s) - 2)
+        dx, dy = self.x[i + 1] - self.x[i], self.y[i + 1] - self.y[i]
+        share = (s - self.s[i]) / (self.s[i + 1] - self.s[i])
+        return self.x[i] + share * dx, self.y[i] + share * dy, math.atan2(dy, dx)
+
+    @cached_property
+    def points(self) -> Floats:
+        """x, y and s of the points, (3, points), for compiled loops."""
+        return np.array([self.x, self.y, self.s])
+
+    def nearest(self, x: float, y: float, begin: float = -math.inf, end: float = math.inf) -> tuple[float, float]:
+        """Where on the line, between `begin` and `end`, a position is nearest: m along it, and m to the left of it."""
+        return self.place(x, y, begin, end)[:2]
+
+    def place(self, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
+        """As `nearest`, and m from there to the position (inf where nothing of the line lies between)."""
+        return _place(self.points, x, y, begin, end)
+
+    def draw(self, begin: float, spacing: float, beside: float, x: Floats, y: Floats, row: int) -> None:
+        """Write points every `spacing` m from `begin` on, `beside` m to the left of the line, to a row of x and y.
+
+        Beyond its ends the line goes straight on.
+        """
+        _draw(self.points, begin, spacing, beside, x, y, row)
+
+    def between(self, begin: float, end: float) -> list[tuple[float, float]]:
+        """The points of the line from `begin` to `end`, both included."""
+        inner = [(self.x[i], self.y[i]) for i in range(len(self.s)) if begin < self.s[i] < end]
+        return [self.at(begin)[:2], *inner, self.at(end)[:2]]
+
+
+def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[float]]:
+    """A line, and how far along it each of the given points lies. Points closer than 5 cm become one.
+
+    Lanes meet in a point that both have; two equal points would have no direction between them.
+    """
+    x: list[float] = []
+    y: list[float] = []
+    s: list[float] = []
+    along = []
+    for px, py in points:
+        step = math.hypot(px - x[-1], py - y[-1]) if x else 0.0
+        if not x or step > 0.05:
+            x.append(px)
+            y.append(py)
+            s.append(s[-1] + step if s else 0.0)
+        along.append(s[-1])
+    if len(x) == 1:
+        # No extent: any direction will do.
+        x, y, s = [x[0], x[0] + 0.1], [y[0], y[0]], [0.0, 0.1]
+    return Polyline(x, y, s), along
+
+
+@compiled
+def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
+    xs, ys, s = points[0], points[1], points[2]
+    least, found, left = math.inf, max(s[0], begin), 0.0
+    # Only pieces of which something lies between.
+    for i in range(_piece(s, begin), len(s) - 1):
+        if s[i] > end or s[i + 1] < begin:
+            break
+        dx, dy, step = xs[i + 1] - xs[i], ys[i + 1] - ys[i], s[i + 1] - s[i]
+        px, py = x - xs[i], y - ys[i]
+        low, high = max(begin - s[i], 0.0), min(end - s[i], step)
+        along = min(max((px * dx + py * dy) / step, low), high)
+        distance = math.sqrt((px - along * dx / step) ** 2 + (py - along * dy / step) ** 2)
+        if distance < least:
+            least, found, left = distance, s[i] + along, (dx * py - dy * px) / step
+    return found, left, least
+
+
+@compiled
+def _draw(points: Floats, begin: float, spacing: float, beside: float, x: Floats, y: Floats, row: int) -> None:
+    xs, ys, s, many = points[0], points[1], points[2], x.shape[1]
+    i = _piece(s, begin)
+    for k in range(many):
+        along = begin + k * spacing
+        while i < len(s) - 2 and s[i + 1] <= along:
+            i += 1
+        share = (along - s[i]) / (s[i + 1] - s[i])
+        x[row, k], y[row, k] = xs[i] + share * (xs[i + 1] - xs[i]), ys[i] + share * (ys[i + 1] - ys[i])
+    if beside == 0.0:
+        return
+    before_x, before_y = x[row, 0], y[row, 0]
+    for k in range(many):
+        here_x, here_y, after = x[row, k], y[row, k], min(k + 1, many - 1)
+        dx, dy = x[row, after] - before_x, y[row, after] - before_y
+        share = beside / max(math.sqrt(dx * dx + dy * dy), 1e-6)
+        x[row, k], y[row, k] = here_x - share * dy, here_y + share * dx
+        before_x, before_y = here_x, here_y
+
+
+@compiled
+def _piece(s: Floats, along: float) -> int:
+    """The last piece that begins before `along`, else the first one."""
+    low, high = 0, len(s) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if s[middle] < along:
+            low = middle
+        else:
+            high = middle
+    return low

@@ -1,0 +1,1 @@
+"""Road users, their states and motion as plain arrays, without a simulator."""

@@ -1,0 +1,241 @@
+"""The way that lies ahead of road users with a route, as plain arrays."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+
+SPACING = 1.0
+"""m between the points of a path."""
+BEHIND, AHEAD = 8.0, 40.0
+"""m of a path that are known behind and ahead of the road user's place on it."""
+POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
+SEVEN = 7
+"""Points of a path that are looked at together for the nearest one."""
+ROOM = SEVEN * math.ceil(POINTS / SEVEN)
+APART = 3
+"""Points from one to the next of those that are looked at first; the last one is among them."""
+FEW = 1 + (POINTS - 1) // APART
+LONGEST = 1.5 * SPACING
+"""m at most from point to point of smooth paths: beside a line they are a bit more or less than SPACING."""
+WITHIN = 0.75 * AHEAD + 10.0
+"""m from the middle of a path within which somebody may be on it."""
+HERE = round(BEHIND / SPACING)
+"""Index of the point beside the road user."""
+
+
+@dataclass(frozen=True, eq=False)
+class RouteAhead:
+    """Of n road users; where `known` is False there is no route, and the other entries mean nothing.
+
+    Distances to what lies ahead are from the front of the box in m, inf where there is nothing within sight.
+    """
+
+    known: NDArray[np.bool_]
+    x: Floats
+    """Points every SPACING m of the own path, (n, POINTS), from BEHIND m behind to AHEAD m ahead of the centre."""
+    y: Floats
+    desired: Floats
+    """m/s: what limits, here and further on, and the own wishes allow, (n,)."""
+    stop: Floats
+    """Line before which it has to stop: red, yellow in time, others go first, the end of a lane that leads astray."""
+    line: Floats
+    """The next line at which a junction or a signalised crossing begins."""
+    out: Floats
+    """Where that junction ends."""
+    signal: NDArray[np.int8]
+    """At that line: 0 none, 1 green, 2 yellow, 3 red."""
+    closed: NDArray[np.bool_]
+    """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
+    left: Floats
+    """To the end of the route."""
+
+    def __len__(self) -> int:
+        return len(self.known)
+
+    def take(self, rows: NDArray[np.intp]) -> "RouteAhead":
+        """The entries of the road users `rows`."""
+        return RouteAhead(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @classmethod
+    def unknown(cls, n: int) -> Self:
+        """n road users without a route."""
+        return cls(
+            known=np.zeros(n, np.bool_),
+            x=np.zeros((n, POINTS)),
+            y=np.zeros((n, POINTS)),
+            desired=np.zeros(n),
+            stop=np.full(n, np.inf),
+            line=np.full(n, np.inf),
+            out=np.full(n, np.inf),
+            signal=np.zeros(n, np.int8),
+            closed=np.zeros(n, np.bool_),
+            left=np.full(n, np.inf),
+        )
+
+
+def on_path(
+    route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
+) -> tuple[Floats, Floats, Floats]:
+    """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
+    direction there (rad), (n, m) each. Beyond its ends a path goes straight on. With `rows` (n,) those paths are
+    meant, else all. ValueError for arrays of other shapes."""
+    rows = np.arange(len(route)) if rows is None else rows
+    if not (x.shape == y.shape and len(x) == len(rows)):
+        raise ValueError(f"{len(rows)} paths, but places {x.shape} and {y.shape}")
+    return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
+
+
+def beside(
+    route: RouteAhead, room: Floats, x: Floats, y: Floats, reach: Floats
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Pairs (p,) of those with a route and of who may be on it: whose path, and who.
+
+    Places (m,), in m, are those of road users, the first n of them those of the paths, who are not beside their own.
+    All are found who are at most `room` (n,) and `reach` (m,) aside of a path, as `on_path` has it, at most `reach`
+    beyond its ends, and within WITHIN of its middle.
+    """
+    rows = np.flatnonzero(route.known)
+    # From west to east, so that who is near a path is found side by side.
+    order = np.argsort(x)
+    begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN)
+    return _beside(route.x, route.y, rows, room, x[order], y[order], reach, order, begin)
+
+
+@compiled
+def _on_path(
+    path_x: Floats, path_y: Floats, rows: NDArray[np.intp], x: Floats, y: Floats
+) -> tuple[Floats, Floats, Floats]:
+    n, m = x.shape
+    along, aside, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
+    squares, directions, known = np.full(ROOM, np.inf), np.empty(POINTS), np.zeros(POINTS, np.bool_)
+    for i in range(n):
+        xs, ys = path_x[rows[i]], path_y[rows[i]]
+        if i > 0 and rows[i] != rows[i - 1]:
+            known[:] = False
+        for j in range(m):
+            px, py = x[i, j], y[i, j]
+            nearest = _nearest(xs, ys, px, py, squares)
+            # Two pieces meet at the nearest point: the one that the point lies beside.
+            x0, y0 = xs[nearest], ys[nearest]
+            dx, dy = xs[nearest + 1] - x0, ys[nearest + 1] - y0
+            begin = nearest
+            if not (px - x0) * dx + (py - y0) * dy > 0.0:
+                begin -= 1
+                x0, y0 = xs[begin], ys[begin]
+                dx, dy = xs[nearest] - x0, ys[nearest] - y0
+            length = max(math.sqrt(dx * dx + dy * dy), 1e-6)
+            ahead = ((px - x0) * dx + (py - y0) * dy) / length
+            along[i, j] = (begin - HERE) * SPACING + ahead
+            aside[i, j] = (dx * (py - y0) - dy * (px - x0)) / length
+            # Directions change from piece to piece: in between they are blended, so that curves have no corners.
+            for k in (begin, begin + 1):
+                if not known[k]:
+                    before, after = max(k - 1, 0), min(k + 1, POINTS - 1)
+                    directions[k], known[k] = math.atan2(ys[after] - ys[before], xs[after] - xs[before]), True
+            share = min(max(ahead / length, 0.0), 1.0)
+            turn = _wrapped(directions[begin + 1] - directions[begin])
+            heading[i, j] = _wrapped(directions[begin] + share * turn)
+    return along, aside, heading
+
+
+@compiled
+def _nearest(path_x: Floats, path_y: Floats, x: float, y: float, squares: Floats) -> int:
+    """Index of the point of a path that is nearest to a point, but for its ends, where only one piece is.
+
+    `squares` is room for as many numbers as there are points.
+    """
+    for k in range(POINTS):
+        dx, dy = x - path_x[k], y - path_y[k]
+        squares[k] = dx * dx + dy * dy
+    # The nearest SEVEN, then the nearest of them, without jumps: twice as fast as one after the other.
+    least, begin = math.inf, 0
+    for k in range(0, POINTS, SEVEN):
+        a, b = min(squares[k], squares[k + 1]), min(squares[k + 2], squares[k + 3])
+        c = min(squares[k + 4], squares[k + 5])
+        nearer = min(min(a, b), min(c, squares[k + 6]))
+        begin = k if nearer < least else begin
+        least = min(nearer, least)
+    nearest = begin
+    for k in range(begin + SEVEN - 1, begin - 1, -1):
+        nearest = k if squares[k] <= least else nearest
+    return min(max(nearest, 1), POINTS - 2)
+
+
+@compiled
+def _beside(
+    path_x: Floats,
+    path_y: Floats,
+    rows: NDArray[np.intp],
+    room: Floats,
+    x: Floats,
+    y: Floats,
+    reach: Floats,
+    order: NDArray[np.intp],
+    begin: NDArray[np.intp],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """x and y as in `order`; `begin`: where in it those begin that are not too far west of each of `rows`."""
+    squares, few_x, few_y, found = np.full(ROOM, np.inf), np.empty(FEW), np.empty(FEW), 0
+    ego, other = np.empty(2 * len(x), np.intp), np.empty(2 * len(x), np.intp)
+    for i in range(len(rows)):
+        row = rows[i]
+        xs, ys = path_x[row], path_y[row]
+        middle_x, middle_y = xs[POINTS // 2], ys[POINTS // 2]
+        smooth = _smooth(xs, ys)
+        for k in range(FEW):
+            few_x[k], few_y[k] = xs[k * APART], ys[k * APART]
+        for j in range(begin[i], len(x)):
+            px, py, one = x[j], y[j], order[j]
+            if px - middle_x > WITHIN:
+                break
+            if (px - middle_x) * (px - middle_x) + (py - middle_y) * (py - middle_y) > WITHIN * WITHIN or one == row:
+                continue
+            most = room[row] + reach[one]
+            if smooth:
+                # How far somebody may be from a point: outside a turn, off the path's end, and on to one of these few.
+                gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * LONGEST
+                for k in range(FEW):
+                    dx, dy = px - few_x[k], py - few_y[k]
+                    gap = min(gap, dx * dx + dy * dy)
+                if gap > far * far:
+                    continue
+            nearest = _nearest(xs, ys, px, py, squares)
+            # One of these two pieces counts.
+            fits = False
+            for k in range(nearest - 1, nearest + 1):
+                dx, dy = xs[k + 1] - xs[k], ys[k + 1] - ys[k]
+                aside = dx * (py - ys[k]) - dy * (px - xs[k])
+                fits |= aside * aside <= most * most * max(dx * dx + dy * dy, 1e-12)
+            if fits:
+                if found == len(ego):
+                    ego, other = np.concatenate((ego, ego)), np.concatenate((other, other))
+                ego[found], other[found] = row, one
+                found += 1
+    return ego[:found], other[:found]
+
+
+@compiled
+def _smooth(x: Floats, y: Floats) -> bool:
+    """Whether a path turns by less than 30 degrees from piece to piece, none of which is longer than LONGEST."""
+    smooth = True
+    for k in range(1, POINTS - 1):
+        from_x, from_y, to_x, to_y = x[k] - x[k - 1], y[k] - y[k - 1], x[k + 1] - x[k], y[k + 1] - y[k]
+        before, after, along = (
+            from_x * from_x + from_y * from_y,
+            to_x * to_x + to_y * to_y,
+            from_x * to_x + from_y * to_y,
+        )
+        smooth &= (along > 0.0) & (4.0 * along * along > 3.0 * before * after)
+        smooth &= max(before, after) <= LONGEST * LONGEST
+    return smooth
+
+
+@compiled
+def _wrapped(angle: float) -> float:
+    """As `wrap_angle`."""
+    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))

@@ -1,0 +1,74 @@
+"""SUMO's own road users as part of the world, and the rows of the trace."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.reader import Snapshot
+
+
+def background_world(snapshot: Snapshot, time: float, skip: frozenset[str]) -> WorldState:
+    """The road users of `snapshot` that are not in `skip`, at `time` (s); accelerations and yaw rates are 0."""
+    rows = np.array([i for i, road_user in enumerate(snapshot.ids) if road_user not in skip], np.intp)
+    none = np.zeros(len(rows))
+    return WorldState(
+        time=time,
+        ids=tuple(snapshot.ids[i] for i in rows),
+        type=snapshot.type[rows],
+        x=snapshot.x[rows],
+        y=snapshot.y[rows],
+        heading=snapshot.heading[rows],
+        speed=snapshot.speed[rows],
+        acceleration=none,
+        yaw_rate=none,
+        length=snapshot.length[rows],
+        width=snapshot.width[rows],
+        learned=np.zeros(len(rows), np.bool_),
+    )
+
+
+class Differences:
+    """Gives worlds that follow each other their accelerations and yaw rates, by differences between them."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[float, float]] = {}
+        self._time = 0.0
+
+    def complete(self, world: WorldState) -> WorldState:
+        """`world` with m/s² and rad/s since the world given before; 0 for road users that were not in that one."""
+        now = dict(zip(world.ids, zip(world.speed.tolist(), world.heading.tolist(), strict=True), strict=True))
+        before = np.array([self._last.get(i, now[i]) for i in world.ids], np.float64).reshape(-1, 2)
+        dt = max(world.time - self._time, 1e-3)
+        self._last, self._time = now, world.time
+        return replace(
+            world,
+            acceleration=(world.speed - before[:, 0]) / dt,
+            yaw_rate=wrap_angle(world.heading - before[:, 1]) / dt,
+        )
+
+
+def places_of(learned: WorldState, sumo_types: tuple[str, ...], background: WorldState, snapshot: Snapshot) -> Places:
+    """What the trace says of each road user of `learned` and `background` beside its motion, in that order."""
+    where = {road_user: i for i, road_user in enumerate(snapshot.ids)}
+    own = [where.get(road_user) for road_user in learned.ids]
+    # SUMO's lane is true only where SUMO has the road user at our place (not while it is staged on another lane).
+    here = [
+        row if row is not None and abs(snapshot.x[row] - x) + abs(snapshot.y[row] - y) < 0.1 else None
+        for row, x, y in zip(own, learned.x.tolist(), learned.y.tolist(), strict=True)
+    ]
+    theirs = [where[road_user] for road_user in background.ids]
+    return Places(
+        sumo_type=sumo_types + tuple(snapshot.sumo_type[row] for row in theirs),
+        lane=tuple("" if row is None else snapshot.lane[row] for row in here)
+        + tuple(snapshot.lane[row] for row in theirs),
+        lane_position=np.array(
+            [0.0 if row is None else snapshot.lane_position[row] for row in here]
+            + [snapshot.lane_position[row] for row in theirs],
+            np.float64,
+        ),
+        person=np.concatenate([learned.type == RoadUserType.PEDESTRIAN, snapshot.person[theirs].astype(np.bool_)]),
+    )

@@ -1,0 +1,124 @@
+"""Road users that leave the scene come back on its other side (paper, section 3.4)."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.spawn import starting_speed
+from slrl_sumo.sumo.lane_points import LanePoints
+
+CANDIDATES = (24, 384)
+"""Entry places that are looked at for each returning road user; more where the first ones are taken."""
+
+ROOM = np.array([4.7, 2.3, 1.0])
+"""m between the circles round two boxes that a returning road user of each type needs, to be able to stop."""
+
+NO_EXITS = np.zeros((0, 4))
+
+BEYOND, ASIDE = 12.0, 1.5
+"""m behind a lane's end, and beside it, within which who is off every surface has driven off that end."""
+
+BRAKING = 2.0
+"""m/s² with which who starts anew must be able to stop before the nearest road user."""
+
+
+def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS, *, rim: float = 0.0) -> NDArray[np.bool_]:
+    """Who has left the scene, (n,): more than `rim` m outside the network's bounding box, about 10 m away from every
+    surface, or off the end of a lane at one of the `exits` (see Network.exits)."""
+    x0, y0, x1, y1 = roadmap.bounds
+    inside = (world.x >= x0 - rim) & (world.x <= x1 + rim) & (world.y >= y0 - rim) & (world.y <= y1 + rim)
+    gone = ~(inside & roadmap.near_surface(world.x, world.y))
+    if len(exits):
+        off = np.flatnonzero(roadmap.surface_at(world.x, world.y) == Surface.NONE)
+        x, y, heading, half = exits.T
+        ahead, aside = to_ego(world.x[off, None] - x, world.y[off, None] - y, heading)
+        gone[off] |= ((ahead >= 0.0) & (ahead <= BEYOND) & (np.abs(aside) <= half + ASIDE)).any(axis=1)
+    return gone
+
+
+def reinsert(
+    world: WorldState, gone: NDArray[np.bool_], others: WorldState, points: tuple[LanePoints, ...], roadmap: RoadMap
+) -> WorldState:
+    """`world` with the road users `gone` (n,) moved to the other side of the scene.
+
+    A torus as in the paper: the position is shifted back along the heading by the extent of the scene, then snapped to
+    the nearest legal place of the type that leads into the same half-plane, free of the road users of `world` and
+    `others`; where none is free, to the one with the widest gap. Speed is kept up to the limit there.
+    """
+    x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
+    x0, y0, x1, y1 = roadmap.bounds
+    for row in np.flatnonzero(gone):
+        kind = int(world.type[row])
+        source = points[kind]
+        c, s = np.cos(heading[row]), np.sin(heading[row])
+        extent = min((x1 - x0) / max(abs(c), 1e-6), (y1 - y0) / max(abs(s), 1e-6))
+        wrapped_x = np.clip(x[row] - extent * c, x0, x1)
+        wrapped_y = np.clip(y[row] - extent * s, y0, y1)
+        stay = np.arange(len(world)) != row
+        crowd_x = np.concatenate([x[stay], others.x])
+        crowd_y = np.concatenate([y[stay], others.y])
+        radius = 0.5 * np.hypot(world.length[row], world.width[row])
+        radii = 0.5 * np.concatenate(
+            [np.hypot(world.length[stay], world.width[stay]), np.hypot(others.length, others.width)]
+        )
+        for count in CANDIDATES:
+            rows = source.nearest(np.array([wrapped_x]), np.array([wrapped_y]), count)[0]
+            turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
+            if kind == RoadUserType.PEDESTRIAN:
+                turn = np.minimum(turn, np.pi - turn)
+            apart = np.hypot(source.x[rows, None] - crowd_x, source.y[rows, None] - crowd_y) - radii
+            gap = apart.min(axis=1, initial=np.inf) - radius
+            if ((gap >= ROOM[kind]) & (turn <= 0.5 * np.pi)).any():
+                break
+        away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
+        # Ordered wishes: room to stop, else as much as there is; the same direction; near the mirrored point.
+        crowded = np.where(gap >= ROOM[kind], -np.inf, -gap)
+        best = rows[np.lexsort((away, turn > 0.5 * np.pi, crowded))[0]]
+        x[row], y[row] = source.x[best], source.y[best]
+        direction = source.heading[best]
+        if kind == RoadUserType.PEDESTRIAN and abs(wrap_angle(direction - heading[row])) > 0.5 * np.pi:
+            direction += np.pi
+        heading[row] = wrap_angle(direction)
+        speed[row] = min(speed[row], source.lanes[source.lane[best]].max_speed)
+    return replace(world, x=x, y=y, heading=heading, speed=speed)
+
+
+def start_anew(
+    world: WorldState,
+    rows: NDArray[np.intp],
+    others: WorldState,
+    points: tuple[LanePoints, ...],
+    max_speed: Floats,
+    rng: np.random.Generator,
+) -> WorldState:
+    """`world` with its road users `rows` at places drawn anew, with room to stop, under way as at the very start.
+
+    `max_speed`: per type, m/s, (3,). Where no free place is among those drawn, the one with the widest gap is taken.
+    """
+    x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
+    acceleration, yaw_rate = world.acceleration.copy(), world.yaw_rate.copy()
+    radii = 0.5 * np.concatenate([np.hypot(world.length, world.width), np.hypot(others.length, others.width)])
+    for row in rows.tolist():
+        kind = int(world.type[row])
+        source = points[kind]
+        drawn = rng.integers(0, len(source), CANDIDATES[0])
+        crowd_x, crowd_y = np.concatenate([x, others.x]), np.concatenate([y, others.y])
+        apart = np.hypot(source.x[drawn, None] - crowd_x, source.y[drawn, None] - crowd_y) - radii
+        apart[:, row] = np.inf
+        gap = apart.min(axis=1) - radii[row]
+        best = int(np.minimum(gap, ROOM[kind]).argmax())
+        stopping = np.sqrt(2.0 * BRAKING * max(float(gap[best]), 0.0))
+        best = int(drawn[best])
+        x[row], y[row] = source.x[best], source.y[best]
+        about = np.pi * int(rng.integers(0, 2)) if kind == RoadUserType.PEDESTRIAN else 0.0
+        heading[row] = wrap_angle(source.heading[best] + about)
+        usual = starting_speed(max_speed[kind], source.lanes[source.lane[best]].max_speed, rng.uniform())
+        speed[row] = min(usual, stopping)
+        acceleration[row] = yaw_rate[row] = 0.0
+    return replace(world, x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, yaw_rate=yaw_rate)

@@ -1,0 +1,206 @@
+"""`slrl-sumo bench`: throughput on this machine, beside plain SUMO and the bare library calls."""
+
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.jobs.interrupt import interruptible
+from slrl_sumo.jobs.progress import progress
+from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload, measured
+
+if TYPE_CHECKING:
+    from slrl_sumo.studies.bench.learned import LearnedCost
+
+DEFAULT_MIX = "car=0.2,bicycle=0.2,pedestrian=0.6"
+"""With the usual half of cars, 256 road users do not fit into the small scenarios, nor 1,024 into `district`; like this
+all do, and nobody starts bumper to bumper."""
+
+
+@dataclass(frozen=True)
+class BenchSettings:
+    """What to measure; the words are those of `slrl-sumo bench`."""
+
+    scenarios: tuple[str, ...] = ("intersection", "shared-space", "district")
+    agents: tuple[int, ...] = (16, 64, 256, 1024)
+    cores: tuple[int, ...] = ()
+    """So many simulations side by side; nothing: one, and as many as the machine has cores."""
+    steps: int = 60
+    """Decisions that count, of each measurement."""
+    bundle: str = "intersection"
+    selector: str | None = None
+    mix: str = DEFAULT_MIX
+    seed: int = 1
+
+
+def workloads(settings: BenchSettings) -> list[Workload]:
+    """What is measured, one after the other. Raises InputError where the settings are wrong."""
+    for name, values in (("agents", settings.agents), ("cores", settings.cores), ("steps", (settings.steps,))):
+        for value in values:
+            if value < 1:
+                raise InputError(f"--{name} {value}: give whole numbers of at least 1")
+    if not 0 <= settings.seed < 2**31:
+        raise InputError(f"--seed {settings.seed}: give a whole number from 0 to 2147483647")
+    from slrl_sumo.simulation.spawn import parse_mix
+    from slrl_sumo.sumo.scenario import find_scenario
+
+    parse_mix(settings.mix)
+    for scenario in settings.scenarios:
+        find_scenario(scenario)
+    cores = settings.cores or tuple(sorted({1, len(os.sched_getaffinity(0))}))
+    return [
+        Workload(
+            scenario=scenario,
+            agents=agents,
+            cores=count,
+            mix=settings.mix,
+            bundle=settings.bundle,
+            selector=settings.selector,
+            steps=settings.steps,
+            seed=settings.seed,
+        )
+        for scenario in settings.scenarios
+        for agents in settings.agents
+        for count in cores
+    ]
+
+
+def measure(works: list[Workload]) -> Iterator[dict[str, Any] | str]:
+    """A row for each of `works`, ready for JSON, or why it is left out; each is measured in processes of its own.
+
+    Raises InputError where bundle, selector or scenario cannot be used, SumoError where SUMO gives up.
+    """
+    from slrl_sumo.studies.bench.learned import measure_learned
+    from slrl_sumo.studies.bench.plain import measure_plain
+
+    for work in works:
+        try:
+            learned = measured(measure_learned, work)
+        except DoesNotFit as error:
+            yield f"{work.scenario} with {work.agents}: left out ({error})"
+            continue
+        yield _row(work, learned, measured(measure_plain, work))
+
+
+def _row(work: Workload, learned: "list[LearnedCost]", updates_per_s: list[float]) -> dict[str, Any]:
+    """One row: of simulations side by side times are means, rates and memory sums."""
+    parts = _means([cost.parts_s for cost in learned])
+    floor = _means([cost.floor_s for cost in learned])
+    decision, bare = sum(parts.values()), sum(floor.values())
+    plain = learned[0].substeps / fmean(updates_per_s)
+    return {
+        "scenario": work.scenario,
+        "agents": work.agents,
+        "cores": work.cores,
+        "selector": learned[0].selector,
+        "agent_steps_per_s": round(work.cores * work.agents / decision, 1),
+        "ms_per_decision": round(1e3 * decision, 4),
+        "parts_ms": _milliseconds(parts),
+        "floor_ms": round(1e3 * bare, 4),
+        "floor_parts_ms": _milliseconds(floor),
+        "times_floor": round(decision / bare, 3),
+        "sumo_updates_per_s": round(sum(updates_per_s), 1),
+        "times_sumo": round(decision / work.agents / plain, 3),
+        "peak_memory_mib": round(sum(cost.peak_memory_mib for cost in learned), 1),
+    }
+
+
+def _means(seconds: list[dict[str, float]]) -> dict[str, float]:
+    return {part: fmean(each[part] for each in seconds) for part in seconds[0]}
+
+
+def write_bench(settings: BenchSettings, file: Path | None) -> int:
+    """Measure with a progress bar, print the table and write `file`. Returns 0, or the number of the signal (SIGINT or
+    SIGTERM) that interrupted it: rows that are finished by then are written and printed."""
+    works = workloads(settings)
+    rows: list[dict[str, Any]] = []
+    left_out: dict[str, None] = {}
+    interrupted_by = 0
+    try:
+        with interruptible() as caught, progress() as bar:
+            task = bar.add_task("", total=len(works))
+            try:
+                results = measure(works)
+                for work in works:
+                    bar.update(task, description=f"{work.scenario}, {work.agents} road users, {work.cores} cores")
+                    result = next(results)
+                    if isinstance(result, str):
+                        left_out[result] = None
+                    else:
+                        rows.append(result)
+                    bar.advance(task)
+            except KeyboardInterrupt:
+                interrupted_by = caught[0]
+    finally:
+        # Also where SUMO dies: what has been measured is worth keeping.
+        if file is not None and (rows or not sys.exc_info()[0]):
+            _write(file, {"rows": rows, "left_out": list(left_out), **_circumstances(settings)})
+        if rows:
+            print_rows(rows)
+    for reason in left_out:
+        print(f"note: {reason}", file=sys.stderr)
+    return interrupted_by
+
+
+def _milliseconds(seconds: dict[str, float]) -> dict[str, float]:
+    return {part: round(1e3 * value, 4) for part, value in seconds.items()}
+
+
+def _circumstances(settings: BenchSettings) -> dict[str, Any]:
+    """What the figures belong to."""
+    return {
+        "bundle": settings.bundle,
+        "mix": settings.mix,
+        "steps": settings.steps,
+        "seed": settings.seed,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": platform.machine(),
+        "cores_of_machine": len(os.sched_getaffinity(0)),
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in ("slrl-sumo", "libsumo", "torch", "numpy")},
+    }
+
+
+def _write(file: Path, result: dict[str, Any]) -> None:
+    try:
+        file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written ({error.strerror}); name another file") from None
+
+
+def print_rows(rows: list[dict[str, Any]]) -> None:
+    """Print the table on stdout: what is measured in ms is per decision of all road users."""
+    parts = list(rows[0]["parts_ms"])
+    table = Table(
+        title="ms per decision (0.4 s) of all learned road users of a simulation; n cores: n simulations at once",
+        title_justify="left",
+    )
+    table.add_column("scenario", no_wrap=True)
+    for heading in ("agents", "cores", "agent-steps/s", "ms", *parts, "floor", "x floor", "x SUMO", "MiB"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(
+            row["scenario"],
+            str(row["agents"]),
+            str(row["cores"]),
+            f"{row['agent_steps_per_s']:.0f}",
+            f"{row['ms_per_decision']:.2f}",
+            *(f"{row['parts_ms'][part]:.2f}" for part in parts),
+            f"{row['floor_ms']:.2f}",
+            f"{row['times_floor']:.2f}",
+            f"{row['times_sumo']:.1f}",
+            f"{row['peak_memory_mib']:.0f}",
+        )
+    console = Console()
+    (console if console.is_terminal else Console(width=160)).print(table)

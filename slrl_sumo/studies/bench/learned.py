@@ -1,0 +1,179 @@
+"""What learned road users cost in a scenario, and what the bare library calls behind them would."""
+
+import resource
+import statistics
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from slrl_sumo.agent.driver import make_driver, usual_selector
+from slrl_sumo.agent.stopwatch import PARTS, Stopwatch
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.write import FcdWriter
+from slrl_sumo.metrics.counters import RunCounters
+from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
+from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, FINE
+from slrl_sumo.perception.observation import Observation
+from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.spawn import parse_mix, type_counts
+from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Ready, Workload
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.spawned import KEEP_ROUTE_PERSON, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD, MATCH_THRESHOLD_PERSON
+
+WARM_UP = 10
+"""Decisions before it counts: the first ones paint the ground and ask SUMO about everybody."""
+REPEATS = 20
+"""Of each bare call; the median counts."""
+
+
+@dataclass(frozen=True)
+class LearnedCost:
+    """What a workload costs; seconds are per decision of all its road users."""
+
+    selector: str
+    substeps: int
+    """SUMO steps in a decision."""
+    parts_s: dict[str, float]
+    """By PARTS."""
+    floor_s: dict[str, float]
+    """The bare library calls: moves, SUMO's steps, crops, displacement models, image encoder."""
+    peak_memory_mib: float
+    """Of the process until the last decision, the floor not included."""
+
+
+def measure_learned(work: Workload, ready: Ready) -> LearnedCost:
+    """Run learned road users, with summary and XML trace, then the bare calls for the same ones; in this process, whose
+    preparations end with `ready`.
+
+    Raises DoesNotFit where they find no place, InputError where the workload is wrong, SumoError where SUMO gives up.
+    """
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    bundle = load_bundle(work.bundle)
+    stopwatch = Stopwatch()
+    seconds: list[dict[str, float]] = []
+    scenario = find_scenario(work.scenario)
+    with SumoSession(scenario, seed=work.seed) as session, tempfile.TemporaryDirectory() as folder:
+        selector = work.selector or usual_selector(bundle)
+        driver = make_driver(selector, bundle, session.api, session.network, work.seed, stopwatch=stopwatch)
+        simulation = CoSimulation(session, driver, stopwatch=stopwatch)
+        counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config))
+        try:
+            simulation.spawn(counts, bundle.max_speed, work.seed)
+        except InputError as error:
+            raise DoesNotFit(str(error)) from None
+        start = simulation.start()
+        tally = RunCounters(start.world)
+        with FcdWriter(Path(folder) / "fcd.xml") as writer:
+            for number in range(WARM_UP + work.steps):
+                if number == WARM_UP:
+                    ready()
+                stopwatch.take()
+                decision = simulation.decide()
+                for step in decision.steps:
+                    writer.write(step.time, step.world, step.places)
+                tally.add(decision)
+                stopwatch.lap("record")
+                if number >= WARM_UP:
+                    seconds.append(stopwatch.take())
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        floor_s = _floor(session, simulation, bundle, work.steps)
+    return LearnedCost(selector, session.substeps, typical(seconds), floor_s, memory)
+
+
+def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
+    """The mean of each part over the middle half of the decisions by their sums: so the parts of the result sum up, and
+    what disturbs single decisions has no say."""
+    table = np.array([[decision[part] for part in PARTS] for decision in seconds])
+    order = np.argsort(table.sum(axis=1))
+    middle = order[len(order) // 4 : len(order) - len(order) // 4]
+    return dict(zip(PARTS, table[middle].mean(axis=0).tolist(), strict=True))
+
+
+def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int) -> dict[str, float]:
+    """Seconds per decision of the calls that no implementation of the method can do without."""
+    learned = simulation.population.world
+    observation = simulation.observe(np.arange(len(learned)), with_image=True)
+    roadmap = simulation.roadmap
+    ground = np.zeros((round((roadmap.core + 2.0 * roadmap.margin) * roadmap.resolution),) * 2, np.uint8)
+    moves, sumo_steps = _bare_sumo(session, learned, min(steps, REPEATS))
+    return {
+        "moves": session.substeps * moves,
+        "sumo": session.substeps * sumo_steps,
+        "crops": _seconds(lambda: _bare_crops(ground, learned.heading, roadmap.resolution)),
+        **_bare_models(bundle, observation),
+    }
+
+
+def _bare_sumo(session: SumoSession, learned: WorldState, steps: int) -> tuple[float, float]:
+    """Seconds that moveToXY takes for everybody, to where they are, and the SUMO step after it."""
+    # The reader's subscriptions are read in SUMO's step: bare calls have none.
+    session.reader.forget()
+    vehicle, person = session.api.vehicle, session.api.person
+    present = {*vehicle.getIDList(), *person.getIDList()}
+    x, y = front_from_centre(learned.x, learned.y, learned.heading, learned.length)
+    angle = heading_to_sumo(learned.heading)
+    walking = learned.type == RoadUserType.PEDESTRIAN
+    users = [
+        user
+        for user in zip(learned.ids, walking.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
+        if user[0] in present
+    ]
+    drivers, walkers = ([user for user in users if user[1] == walks] for walks in (False, True))
+    times = []
+    for _ in range(steps):
+        begin = perf_counter()
+        for user, _, front_x, front_y, degrees in drivers:
+            vehicle.moveToXY(user, "", -1, front_x, front_y, degrees, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD)
+        for user, _, front_x, front_y, degrees in walkers:
+            person.moveToXY(user, "", front_x, front_y, degrees, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
+        middle = perf_counter()
+        session.api.simulationStep()
+        times.append((middle - begin, perf_counter() - middle))
+    moves, sumo_steps = (statistics.median(column) for column in zip(*times, strict=True))
+    return moves, sumo_steps
+
+
+def _bare_crops(ground: NDArray[np.uint8], heading: Floats, resolution: float) -> None:
+    """One affine crop a road user, of the size that images are drawn in, out of the middle of a tile of ground."""
+    crop = np.empty((FINE * EGO_ROWS, FINE * EGO_COLS), np.uint8)
+    scale, middle = resolution / FINE, 0.5 * len(ground)
+    c, s = scale * np.cos(heading), scale * np.sin(heading)
+    for matrix in np.stack(
+        [np.stack([c, s, np.full_like(c, middle)], 1), np.stack([s, -c, np.full_like(c, middle)], 1)], 1
+    ):
+        cv2.warpAffine(ground, matrix, crop.shape[::-1], dst=crop, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+
+
+def _bare_models(bundle: ModelBundle, observation: Observation) -> dict[str, float]:
+    """Seconds of the displacement models of all modes and of the selector's image encoder."""
+    vector, kind = tensors(observation)
+    networks = bundle.displacement.networks
+    with torch.inference_mode():
+        seconds = {"displacement": _seconds(lambda: networks.forward_all(vector, kind))}
+        if bundle.policy is not None and observation.image is not None:
+            encoder = bundle.policy.encoder
+            pixels = torch.from_numpy(observation.image).permute(0, 3, 1, 2).float().contiguous()
+            seconds["encoder"] = _seconds(lambda: encoder(pixels))
+    return seconds
+
+
+def _seconds(call: Callable[[], object]) -> float:
+    """Median duration of a call."""
+    times = []
+    for _ in range(REPEATS):
+        begin = perf_counter()
+        call()
+        times.append(perf_counter() - begin)
+    return statistics.median(times)

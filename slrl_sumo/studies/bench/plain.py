@@ -1,0 +1,96 @@
+"""What SUMO's own road users cost, as many as there are learned ones beside them."""
+
+import statistics
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.spawn import draw_starts, parse_mix, starting_points, type_counts
+from slrl_sumo.studies.bench.measurement_process import Ready, Workload
+from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
+
+WARM_UP_STEPS = 50
+"""SUMO steps before it counts: until then those that find no gap at once have come in."""
+ATTEMPTS = 8
+"""Destinations that are tried for somebody before it only drives to the end of its street."""
+
+
+class _Crowd:
+    """So many road users of SUMO's own that start where learned ones would; who arrives starts anew."""
+
+    def __init__(self, session: SumoSession, work: Workload) -> None:
+        self._api: Any = session.api
+        self._random = np.random.default_rng(work.seed)
+        self._points = starting_points(session.network)
+        counts, _ = type_counts(work.agents, parse_mix(work.mix), self._points, str(session.scenario.config))
+        kinds, x, y, _, _ = draw_starts(counts, self._points, np.random.default_rng(work.seed))
+        self._starts: dict[str, tuple[int, int]] = {}
+        for number, kind in enumerate(kinds.tolist()):
+            place = int(self._points[kind].nearest(x[number : number + 1], y[number : number + 1])[0, 0])
+            self._starts[f"plain_{number}"] = kind, place
+            self._add(f"plain_{number}")
+
+    def renew(self) -> None:
+        """After a SUMO step: who has arrived starts once more."""
+        simulation = self._api.simulation
+        for user in (*simulation.getArrivedIDList(), *simulation.getArrivedPersonIDList()):
+            if user in self._starts:
+                self._add(user)
+
+    def _add(self, user: str) -> None:
+        kind, place = self._starts[user]
+        points = self._points[kind]
+        lane, offset = points.lanes[points.lane[place]], float(points.offset[place])
+        if kind == RoadUserType.PEDESTRIAN:
+            self._api.person.add(user, lane.edge, offset, typeID=SUMO_TEMPLATES[kind])
+            for stage in self._walk(lane.edge, points):
+                self._api.person.appendStage(user, stage)
+            return
+        edges = self._drive(lane.edge, points, SUMO_TEMPLATES[kind])
+        route = f"{user}:{self._random.integers(2**62)}"
+        self._api.route.add(route, edges)
+        number = lane.id.rsplit("_", 1)[1]
+        self._api.vehicle.add(user, route, SUMO_TEMPLATES[kind], departLane=number, departPos=f"{offset:.2f}")
+
+    def _drive(self, edge: str, points: LanePoints, kind: str) -> tuple[str, ...]:
+        for _ in range(ATTEMPTS):
+            edges = self._api.simulation.findRoute(edge, self._somewhere(points), kind).edges
+            if edges:
+                return tuple(edges)
+        return (edge,)
+
+    def _walk(self, edge: str, points: LanePoints) -> tuple[Any, ...]:
+        for _ in range(ATTEMPTS):
+            stages = self._api.simulation.findIntermodalRoute(edge, self._somewhere(points), "")
+            if stages:
+                return tuple(stages)
+        return (self._api.simulation.Stage(type=2, edges=[edge], arrivalPos=1.0),)
+
+    def _somewhere(self, points: LanePoints) -> str:
+        return points.lanes[self._random.integers(len(points.lanes))].edge
+
+
+def measure_plain(work: Workload, ready: Ready) -> float:
+    """Updates of road users per second of SUMO's steps, in this process, with as many of SUMO's own as `work` has
+    learned ones beside those of the scenario; all are counted. Its preparations end with `ready`.
+
+    Raises InputError where so many find no place, SumoError where SUMO gives up.
+    """
+    rates: list[float] = []
+    with SumoSession(find_scenario(work.scenario), seed=work.seed) as session:
+        crowd = _Crowd(session, work)
+        for number in range(WARM_UP_STEPS + work.steps * session.substeps):
+            if number == WARM_UP_STEPS:
+                ready()
+            begin = perf_counter()
+            session.step()
+            seconds = perf_counter() - begin
+            if number >= WARM_UP_STEPS:
+                rates.append((session.api.vehicle.getIDCount() + session.api.person.getIDCount()) / seconds)
+            crowd.renew()
+    return statistics.median(rates)

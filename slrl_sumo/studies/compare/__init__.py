@@ -1,0 +1,1 @@
+"""A scenario with learned road users beside SUMO's own models on the same demand."""

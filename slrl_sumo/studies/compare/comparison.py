@@ -1,0 +1,243 @@
+"""The same scenario and seeds with SUMO's own models and with learned road users: all runs, and what they say."""
+
+import json
+import math
+import os
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from slrl_sumo.agent.driver import SELECTORS, usual_selector
+from slrl_sumo.agent.selectors import PolicySelector
+from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.jobs.interrupt import interruptible
+from slrl_sumo.jobs.pool import Finished, Place, anywhere, run_jobs
+from slrl_sumo.jobs.progress import progress as progress_bar
+from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.simulation.takeover import parse_shares
+from slrl_sumo.studies.compare.report import print_comparison, write_comparison
+from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, play
+from slrl_sumo.studies.compare.tables import distances, rows
+from slrl_sumo.studies.episodes.episode import EpisodeSettings
+from slrl_sumo.studies.episodes.log import log_header
+from slrl_sumo.sumo.command import sumo_step_length
+from slrl_sumo.sumo.scenario import Scenario, find_scenario
+
+USUAL_SECONDS = 600.0
+"""Of a scenario that has no end."""
+
+
+@dataclass(frozen=True)
+class ComparisonSettings:
+    """What to compare; the words are those of `slrl-sumo compare`."""
+
+    scenario: str
+    bundle: str
+    takeover: str = "car=1,bicycle=1,pedestrian=1"
+    region: str | None = None
+    selector: str | None = None
+    guard: bool = False
+    steps: int | None = None
+    """Decisions of 0.4 s; None: `seconds`, or to the scenario's end."""
+    seconds: float | None = None
+    seed: int = 1
+    seeds: int = 5
+    """How many seeds, from `seed` on."""
+    step_length: float | None = None
+    place: Place = field(default_factory=Place)
+    """Where the runs are done."""
+
+
+def compare(
+    settings: ComparisonSettings,
+    folder: Path,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[dict[str, Any], dict[Run, Record]]:
+    """Do all runs that `folder`/runs.jsonl does not hold yet. Returns the result, ready for JSON, and all runs.
+
+    `rows`: see `comparison_tables.rows`; `distances`: of the distributions of motion; `left_out`: runs that could not
+    be done. The figures do not depend on where the runs are done. `progress` is told how many runs are done, of how
+    many. Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
+    """
+    bundle, scenario = load_bundle(settings.bundle), find_scenario(settings.scenario)
+    common = _common(settings, bundle, scenario)
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
+    wanted = [Run(seed, arm) for seed in range(settings.seed, settings.seed + settings.seeds) for arm in ARMS]
+    log = RunLog(folder / "runs.jsonl", _header(common, scenario, bundle))
+    missing = [run for run in wanted if run not in log.done]
+    left_out: list[Finished[Run, Record]] = []
+    progress(len(wanted) - len(missing), len(wanted))
+    with closing(run_jobs(partial(play, common), missing, settings.place)) as results:
+        for number, finished in enumerate(results, start=1):
+            if finished.record is None:
+                left_out.append(finished)
+            else:
+                log.add(finished.job, finished.record)
+            progress(len(wanted) - len(missing) + number, len(wanted))
+    runs = {run: log.done[run] for run in wanted if run in log.done}
+    seeds = sorted({run.seed for run in runs if all(Run(run.seed, arm) in runs for arm in ARMS)})
+    if not seeds:
+        raise SumoError(f"no seed has both its runs: {left_out[-1].reason}")
+    result = {
+        "scenario": scenario.name,
+        "bundle": bundle.name,
+        **{name: getattr(common, name) for name in ("selector", "guard", "takeover", "region")},
+        "seconds": round(common.decisions * DECISION_INTERVAL, 3),
+        "seeds": seeds,
+        "notices": _notices(runs, seeds[0]),
+        "rows": rows({run: runs[run] for run in runs if run.seed in seeds}),
+        "distances": distances({run: runs[run] for run in runs if run.seed in seeds}),
+        "left_out": [
+            {"seed": one.job.seed, "arm": one.job.arm, "reason": one.reason, "command": _command(common, one.job)}
+            for one in sorted(left_out, key=lambda one: one.job)
+        ],
+    }
+    return result, runs
+
+
+def write_compared(settings: ComparisonSettings, folder: Path) -> int:
+    """Compare with a progress bar, and write and print what came of it. Returns 0, or the number of the signal (SIGINT
+    or SIGTERM) that interrupted it; what was finished by then is in `folder`/runs.jsonl."""
+    begin = time.perf_counter()
+    with interruptible() as caught, progress_bar("{task.completed:.0f} of {task.total} runs") as bar:
+        task = bar.add_task(settings.scenario, total=2 * settings.seeds)
+        try:
+            result, runs = compare(
+                settings, folder, progress=lambda done, total: bar.update(task, completed=done, total=total)
+            )
+        except KeyboardInterrupt:
+            bar.stop()
+            print("interrupted: the same command goes on from the runs that are finished", file=sys.stderr)
+            return caught[0]
+    write_comparison(result, runs, folder)
+    print_comparison(result, folder, time.perf_counter() - begin)
+    return 0
+
+
+@dataclass
+class RunLog:
+    """`runs.jsonl`: a header, then one line for each finished run. `done` holds what was there and is added.
+
+    Half a line at the end, left by a process that was killed, is cut off. Raises InputError where the file cannot be
+    used, or belongs to a comparison with another header.
+    """
+
+    file: Path
+    header: dict[str, Any]
+    done: dict[Run, Record] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        try:
+            data = self.file.read_bytes() if self.file.exists() else b""
+            whole = data[: data.rfind(b"\n") + 1]
+            if whole:
+                self._read(whole)
+                os.truncate(self.file, len(whole))
+            else:
+                self.file.write_text(json.dumps(self.header) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise InputError(f"{self.file}: cannot be written ({error.strerror}); name another --out") from None
+
+    def add(self, run: Run, record: Record) -> None:
+        """Append a finished run, at once."""
+        self.done[run] = record
+        try:
+            with open(self.file, "a", encoding="utf-8") as stream:
+                stream.write(json.dumps(asdict(run) | {"record": record}) + "\n")
+        except OSError as error:
+            raise InputError(f"{self.file}: cannot be written ({error.strerror}); make room and go on") from None
+
+    def _read(self, data: bytes) -> None:
+        try:
+            first, *lines = data.decode("utf-8").splitlines()
+            found = json.loads(first)
+            other = next((name for name in self.header if found.get(name) != self.header[name]), None)
+            for line in lines:
+                values = json.loads(line)
+                self.done[Run(values["seed"], values["arm"])] = values["record"]
+        except (ValueError, TypeError, KeyError, AttributeError):
+            raise InputError(f"{self.file}: is damaged or something else; name another --out, or delete it") from None
+        if other is not None:
+            raise InputError(
+                f"{self.file}: its runs are of other settings ({other.removesuffix('_sha256')} "
+                f"{str(found.get(other))[:30]}, not {str(self.header[other])[:30]}); name another --out, or delete it"
+            )
+
+
+def _command(common: ComparedScenario, run: Run) -> str:
+    """What does the two runs of a seed again, and nothing else."""
+    words: list[Any] = ["slrl-sumo", "compare", common.scenario, "--bundle", common.bundle]
+    words += ["--takeover", common.takeover, "--selector", common.selector, "--steps", common.decisions]
+    words += [*(["--region", common.region] if common.region else []), *(["--guard"] if common.guard else [])]
+    words += ["--step-length", common.step_length] if common.step_length else []
+    return shlex.join([*map(str, words), "--seed", str(run.seed), "--seeds", "1", "--out", "repeated"])
+
+
+def _notices(runs: dict[Run, Record], seed: int) -> list[str]:
+    lines = list(runs[Run(seed, ARMS[0])]["notices"])
+    unknown = sorted({name for record in runs.values() for name in record["emissions"]["unknown"]})
+    if unknown:
+        lines.append(f"no emissions of {', '.join(unknown)}: SUMO here has no data for them")
+    return lines
+
+
+def _header(common: ComparedScenario, scenario: Scenario, bundle: ModelBundle) -> dict[str, Any]:
+    """All that a run depends on beside the Run itself."""
+    files = log_header(EpisodeSettings(common.scenario, common.bundle, common.decisions), scenario, bundle)
+    hashes = {name: value for name, value in files.items() if name.endswith("_sha256") or name == "version"}
+    own = {name: value for name, value in asdict(common).items() if name not in ("scenario", "bundle")}
+    return {"scenario": scenario.name, "bundle": bundle.name, **hashes, **own}
+
+
+def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenario) -> ComparedScenario:
+    """Checked settings. Raises InputError."""
+    selector = settings.selector or usual_selector(bundle)
+    if selector not in SELECTORS:
+        raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
+    if selector in ("greedy", "sampled"):
+        PolicySelector(bundle, 0, sample=False)  # raises where the bundle has none
+    if settings.guard and selector == "lane":
+        raise InputError("--guard: --selector lane chooses no modes; leave the guard out, or take another selector")
+    if not 1 <= settings.seeds <= 10_000:
+        raise InputError(f"--seeds {settings.seeds}: give a whole number from 1 to 10000")
+    if not 0 <= settings.seed < 2**31 - settings.seeds:
+        raise InputError(f"--seed {settings.seed}: give a whole number from 0 to 2147473647")
+    if settings.steps is not None and settings.seconds is not None:
+        raise InputError("--steps and --seconds were both given; give one of them")
+    if settings.steps is not None and settings.steps < 1:
+        raise InputError(f"--steps {settings.steps}: at least one decision is needed")
+    if settings.seconds is not None and not 0 < settings.seconds < 1e7:
+        raise InputError(f"--seconds {settings.seconds:g}: give a number above 0")
+    parse_shares(settings.takeover)
+    sumo_step_length(scenario, settings.step_length)
+    return ComparedScenario(
+        scenario=anywhere(settings.scenario),
+        bundle=anywhere(settings.bundle, shipped_bundles()),
+        decisions=_decisions(settings, scenario),
+        takeover=settings.takeover,
+        region=settings.region,
+        selector=selector,
+        guard=settings.guard,
+        step_length=settings.step_length,
+    )
+
+
+def _decisions(settings: ComparisonSettings, scenario: Scenario) -> int:
+    if settings.steps is not None:
+        return settings.steps
+    seconds = settings.seconds
+    if seconds is None:
+        begin, end = scenario.seconds("begin") or 0.0, scenario.seconds("end")
+        seconds = end - begin if end is not None and end > begin else USUAL_SECONDS
+    return max(1, math.ceil(seconds / DECISION_INTERVAL - 1e-9))

@@ -1,0 +1,119 @@
+"""What a comparison leaves behind: results.json, results.csv, conflicts.csv, comparison.png and a table for people."""
+
+import csv
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.metrics.surrogate_safety import deceleration_to_avoid_crash
+from slrl_sumo.studies.compare.figure import draw_comparison
+from slrl_sumo.studies.compare.measures import MEASURES
+from slrl_sumo.studies.compare.run import LEARNED, SUMO, Record, Run
+from slrl_sumo.studies.compare.tables import COLUMNS
+
+CONFLICT_COLUMNS = (
+    "seed",
+    "arm",
+    "measure",
+    "id_a",
+    "id_b",
+    "type_a",
+    "type_b",
+    "time_s",
+    "x_m",
+    "y_m",
+    "value_s",
+    "closing_mps",
+    "angle_deg",
+    "drac_mps2",
+)
+"""Of conflicts.csv: see `conflicts.Conflicts`; drac only of TTC conflicts, not of those that touch."""
+
+
+def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path) -> None:
+    """Write what `slrl_sumo.studies.compare.comparison.compare` found into `folder`, which is there."""
+    try:
+        (folder / "results.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        with open(folder / "results.csv", "w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+            writer.writeheader()
+            writer.writerows(result["rows"])
+        with open(folder / "conflicts.csv", "w", encoding="utf-8", newline="") as file:
+            lines = csv.writer(file)
+            lines.writerow(CONFLICT_COLUMNS)
+            for run in sorted(runs):
+                for measure, found in runs[run]["conflicts"].items():
+                    lines.writerows([run.seed, run.arm, measure, *_conflict(measure, row)] for row in found)
+        draw_comparison(result).savefig(folder / "comparison.png", dpi=110)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
+
+
+def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> None:
+    """Print a line for each measure and type on stdout."""
+    console = Console()
+    console = console if console.is_terminal else Console(width=120)
+    seeds = result["seeds"]
+    table = Table(
+        title=f"{result['scenario']}, {result['seconds']:g} s, {len(seeds)} seed{'s' * (len(seeds) > 1)}, "
+        f"bundle {result['bundle']}, selector {result['selector']}{' with guard' * result['guard']}",
+        title_justify="left",
+        caption="mean over seeds; difference: learned - sumo, with its 95 % confidence interval (Student's t, paired "
+        "by seed); * where 0 is outside of it",
+        caption_justify="left",
+    )
+    table.add_column("measure", no_wrap=True)
+    table.add_column("type", no_wrap=True)
+    for heading in (SUMO, LEARNED, "difference", "95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for measure in MEASURES:
+        mine = [row for row in result["rows"] if row["measure"] == measure.name]
+        for row in mine:
+            title = f"{measure.title}{'' if measure.unit == '1' else f' ({measure.unit})'}"
+            table.add_row(title if row is mine[0] else "", row["type"], *_cells(row, measure.digits))
+        if mine:
+            table.add_section()
+    console.print(table)
+    for one in result["distances"]:
+        if one["quantity"] == "speed":
+            distance = f"{one['distance']:.2f} (0: the same, 1: nothing in common)"
+            print(f"Jensen-Shannon distance of {one['type']} speeds from sumo's: {distance}")
+    for one in result["left_out"]:
+        print(f"left out: {one['arm']}, seed {one['seed']}: {one['reason']}; to repeat it: {one['command']}")
+    for notice in result["notices"]:
+        print(f"note: {notice}")
+    print(f"{folder}: results.json, results.csv, conflicts.csv, comparison.png ({wall_s:.0f} s)")
+
+
+def _cells(row: dict[str, Any], digits: int) -> list[str]:
+    low, high = row["difference_low"], row["difference_high"]
+    between = "–" if low is None else f"{_signed(low, digits)} .. {_signed(high, digits)}"
+    sure = " *" if low is not None and (low > 0.0 or high < 0.0) else ""
+    return [
+        *(f"{row[arm]:.{digits}f}" for arm in (SUMO, LEARNED)),
+        f"{_signed(row['difference'], digits)}{sure}",
+        between,
+    ]
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{round(value, digits) + 0.0:+.{digits}f}"  # 0.0 makes -0 a 0
+
+
+def _conflict(measure: str, row: list[Any]) -> list[Any]:
+    *before, value, closing, angle = row
+    drac = deceleration_to_avoid_crash(ttc=np.array([value]), closing=np.array([closing]))[0]
+    return [
+        *before,
+        value,
+        closing,
+        round(math.degrees(angle), 1),
+        round(drac, 2) if measure == "ttc" and value > 0 else "",
+    ]

@@ -1,0 +1,1 @@
+"""Selectors measured over many episodes in a scenario."""

@@ -1,0 +1,150 @@
+"""One episode of an evaluation: learned road users, SUMO's own or recorded ones, from the start to what happened."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from slrl_sumo.agent.driver import GUARDED, make_driver
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.metrics.counters import OWN_SURFACE
+from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH
+from slrl_sumo.simulation.background_state import background_world
+from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.spawn import draw_starts, starting_speed, type_counts
+from slrl_sumo.simulation.wraparound import ROOM
+from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+SUMO = "sumo"
+"""The selector that stands for SUMO's own models: nobody is learned, and the scenario's road users are counted."""
+
+WARM_UP = 60.0
+"""s of plain SUMO before an episode, so that the scenario's traffic is there from the first decision on."""
+
+
+@dataclass(frozen=True)
+class EpisodeSettings:
+    """What all episodes of an evaluation have in common."""
+
+    scenario: str
+    bundle: str
+    steps: int
+    """Decisions."""
+
+
+@dataclass(frozen=True, order=True)
+class Episode:
+    """One episode. Those of the same seed and number have the same background, whoever is learned."""
+
+    selector: str
+    agents: int
+    """Learned road users; 0 with selector SUMO."""
+    seed: int
+    number: int
+
+    @property
+    def draw(self) -> int:
+        """The seed of SUMO, of the places and of the choices."""
+        return int(np.random.SeedSequence((self.seed, self.number)).generate_state(1)[0] >> 1)
+
+
+def play(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...]:
+    """Play an episode in this process. It depends on its arguments alone.
+
+    Raises InputError where scenario or bundle cannot be used, SumoError where SUMO gives up.
+    """
+    # The models are so small that more threads only wait for each other.
+    torch.set_num_threads(1)
+    bundle = load_bundle(settings.bundle)
+    with SumoSession(find_scenario(settings.scenario), seed=episode.draw) as session:
+        for _ in range(round(WARM_UP / DECISION_INTERVAL) * session.substeps):
+            session.step()
+        if episode.selector == SUMO:
+            return _watch(session, settings.steps)
+        return _drive(session, bundle, episode, settings.steps)
+
+
+def recorded(recording: Trajectories, steps: int) -> Iterator[tuple[TypeOutcome, ...]]:
+    """The road users of a recording, in one span of `steps` intervals after the other; what is left over is left out.
+
+    Parked ones are not counted. Raises InputError where the recording holds no whole span.
+    """
+    if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
+        raise InputError(f"--recording: its interval is {recording.dt} s, evaluation needs {DECISION_INTERVAL} s")
+    frames = recording.frames
+    if len(frames) <= steps:
+        raise InputError(
+            f"--recording: it has {max(len(frames) - 1, 0)} intervals, an episode {steps}; give --steps or a longer one"
+        )
+    parked = frozenset(name for name, still in zip(recording.ids, recording.parked.tolist(), strict=True) if still)
+    for first in range(frames.start, frames.stop - steps, steps):
+        outcomes = Outcomes(recording.world(first))
+        for frame in range(first + 1, first + steps + 1):
+            world = recording.world(frame)
+            outcomes.add(world, np.array([name not in parked for name in world.ids], np.bool_), None)
+        result = outcomes.per_type()
+        if result:
+            yield result
+
+
+def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
+    """Count SUMO's own road users while they are there."""
+    roadmap = RoadMap(session.network.surfaces())
+    outcomes = Outcomes(background_world(session.reader.read(), session.time, frozenset()))
+    for _ in range(steps):
+        for _ in range(session.substeps):
+            session.step()
+        world = background_world(session.reader.read(), session.time, frozenset())
+        surface = roadmap.surface_at(world.x, world.y)
+        outcomes.add(world, np.ones(len(world), np.bool_), ~OWN_SURFACE[world.type, surface])
+    return outcomes.per_type()
+
+
+def _drive(session: SumoSession, bundle: ModelBundle, episode: Episode, steps: int) -> tuple[TypeOutcome, ...]:
+    """Count learned road users among SUMO's."""
+    name, guard = episode.selector.removesuffix(GUARDED), episode.selector.endswith(GUARDED)
+    driver = make_driver(name, bundle, session.api, session.network, episode.draw, guard=guard)
+    simulation = CoSimulation(session, driver)
+    _spawn(simulation, session, bundle, episode)
+    outcomes = Outcomes(simulation.start().world)
+    for _ in range(steps):
+        decision = simulation.decide()
+        world, n = decision.steps[-1].world, len(decision.surface)
+        off_surface = np.zeros(len(world), np.bool_)
+        off_surface[:n] = ~OWN_SURFACE[world.type[:n], decision.surface]
+        outcomes.add(world, np.arange(len(world)) < n, off_surface)
+    return outcomes.per_type()
+
+
+def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, episode: Episode) -> None:
+    """Add the learned road users as a run does, but not upon the traffic that is there already."""
+    points = simulation.points
+    counts, _ = type_counts(episode.agents, None, points, str(session.scenario.config))
+    background = background_world(session.reader.read(), session.time, frozenset())
+    rng = np.random.default_rng(episode.draw)
+    try:
+        starts = draw_starts(counts, _clear(points, background), rng)
+    except InputError:  # too full for that: who starts in contact with somebody has not collided by driving
+        starts = draw_starts(counts, points, rng)
+    kinds, x, y, heading, limit = starts
+    speed = starting_speed(bundle.max_speed[kinds], limit, rng.random(len(kinds)))
+    simulation.population.spawn(kinds, x, y, heading, speed, session.time)
+
+
+def _clear(points: tuple[LanePoints, ...], others: WorldState) -> tuple[LanePoints, ...]:
+    """Those places from which each type has room to stop before any of `others`, as for those that come back."""
+    radii = 0.5 * np.hypot(others.length, others.width)
+    clear = []
+    for kind, places in enumerate(points):
+        radius = 0.5 * np.hypot(DEFAULT_LENGTH[kind], DEFAULT_WIDTH[kind])
+        gap = np.hypot(places.x[:, None] - others.x, places.y[:, None] - others.y) - radii - radius
+        clear.append(places.take(np.flatnonzero(gap.min(axis=1, initial=np.inf) >= ROOM[kind])))
+    return tuple(clear)

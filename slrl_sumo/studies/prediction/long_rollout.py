@@ -1,0 +1,124 @@
+"""Whether rollouts stay sound: road users of a recording that are left to their models for a long time."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.formats.trajectories import Integers, Trajectories
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.scene.advance import advance
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.studies.prediction.rollout import Cast, Moment, Move, cast_of
+
+STEPS = 64
+"""Intervals: 25.6 s, four times as long as a prediction."""
+
+SLOW = 0.3
+"""m/s; who is slower should hardly turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class LongRollout:
+    """U road users over STEPS intervals."""
+
+    type: NDArray[np.int8]
+    """RoadUserType, (U,)."""
+    speed: Floats
+    """m/s, (U, STEPS)."""
+    acceleration: Floats
+    yaw_rate: Floats
+    sideslip: Floats
+    """rad between an interval's displacement and the heading after it, 0 where there was none, (U, STEPS)."""
+    distance: Floats
+    """m from the start to the end, (U,)."""
+
+
+def long_rollout(recording: Trajectories, starts: Integers, make: Callable[[Cast], Move]) -> LongRollout:
+    """Let all who are there and in motion at the frames `starts` go on for STEPS, alone with each other.
+
+    Nobody enters or leaves, and nothing of the recording is seen after the start. `make` gives the way to move.
+    """
+    every = cast_of(recording, starts)
+    cast = every.take(np.flatnonzero((every.enters == 0) & (every.leaves > 0)))
+    row, track = cast.row, recording.track[cast.row]
+    world = WorldState(
+        time=0.0,
+        ids=("",) * len(row),
+        type=recording.type[track],
+        x=recording.x[row],
+        y=recording.y[row],
+        heading=recording.heading[row],
+        speed=recording.speed[row],
+        acceleration=recording.acceleration[row],
+        yaw_rate=recording.yaw_rate[row],
+        length=recording.length[track],
+        width=recording.width[track],
+        learned=np.ones(len(row), np.bool_),
+    )
+    everybody = np.arange(len(row))
+    begin, move = world, make(cast)
+    kept: list[Floats] = []
+    for step in range(STEPS):
+        # There is no truth here; where everybody is now stands in for it.
+        moment = Moment(world, cast.scene, everybody, everybody, step, world.x, world.y)
+        then = advance(world, *move(moment), recording.dt)
+        dx, dy = then.x - world.x, then.y - world.y
+        slip = np.where(np.hypot(dx, dy) > 1e-6, np.abs(wrap_angle(np.arctan2(dy, dx) - then.heading)), 0.0)
+        kept.append(np.stack([then.speed, then.acceleration, then.yaw_rate, slip]))
+        world = then
+    speed, acceleration, yaw_rate, sideslip = np.stack(kept, axis=-1)
+    distance = np.hypot(world.x - begin.x, world.y - begin.y)
+    return LongRollout(world.type, speed, acceleration, yaw_rate, sideslip, distance)
+
+
+def long_rollout_figures(name: str, drives: Sequence[LongRollout], bundle: ModelBundle) -> list[dict[str, Any]]:
+    """Per type: extremes of motion, and the share of steps within the 1st to 99th percentile of the training data.
+
+    `slow_yaw_rate_first` and `_last`: 99th percentile of the absolute yaw rate below SLOW, in the first and the last
+    quarter of the steps: the second must not be the greater one by much. None where nobody was slow, or the bundle
+    does not say what was recorded.
+    """
+    rows = []
+    for kind, type_name in enumerate(TYPE_NAMES):
+        mine = [(drive, drive.type == kind) for drive in drives]
+        if not any(who.any() for _, who in mine):
+            continue
+        speed, acceleration, yaw_rate, sideslip = (
+            np.concatenate([getattr(drive, field)[who] for drive, who in mine])
+            for field in ("speed", "acceleration", "yaw_rate", "sideslip")
+        )
+        slow = speed < SLOW
+        quarter = STEPS // 4
+        recorded = bundle.training.get("types", {}).get(type_name, {})
+        rows.append(
+            {
+                "selector": name,
+                "type": type_name,
+                "n": len(speed),
+                "steps": STEPS,
+                "farthest_m": float(np.concatenate([drive.distance[who] for drive, who in mine]).max()),
+                "yaw_rate_p99_radps": float(np.percentile(np.abs(yaw_rate), 99)),
+                "sideslip_p99_rad": float(np.percentile(sideslip, 99)),
+                "slow_yaw_rate_first_radps": _p99(np.abs(yaw_rate[:, :quarter])[slow[:, :quarter]]),
+                "slow_yaw_rate_last_radps": _p99(np.abs(yaw_rate[:, -quarter:])[slow[:, -quarter:]]),
+                "speed_within": _share_within(speed, recorded.get("speed_percentiles_mps")),
+                "acceleration_within": _share_within(acceleration, recorded.get("acceleration_percentiles_mps2")),
+            }
+        )
+    return rows
+
+
+def _p99(values: Floats) -> float | None:
+    return float(np.percentile(values, 99)) if len(values) else None
+
+
+def _share_within(values: Floats, bounds: Sequence[float] | None) -> float | None:
+    """Share within bounds; a rounding error outside still counts as within."""
+    if bounds is None:
+        return None
+    return float(((values >= bounds[0] - 1e-3) & (values <= bounds[1] + 1e-3)).mean())

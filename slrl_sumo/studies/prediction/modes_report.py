@@ -1,0 +1,43 @@
+"""Pictures and counts of modes, of all ways to find them side by side."""
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.learning.supervised.fit import BALANCED, MODES_BY, goals
+from slrl_sumo.learning.supervised.modes import assign, cluster
+from slrl_sumo.learning.supervised.windows import windows
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.studies.prediction.plots import draw_modes
+
+
+def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> None:
+    """Write modes-TYPE.png for each type of the recordings, and modes.csv, into `folder`, which is created.
+
+    Clustered is what `fit` would learn from, without its mirrored windows.
+    """
+    every = windows(recordings)
+    rows = []
+    try:
+        folder.mkdir(exist_ok=True)
+        for t in np.unique(every.type).tolist():
+            mine = every.take(every.type == t)
+            modes = {}
+            for name in MODES_BY:
+                goal = goals(mine, name)
+                centres = cluster(goal, MODES, seed, TYPE_NAMES[t], balanced=name in BALANCED)
+                modes[name] = assign(goal, centres)
+                counts = np.bincount(modes[name], minlength=MODES)
+                rows += [(name, TYPE_NAMES[t], mode, *centres[mode], counts[mode]) for mode in range(MODES)]
+            draw_modes(mine, modes, MODES).savefig(folder / f"modes-{TYPE_NAMES[t]}.png", dpi=72)
+        with open(folder / "modes.csv", "w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(("clustering", "type", "mode", "ahead_m", "left_m", "windows"))
+            writer.writerows(rows)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None

@@ -1,0 +1,92 @@
+"""What an evaluation on a recording leaves behind: results.json, results.csv, errors.png and a table."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.studies.prediction.plots import draw_errors
+
+COLUMNS = ("selector", "type", "step", "ade_m", "fde_m", "min_ade_m", "min_fde_m", "n")
+
+
+def check_folder(folder: Path) -> None:
+    """Raises InputError where `folder` can be no folder for results."""
+    if not folder.resolve().parent.is_dir():
+        raise InputError(f"{folder}: the folder {folder.resolve().parent} does not exist; create it or name another")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: is a file; name a folder")
+
+
+def write_evaluation(result: dict[str, Any], folder: Path) -> None:
+    """Write what `slrl_sumo.studies.prediction.evaluate.evaluate` found into `folder`, which is created."""
+    try:
+        folder.mkdir(exist_ok=True)
+        (folder / "results.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        with open(folder / "results.csv", "w", encoding="utf-8", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(result["rows"])
+        draw_errors(result["rows"]).savefig(folder / "errors.png", dpi=110)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
+
+
+def print_evaluation(result: dict[str, Any]) -> None:
+    """Print the last step of each type and selector, bends and driving on stdout."""
+    console = Console()
+    console = console if console.is_terminal else Console(width=120)
+    last = {(row["type"], row["selector"]): row for row in result["rows"]}  # rows come in the order of steps
+    for title, rows in (
+        (f"{result['recording']}: errors after the last step, {result['starts']} starts", list(last.values())),
+        ("of those who went round a bend", result["bends"]),
+    ):
+        table = Table(title=title, title_justify="left")
+        for heading in ("type", "selector", "step"):
+            table.add_column(heading)
+        for heading in ("mean error (m)", "final error (m)", f"best of {result['samples']}: mean", "final", "n"):
+            table.add_column(heading, justify="right")
+        for row in sorted(rows, key=lambda row: str(row["type"])):
+            figures = (f"{row[key]:.2f}" for key in COLUMNS[3:7])
+            table.add_row(row["type"], row["selector"], str(row["step"]), *figures, str(row["n"]))
+        if rows:
+            console.print(table)
+    if result["driving"]:
+        table = Table(title="the prior left alone for 25.6 s", title_justify="left")
+        table.add_column("type")
+        for heading in ("yaw rate 99 % (rad/s)", "sideslip 99 % (rad)", "slow yaw rate, first / last quarter"):
+            table.add_column(heading, justify="right")
+        for heading in ("speed within recorded", "acceleration within", "farthest (m)", "n"):
+            table.add_column(heading, justify="right")
+        for row in result["driving"]:
+            table.add_row(
+                row["type"],
+                f"{row['yaw_rate_p99_radps']:.2f}",
+                f"{row['sideslip_p99_rad']:.3f}",
+                f"{_cell(row['slow_yaw_rate_first_radps'], '.2f')} / {_cell(row['slow_yaw_rate_last_radps'], '.2f')}",
+                _cell(row["speed_within"], ".1%"),
+                _cell(row["acceleration_within"], ".1%"),
+                f"{row['farthest_m']:.0f}",
+                str(row["n"]),
+            )
+        console.print(table)
+    if result["off_surface"]:
+        table = Table(title="steps that end off the own surface", title_justify="left")
+        for heading in ("type", "selector"):
+            table.add_column(heading)
+        for heading in ("share", "steps"):
+            table.add_column(heading, justify="right")
+        for row in sorted(result["off_surface"], key=lambda row: str(row["type"])):
+            table.add_row(row["type"], row["selector"], f"{row['share']:.1%}", str(row["steps"]))
+        console.print(table)
+    if result["reversing"]:
+        console.print(f"left out: cars that reverse, {result['reversing']} times", highlight=False)
+    console.print(f"surface: {result['surface']}", highlight=False)
+
+
+def _cell(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)

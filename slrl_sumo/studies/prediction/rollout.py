@@ -1,0 +1,158 @@
+"""Prediction error: recorded road users, simulated from their true state and compared with what they did.
+
+All road users of a start frame are simulated together (paper, section 3.5). Many start frames are run as one batch:
+each is a scene of its own, whose road users see nobody of another scene.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.formats.trajectories import Integers, Trajectories
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.learning.supervised.windows import PAST, reversing
+from slrl_sumo.metrics.counters import OWN_SURFACE
+from slrl_sumo.scene.advance import advance
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+
+STEPS = 16
+"""Intervals of a rollout: 6.4 s (paper, section 4.1)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cast:
+    """U road users of the rollouts from some start frames: who takes part in which scene, and from when to when.
+
+    A road user is there as recorded until its motion is known (PAST intervals, as in training), then it is simulated,
+    to the end of its track or of the rollout. Parked ones are there as recorded all the time, and so are cars that
+    reverse on the way: nothing here drives backwards, so nothing would be measured.
+    """
+
+    scene: Integers
+    """Index of the start frame, (U,)."""
+    track: Integers
+    row: Integers
+    """Row of the recording at the start frame, (U,); beyond the track's rows for those that come later."""
+    appears: Integers
+    """First interval in which it is seen, (U,)."""
+    enters: Integers
+    """First interval in which it is simulated, (U,)."""
+    leaves: Integers
+    """Intervals after the start at which its track or the rollout ends, (U,)."""
+    reverses: NDArray[np.bool_]
+    """Whether it is a car that would be simulated, but reverses then and is there as recorded, (U,)."""
+
+    def __len__(self) -> int:
+        return len(self.scene)
+
+    def take(self, rows: NDArray[np.intp]) -> "Cast":
+        """The members `rows`."""
+        return Cast(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What there is to decide from in one interval of all scenes."""
+
+    world: WorldState
+    """Everybody that is seen, of all scenes."""
+    scene: Integers
+    """Scene of each road user of `world`."""
+    rows: NDArray[np.intp]
+    """Rows of `world` that are to be moved, (m,)."""
+    users: NDArray[np.intp]
+    """The same as members of the cast."""
+    step: int
+    next_x: Floats
+    """True positions after the interval, (m,), m."""
+    next_y: Floats
+
+
+Motion = tuple[Floats, Floats, Floats]
+"""Acceleration (m/s²), yaw rate (rad/s) and top speed (m/s), each (m,)."""
+
+Move = Callable[[Moment], Motion]
+"""How those who are to be moved in a moment move."""
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Displacement errors of U simulated road users."""
+
+    type: NDArray[np.int8]
+    """RoadUserType, (U,)."""
+    steps: Integers
+    """Simulated intervals, (U,)."""
+    error: Floats
+    """m to the true position after each interval since the road user's entry, (U, STEPS); 0 after `steps`."""
+    off_surface: Integers
+    """Intervals that ended off the own surface, (U,); 0 without a map."""
+
+
+def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Cast:
+    """Who takes part in the rollouts that begin at the frames `starts` (S,), scene by scene, in the order of tracks."""
+    first_row = recording.starts[:-1]
+    first, last = recording.frame[first_row], recording.frame[recording.starts[1:] - 1]
+    scene, track = np.nonzero((first <= starts[:, None] + steps) & (last >= starts[:, None]))
+    begin = starts[scene]
+    row = first_row[track] + begin - first[track]
+    enters = np.maximum(first[track] + PAST - begin, 0)
+    leaves = np.minimum(last[track] - begin, steps)
+    backwards = np.cumsum(reversing(recording))
+    reverses = (enters < leaves) & (backwards[row + leaves] > backwards[np.minimum(row + enters - PAST, row + leaves)])
+    reverses &= ~recording.parked[track]
+    return Cast(
+        scene=scene,
+        track=track,
+        row=row,
+        appears=np.maximum(first[track] - begin, 0),
+        enters=np.where(recording.parked[track] | reverses, steps, enters),
+        leaves=leaves,
+        reverses=reverses,
+    )
+
+
+def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | None = None) -> Errors:
+    """Simulate the cast: every interval `move` says how the road users move, and `advance` moves them.
+
+    With a map it is counted how often they are off their own surface.
+    """
+    steps = STEPS
+    users, kind = len(cast), recording.type[cast.track]
+    length, width = recording.length[cast.track], recording.width[cast.track]
+    state = np.zeros((6, users))  # x, y, heading, speed, acceleration, yaw rate
+    recorded = np.stack(
+        [recording.x, recording.y, recording.heading, recording.speed, recording.acceleration, recording.yaw_rate]
+    )
+    errors, off_surface = np.zeros((users, steps)), np.zeros(users, np.int64)
+    for step in range(steps):
+        seen = np.flatnonzero((cast.appears <= step) & (step <= cast.leaves))
+        as_recorded = seen[step <= cast.enters[seen]]
+        state[:, as_recorded] = recorded[:, cast.row[as_recorded] + step]
+        moving = (cast.enters[seen] <= step) & (step < cast.leaves[seen])
+        world = _world(state[:, seen], kind[seen], length[seen], width[seen], moving)
+        rows = np.flatnonzero(moving)
+        moved = seen[rows]
+        after = cast.row[moved] + step + 1
+        moment = Moment(world, cast.scene[seen], rows, moved, step, recording.x[after], recording.y[after])
+        acceleration, yaw_rate, top = move(moment)
+        here = _world(state[:, moved], kind[moved], length[moved], width[moved], moving[rows])
+        then = advance(here, acceleration, yaw_rate, top, recording.dt)
+        state[:, moved] = then.x, then.y, then.heading, then.speed, then.acceleration, then.yaw_rate
+        off = np.hypot(then.x - moment.next_x, then.y - moment.next_y)
+        errors[moved, step - cast.enters[moved]] = off
+        if roadmap is not None:
+            off_surface[moved] += ~OWN_SURFACE[kind[moved], roadmap.surface_at(then.x, then.y)]
+    return Errors(kind, np.maximum(cast.leaves - cast.enters, 0), errors, off_surface)
+
+
+def _world(
+    state: Floats, kind: NDArray[np.int8], length: Floats, width: Floats, moving: NDArray[np.bool_]
+) -> WorldState:
+    # Picked columns lie across their rows; compiled functions would be compiled once more for that.
+    x, y, heading, speed, acceleration, yaw_rate = np.ascontiguousarray(state)
+    names = ("",) * len(x)  # nobody asks for them
+    return WorldState(0.0, names, kind, x, y, heading, speed, acceleration, yaw_rate, length, width, moving)

@@ -1,0 +1,111 @@
+"""Points sampled along lanes: places to start at, and the lane that lies under a position."""
+
+from collections.abc import Sequence
+from copy import copy
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from slrl_sumo.scene.geometry import Floats
+
+if TYPE_CHECKING:
+    from slrl_sumo.sumo.network import Lane
+
+
+LEAF = 64
+"""Points in a leaf of the search tree: with scipy's 16 the tree of a city took as much memory as the points."""
+
+
+class LanePoints:
+    """Points along `lanes`, every `spacing` metres, at least half of that from the lane's ends.
+
+    They lie on the centre line, or side by side where a lane is wide enough for several strips of width `strip` (m).
+
+    Arrays of length p: `x`, `y` (m), `heading` (rad, the lane's direction), `offset` (m along the lane, in SUMO's
+    measure), `lane` (index into `lanes`). A lane shorter than `spacing` gets its middle.
+    """
+
+    def __init__(self, lanes: "Sequence[Lane]", spacing: float, strip: float = np.inf) -> None:
+        self.lanes = tuple(lanes)
+        # In a city there are millions of points: no array per lane is kept, and nothing twice, not even meanwhile.
+        places, headings, offsets, counts = bytearray(), bytearray(), bytearray(), []
+        for lane in self.lanes:
+            sample = _sample(lane, spacing, strip)
+            places += sample[:, :2].tobytes()
+            headings += sample[:, 2].tobytes()
+            offsets += sample[:, 3].tobytes()
+            counts.append(len(sample))
+        points = np.frombuffer(places).reshape(-1, 2)
+        self.x, self.y = points.T
+        self.heading, self.offset = np.frombuffer(headings), np.frombuffer(offsets)
+        self.lane = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
+        self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
+        self._max_speed = np.array([lane.max_speed for lane in self.lanes])
+        self._spacing = spacing
+        self._tree = cKDTree(points, leafsize=LEAF) if len(points) else None
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def take(self, rows: NDArray[np.intp]) -> "LanePoints":
+        """The points `rows` (integer indices) alone, on the same lanes."""
+        some = copy(self)
+        some.x, some.y, some.heading, some.offset = (a[rows] for a in (self.x, self.y, self.heading, self.offset))
+        some.lane = self.lane[rows]
+        some._tree = cKDTree(np.column_stack([some.x, some.y])) if len(rows) else None
+        return some
+
+    def nearest(self, x: Floats, y: Floats, count: int = 1) -> NDArray[np.intp]:
+        """Indices of the `count` points nearest to each of n positions, nearest first: (n, min(count, p))."""
+        if self._tree is None:
+            return np.zeros((len(x), 0), np.intp)
+        count = min(count, len(self))
+        _, rows = self._tree.query(np.column_stack([x, y]), k=np.arange(1, count + 1))
+        return np.asarray(rows, np.intp)
+
+    def max_speed(self, rows: NDArray[np.intp]) -> Floats:
+        """Speed limit (m/s) of the lanes of the points `rows`."""
+        return self._max_speed[self.lane[rows]]
+
+    def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
+        """Index of the lane whose surface lies under each of n positions, -1 where none does."""
+        if self._tree is None:
+            return np.full(len(x), -1, np.intp)
+        rows, under = self.nearest_lanes(x, y)
+        return np.where(under, self.lane[rows], -1)
+
+    def nearest_lanes(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """The point nearest to each of n positions, (n,), and whether the surface of its lane lies under the position.
+
+        ValueError where there are no points.
+        """
+        if self._tree is None:
+            raise ValueError("there are no lanes")
+        distance, rows = self._tree.query(np.column_stack([x, y]))
+        points = np.asarray(rows, np.intp)
+        reach = np.hypot(self._half_width[self.lane[points]], 0.5 * self._spacing)
+        return points, np.asarray(distance) <= reach
+
+
+def _sample(lane: "Lane", spacing: float, strip: float) -> Floats:
+    """Rows x, y, heading, offset of the points on one lane."""
+    steps = np.diff(lane.shape, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    total = along[-1]
+    if total <= 0.0:
+        return np.zeros((0, 4))
+    count = max(1, int(total // spacing))
+    s = (np.arange(count) + 0.5) * total / count
+    segment = np.minimum(np.searchsorted(along, s, side="right") - 1, len(steps) - 1)
+    heading = np.arctan2(steps[segment, 1], steps[segment, 0])
+    x, y = np.interp(s, along, lane.shape[:, 0]), np.interp(s, along, lane.shape[:, 1])
+    # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
+    offset = s * lane.length / total
+    strips = max(1, int(lane.width / strip))
+    aside = (np.arange(strips) - 0.5 * (strips - 1)) * lane.width / strips
+    return np.concatenate(
+        [np.column_stack([x - a * np.sin(heading), y + a * np.cos(heading), heading, offset]) for a in aside]
+    )

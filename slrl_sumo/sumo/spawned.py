@@ -1,0 +1,169 @@
+"""Putting learned road users into SUMO and moving them, in the way that was measured not to crash.
+
+The rules (measured with libsumo 1.28, see docs/architecture.md):
+
+- A vehicle's very first `moveToXY` must put it on a lane that it may use, else SUMO crashes; hence `add` stages it on
+  the nearest carriageway for one SUMO step, and the second `move` takes it to where it really is.
+- Afterwards cars and bicycles move with keepRoute 2 (may be anywhere). Bit 4 (ignore permissions) crashes SUMO where a
+  long vehicle is mapped to a pedestrian lane beside a crossing, so it is used for the staging step alone.
+- Bicycles are a vehicle type of class "passenger": they map to car lanes then, and cars stop for them.
+- Persons move with keepRoute 7 (2 crashes), and their walk is renewed when the edge under them changes.
+- Every road user is moved in every SUMO step: a vehicle beside its lane vanishes in the first step without a move.
+- With the sublane model a vehicle that leaves all lanes leaves traces on which SUMO crashes later: see `sublanes`.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.sublanes import Sublanes
+
+LEARNED_TYPES = tuple(f"learned_{name}" for name in TYPE_NAMES)
+"""vType ids of the road users that we add, indexed by RoadUserType."""
+
+SUMO_TEMPLATES = ("DEFAULT_VEHTYPE", "DEFAULT_BIKETYPE", "DEFAULT_PEDTYPE")
+KEEP_ROUTE_VEHICLE, KEEP_ROUTE_STAGING, KEEP_ROUTE_PERSON = 2, 6, 7
+MATCH_THRESHOLD = 5.0
+"""m; SUMO's default of 100 m makes a call up to 40 times slower."""
+MATCH_THRESHOLD_PERSON = 0.1
+"""m; with 5 m SUMO pulls about 1 % of the persons up to 8 m away, to the edge of a lane that they are not on."""
+
+
+class SpawnedControl:
+    """Adds, moves and removes learned road users through `api` (libsumo or a TraCI connection)."""
+
+    def __init__(self, api: Any, network: Network) -> None:
+        self._api = api
+        self._edge_of_person: dict[str, str] = {}
+        self._staged: set[str] = set()
+        self._routes: set[str] = set(api.route.getIDList())
+        lanes = [lane for lane in network.lanes if not lane.internal and lane.length > 1.0]
+        # Networks without any lane for cars (cycle paths) stage bicycles as what they are.
+        self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
+        self._staging = LanePoints([lane for lane in lanes if self._vehicle_class in lane.allowed], spacing=2.0)
+        self._walks = network.walks
+        if any(lane.length <= 1.0 for lane in self._walks.lanes):
+            self._walks = LanePoints([lane for lane in lanes if "pedestrian" in lane.allowed], spacing=2.0)
+        self._sublanes = Sublanes(api, network)
+        self._define_types()
+
+    def _define_types(self) -> None:
+        types = self._api.vehicletype
+        for kind, name in enumerate(LEARNED_TYPES):
+            if name in types.getIDList():
+                continue
+            types.copy(SUMO_TEMPLATES[kind], name)
+            types.setLength(name, float(DEFAULT_LENGTH[kind]))
+            types.setWidth(name, float(DEFAULT_WIDTH[kind]))
+            types.setMaxSpeed(name, 70.0)
+            # Learned road users have no route of their own: a scenario-wide rerouting device would stumble over that.
+            types.setParameter(name, "has.rerouting.device", "false")
+        types.setVehicleClass(LEARNED_TYPES[RoadUserType.CAR], self._vehicle_class)
+        types.setVehicleClass(LEARNED_TYPES[RoadUserType.BICYCLE], self._vehicle_class)
+
+    def add(self, ids: tuple[str, ...], kinds: NDArray[np.int8], x: Floats, y: Floats) -> None:
+        """Bring new road users into SUMO, to be there after the next SUMO step.
+
+        `ids`: n ids that SUMO does not know; `kinds`: RoadUserType, (n,); `x`, `y`: centres in m, (n,).
+        """
+        walking = kinds == RoadUserType.PEDESTRIAN
+        for road_user, point in zip(
+            _pick(ids, walking), self._walks.nearest(x[walking], y[walking])[:, 0], strict=True
+        ):
+            edge = self._walks.lanes[self._walks.lane[point]].edge
+            self._api.person.add(
+                road_user, edge, float(self._walks.offset[point]), typeID=LEARNED_TYPES[RoadUserType.PEDESTRIAN]
+            )
+            self._api.person.appendWalkingStage(road_user, [edge], 1.0)
+            self._edge_of_person[road_user] = edge
+            self._staged.add(road_user)
+        points = self._staging.nearest(x[~walking], y[~walking])[:, 0]
+        for road_user, kind, point in zip(_pick(ids, ~walking), kinds[~walking].tolist(), points, strict=True):
+            lane = self._staging.lanes[self._staging.lane[point]]
+            route = f"learned_{lane.edge}"
+            if route not in self._routes:
+                self._api.route.add(route, [lane.edge])
+                self._routes.add(route)
+            self._api.vehicle.add(road_user, route, typeID=LEARNED_TYPES[kind])
+            self._api.vehicle.setSpeedMode(road_user, 0)
+            self._api.vehicle.setLaneChangeMode(road_user, 0)
+            self._api.vehicle.moveToXY(
+                road_user,
+                lane.edge,
+                int(lane.id.rsplit("_", 1)[1]),
+                float(self._staging.x[point]),
+                float(self._staging.y[point]),
+                float(heading_to_sumo(self._staging.heading[point])),
+                KEEP_ROUTE_STAGING,
+                MATCH_THRESHOLD,
+            )
+            self._staged.add(road_user)
+
+    def move(
+        self,
+        ids: tuple[str, ...],
+        kinds: NDArray[np.int8],
+        x: Floats,
+        y: Floats,
+        heading: Floats,
+        speed: Floats,
+        length: Floats,
+    ) -> None:
+        """Say where road users are after the next SUMO step: centres (m), headings (rad), speeds (m/s), all (n,)."""
+        front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
+        angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
+        walking = kinds == RoadUserType.PEDESTRIAN
+        self._sublanes.clear(_pick(ids, ~walking))
+        lanes_under = iter(self._walks.lanes_under(x[walking], y[walking]).tolist())
+        vehicle, person = self._api.vehicle, self._api.person
+        for i, road_user in enumerate(ids):
+            if walking[i]:
+                lane = next(lanes_under)
+                # SUMO ignores a change of the walk before the person has departed.
+                if road_user not in self._staged:
+                    self._renew_walk(road_user, lane)
+                self._staged.discard(road_user)
+                person.moveToXY(
+                    road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
+                )
+            elif road_user in self._staged:
+                self._staged.discard(road_user)
+            else:
+                vehicle.moveToXY(
+                    road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
+                )
+                vehicle.setSpeed(road_user, speeds[i])
+
+    def remove(self, ids: tuple[str, ...]) -> None:
+        """Take road users out of SUMO, if it still has them."""
+        vehicles, persons = set(self._api.vehicle.getIDList()), set(self._api.person.getIDList())
+        self._sublanes.clear([road_user for road_user in ids if road_user in vehicles])
+        self._sublanes.forget(ids)
+        for road_user in ids:
+            for domain, present in ((self._api.vehicle, vehicles), (self._api.person, persons)):
+                if road_user in present:
+                    # A user's script may have subscribed: SUMO's next step fails on those that are removed.
+                    if domain.getSubscriptionResults(road_user):
+                        domain.unsubscribe(road_user)
+                    domain.remove(road_user)
+            self._edge_of_person.pop(road_user, None)
+            self._staged.discard(road_user)
+
+    def _renew_walk(self, road_user: str, lane: int) -> None:
+        """A person walks on one edge at a time: the one under it. -1 (no edge under it) keeps the last one."""
+        if lane < 0:
+            return
+        edge = self._walks.lanes[lane].edge
+        if edge != self._edge_of_person[road_user]:
+            self._api.person.appendWalkingStage(road_user, [edge], 1.0)
+            self._api.person.removeStage(road_user, 0)
+            self._edge_of_person[road_user] = edge
+
+
+def _pick(ids: tuple[str, ...], mask: NDArray[np.bool_]) -> list[str]:
+    return [road_user for road_user, keep in zip(ids, mask.tolist(), strict=True) if keep]

@@ -1,1 +1,0 @@
-"""Plain arrays and geometry: what a traffic scene is, without any simulator."""

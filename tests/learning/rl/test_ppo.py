@@ -1,0 +1,210 @@
+"""PPO: advantages by hand, a task that must be learned, the same seed the same run."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, gae, learn, rollout, update
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.policy import Policy, PolicyConfig
+from slrl_sumo.models.prior import Prior
+
+SMALL = PolicyConfig(channels=(4, 8), hidden=32, head=16)
+
+
+def _batch(rewards: list[float], values: list[float], **changes: Any) -> Batch:
+    steps = len(rewards)
+    none = torch.zeros(steps, 1)
+    fields: dict[str, Any] = {
+        "seen": {},
+        "actions": none,
+        "logprobs": none,
+        "values": torch.tensor(values)[:, None],
+        "rewards": torch.tensor(rewards)[:, None],
+        "terminated": torch.zeros(steps, 1, dtype=torch.bool),
+        "truncated": torch.zeros(steps, 1, dtype=torch.bool),
+        "final_values": none,
+        "next_value": torch.tensor([4.0]),
+        "guidance": torch.zeros(steps, 1, MODES),
+    }
+    return Batch(**(fields | changes))
+
+
+def _only(step: int, steps: int) -> torch.Tensor:
+    return (torch.arange(steps) == step)[:, None]
+
+
+def test_gae_without_ends_by_hand() -> None:
+    advantages, returns = gae(_batch([1.0, 2.0], [0.5, 1.5]), gamma=0.5, gae_lambda=0.5)
+    last = 2.0 + 0.5 * 4.0 - 1.5
+    first = 1.0 + 0.5 * 1.5 - 0.5 + 0.25 * last
+    torch.testing.assert_close(advantages[:, 0], torch.tensor([first, last]))
+    torch.testing.assert_close(returns[:, 0], torch.tensor([first + 0.5, last + 1.5]))
+
+
+def test_nothing_comes_after_a_terminated_episode() -> None:
+    advantages, _ = gae(_batch([1.0, 2.0], [0.5, 1.5], terminated=_only(0, 2)), 0.5, 0.5)
+    torch.testing.assert_close(advantages[:, 0], torch.tensor([1.0 - 0.5, 2.0 + 2.0 - 1.5]))
+
+
+def test_a_truncated_episode_is_worth_its_last_observation_and_not_the_next_episode() -> None:
+    cut = _batch([1.0, 2.0], [0.5, 1.5], truncated=_only(0, 2), final_values=torch.tensor([[10.0], [0.0]]))
+    advantages, _ = gae(cut, 0.5, 0.5)
+    torch.testing.assert_close(advantages[:, 0], torch.tensor([1.0 + 5.0 - 0.5, 2.0 + 2.0 - 1.5]))
+
+
+class _Lights:
+    """A toy: a light is on the left or the right of the image, and the mode must name the side: 3 or 7."""
+
+    def __init__(self, slots: int = 16) -> None:
+        self.num_envs = slots
+
+    def reset(self, seed: int) -> None:
+        self._random = np.random.default_rng(seed)
+        self._age = np.zeros(self.num_envs, np.int64)
+        self._seen, self._guidance = self._look(), np.zeros((self.num_envs, MODES), np.float32)
+
+    def collect(self, agent: Agent, num_steps: int, seed: int) -> tuple[Batch, list[dict[str, Any]]]:
+        generator = torch.Generator().manual_seed(seed)
+        batch, self._seen, infos, self._guidance = rollout(
+            agent, self, self._seen, self._guidance, num_steps, generator
+        )
+        return batch, infos
+
+    def step(self, actions: NDArray[np.int64]) -> tuple[Any, ...]:
+        right = actions == np.where(self._left, 3, 7)
+        self._age += 1
+        cut = self._age >= 8
+        self._age[cut] = 0
+        seen = self._look()
+        guidance = np.zeros((self.num_envs, MODES), np.float32)
+        info = {"final_obs": seen, "_final_obs": cut, "right": right, "guidance": guidance}
+        return seen, right.astype(np.float64), np.zeros(self.num_envs, np.bool_), cut, info
+
+    def _look(self) -> dict[str, NDArray[Any]]:
+        self._left = self._random.random(self.num_envs) < 0.5
+        image = np.zeros((self.num_envs, 20, 40, 3), np.uint8)
+        image[self._left, :, :20] = 255
+        image[~self._left, :, 20:] = 255
+        vector = np.zeros((self.num_envs, 12), np.float32)
+        vector[np.arange(self.num_envs), 2 + np.arange(self.num_envs) % 3] = 1.0
+        ahead = np.zeros((self.num_envs, MODES, 4), np.float32)
+        return {"vector": vector, "image": image, "ahead": ahead}
+
+
+def _seen_at_first(slots: int) -> dict[str, NDArray[Any]]:
+    lights = _Lights(slots)
+    lights.reset(1)
+    return lights._seen
+
+
+def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch.Tensor]]:
+    """The share of right answers in each iteration, and the weights in the end."""
+    settings = PpoSettings(
+        num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0, kl_coef=0.0, kl_coef_last=0.0, teacher_first=0
+    )
+    torch.manual_seed(seed)
+    agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+    shares: list[float] = []
+
+    def after(iteration: int, batch: Batch, infos: list[dict[str, Any]], losses: dict[str, float]) -> None:
+        shares.append(float(np.mean([info["right"] for info in infos])))
+        assert np.isfinite(list(losses.values())).all()
+
+    learn(
+        agent,
+        _Lights(),
+        settings,
+        iterations=range(iterations),
+        total=iterations,
+        reset_every=4,
+        seed=seed,
+        after=after,
+    )
+    return shares, agent.policy.state_dict()
+
+
+def test_a_toy_task_is_learned() -> None:
+    shares, _ = _train(60)
+    assert shares[0] < 0.2
+    assert np.mean(shares[-5:]) > 0.9
+
+
+def test_same_seed_same_run_and_another_seed_another() -> None:
+    shares, weights = _train(4)
+    again, same = _train(4)
+    assert shares == again
+    for name, value in weights.items():
+        torch.testing.assert_close(value, same[name], rtol=0, atol=0)
+    assert _train(4, seed=2)[0] != shares
+
+
+def test_training_can_only_be_taken_up_where_simulations_begin_anew() -> None:
+    agent = Agent(Policy(SMALL), Prior(MODES), PpoSettings(), torch.device("cpu"))
+    with pytest.raises(ValueError, match="begin anew"):
+        learn(
+            agent,
+            _Lights(),
+            PpoSettings(),
+            iterations=range(2, 4),
+            total=4,
+            reset_every=4,
+            seed=1,
+            after=lambda *_: None,
+        )
+
+
+def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
+    # Looking ahead, one mode of each road user meets nobody: the teacher knows, and the scorer can read it.
+    random = np.random.default_rng(3)
+    settings = PpoSettings(num_minibatches=1, update_epochs=40, learning_rate=5e-3, explore=0.0)
+    torch.manual_seed(2)
+    agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+    steps, slots = 4, 16
+    free = random.integers(0, MODES, (steps, slots))
+    ahead = np.zeros((steps, slots, MODES, 4), np.float32)
+    ahead[..., 0] = 1.0
+    np.put_along_axis(ahead[..., 0], free[..., None], 0.0, axis=-1)
+    vector = np.zeros((steps, slots, 12), np.float32)
+    vector[..., 2] = 1.0
+    seen = {"vector": vector, "image": np.zeros((steps, slots, 20, 40, 3), np.uint8), "ahead": ahead}
+    tensors = {name: torch.from_numpy(value) for name, value in seen.items()}
+    none = torch.zeros(steps, slots)
+    batch = Batch(
+        seen=tensors,
+        actions=torch.zeros(steps, slots, dtype=torch.int64),
+        logprobs=none,
+        values=none,
+        rewards=none,
+        terminated=none.bool(),
+        truncated=none.bool(),
+        final_values=none,
+        next_value=none[0],
+        guidance=torch.from_numpy(10.0 * ahead[..., 0]),
+    )
+    flat = {name: value.flatten(0, 1) for name, value in tensors.items()}
+    teacher = agent.teacher_logits(flat, batch.guidance.flatten(0, 1))
+    assert (teacher.argmax(-1).numpy() == free.ravel()).all()
+    before = agent.logits_and_value(flat)[0]
+    assert (before.argmax(-1).numpy() == free.ravel()).mean() < 0.3
+    figures = update(agent, batch, settings, torch.Generator(), kl_coef=1.0, teacher_only=True)
+    assert figures["kl_teacher"] > 0
+    after = agent.logits_and_value(flat)[0]
+    assert (after.argmax(-1).numpy() == free.ravel()).mean() > 0.95
+    # The teacher itself stays what it was.
+    torch.testing.assert_close(agent.teacher_logits(flat, batch.guidance.flatten(0, 1)), teacher)
+
+
+def test_exploring_gives_every_mode_a_chance() -> None:
+    agent = Agent(Policy(SMALL), Prior(MODES), PpoSettings(explore=0.2), torch.device("cpu"))
+    for parameter in agent.policy.actors.parameters():
+        parameter.data += 3.0
+    agent.policy.actors[0][-1].bias.data[5] += 50.0
+    seen = {name: torch.from_numpy(value) for name, value in _seen_at_first(3).items()}
+    probability = agent.logits_and_value(seen)[0].exp()
+    torch.testing.assert_close(probability.sum(-1), torch.ones(3))
+    assert (probability >= 0.2 / MODES - 1e-6).all()
+    assert probability[0, 5] > 0.8

@@ -1,0 +1,89 @@
+"""Who is met on courses, against a look at every box."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from slrl_sumo.lookahead.collision import MARGIN, REACH, STANDING, Boxes, meeting, sizes
+from slrl_sumo.lookahead.mode_rollout import STEPS, ModeRollouts, roll_out
+from slrl_sumo.scene.geometry import Floats, boxes_overlap
+from slrl_sumo.scene.state import WorldState
+
+MODES = 6
+
+
+def drawn_courses(users: WorldState, seed: int) -> ModeRollouts:
+    acceleration, yaw_rate = np.random.default_rng(seed).normal(0.0, 1.5, (2, len(users), MODES))
+    return roll_out(users, acceleration, yaw_rate, np.full(len(users), 9.0), halting=True)
+
+
+def along_a_mode(users: WorldState, on: ModeRollouts) -> Boxes:
+    """Boxes of all who follow the first mode of theirs."""
+    return Boxes(*(column[..., 0].copy() for column in (on.x, on.y, on.cos, on.sin)), sizes(users, MARGIN))
+
+
+def every_box(
+    mine: ModeRollouts, excused: NDArray[np.bool_], theirs: Boxes, world: WorldState, rows: NDArray[np.intp]
+) -> Floats:
+    """What `meeting` says, by a look at every pair, interval and mode."""
+    met = np.zeros((len(rows), MODES))
+    for e, me in enumerate(rows):
+        for other in range(len(world)):
+            if other == me or np.hypot(world.x[other] - world.x[me], world.y[other] - world.y[me]) > REACH:
+                continue
+            for step in range(STEPS):
+                c, s = mine.cos[e, step], mine.sin[e, step]
+                x, y = mine.x[e, step], mine.y[e, step]
+                box = np.column_stack([x, y, np.arctan2(s, c), *np.repeat(theirs.size[me][:, None], MODES, 1)])
+                heading = np.arctan2(theirs.sin[other, step], theirs.cos[other, step])
+                there_x, there_y = theirs.x[other, step], theirs.y[other, step]
+                hit = boxes_overlap(box, np.tile([there_x, there_y, heading, *theirs.size[other]], (MODES, 1)))
+                if excused[e]:
+                    hit &= (mine.speed[e, step] > STANDING) & (c * (there_x - x) + s * (there_y - y) > 0.0)
+                met[e] = np.maximum(met[e], hit * (1.0 - step / STEPS))
+    return met
+
+
+@pytest.mark.parametrize("extent", [15.0, 60.0])
+def test_circles_leave_out_nobody_who_is_met(crowd: Callable[..., WorldState], extent: float) -> None:
+    world = crowd(24, 3, extent)
+    # Some of all, in another order.
+    rows = np.random.default_rng(7).permutation(24)[:17]
+    on = drawn_courses(world, 4)
+    theirs = along_a_mode(world, on)
+    mine = ModeRollouts(*(column[rows] for column in (on.x, on.y, on.cos, on.sin, on.speed, on.way)))
+    excused = rows % 3 == 0
+    found = meeting(mine, excused, theirs, world, rows)
+    np.testing.assert_array_equal(found, every_box(mine, excused, theirs, world, rows))
+    # Some are met at once, some later, and some modes meet nobody.
+    assert len(np.unique(found)) > 4
+    assert (found == 0.0).any()
+    # Whom one may drive into without blame makes a difference.
+    assert (meeting(mine, np.zeros(17, np.bool_), theirs, world, rows) > found).any()
+
+
+def test_who_is_excused_at_first_may_be_to_blame_later(crowd: Callable[..., WorldState]) -> None:
+    """It is hit from behind after one interval, and drives into who stands ahead after five."""
+    world = replace(crowd(3, 1, 1.0), x=np.array([0.0, -5.0, 12.0]), y=np.zeros(3), type=np.zeros(3, np.int8))
+    world = replace(world, length=np.full(3, 5.0), width=np.full(3, 1.8))
+    every = 1.5 * np.arange(1, STEPS + 1)
+    x, one, zero = np.stack([every, every - 5.0, np.full(STEPS, 12.0)]), np.ones((3, STEPS)), np.zeros((3, STEPS))
+    theirs = Boxes(x, zero, one, zero, sizes(world, MARGIN))
+    mine = ModeRollouts(*(column[:1, :, None].copy() for column in (x, zero, one, zero, 3.75 * one, x)))
+    rows = np.zeros(1, np.intp)
+    # 5.4 m long with the margin: those behind touch all the time, those ahead from 6.6 m on.
+    assert meeting(mine, np.ones(1, np.bool_), theirs, world, rows).tolist() == [[1.0 - 4 / STEPS]]
+    assert meeting(mine, np.zeros(1, np.bool_), theirs, world, rows).tolist() == [[1.0]]
+
+
+def test_nobody_to_meet(crowd: Callable[..., WorldState]) -> None:
+    world = crowd(3, 5, 50.0)
+    far = replace(world, x=np.array([0.0, 200.0, 400.0]))
+    for some, n in ((far, 3), (world.take(np.array([1])), 1), (crowd(0, 1, 1.0), 0)):
+        on = drawn_courses(some, 6)
+        alone = meeting(on, np.zeros(n, np.bool_), along_a_mode(some, on), some, np.arange(n))
+        assert not alone.any()
+        assert alone.shape == (n, MODES)

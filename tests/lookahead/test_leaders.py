@@ -1,0 +1,172 @@
+"""Who leads whom, by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slrl_sumo.lookahead.leaders import ALIKE, NEAREST, SIDE_GAP, STANDING, Leaders, leaders
+from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+
+S = SPACING * (np.arange(POINTS) - HERE)
+
+Box = tuple[float, float, float, float, float, float]
+"""x, y, heading, speed, length, width."""
+EGO: Box = (0.0, 0.0, 0.0, 8.0, 5.0, 1.8)
+
+
+def world(*boxes: Box) -> WorldState:
+    x, y, heading, speed, length, width = np.array(boxes, np.float64).T
+    n = len(boxes)
+    return WorldState(
+        time=0.0,
+        ids=tuple(str(i) for i in range(n)),
+        type=np.zeros(n, np.int8),
+        x=x,
+        y=y,
+        heading=heading,
+        speed=speed,
+        acceleration=np.zeros(n),
+        yaw_rate=np.zeros(n),
+        length=length,
+        width=width,
+        learned=np.ones(n, np.bool_),
+    )
+
+
+def eastwards(*y: float) -> RouteAhead:
+    n = len(y)
+    known = np.ones(n, np.bool_)
+    return replace(RouteAhead.unknown(n), known=known, x=np.tile(S, (n, 1)), y=np.tile(np.array(y)[:, None], POINTS))
+
+
+def of_one(*others: Box) -> list[float]:
+    """Gap and speed."""
+    found = leaders(eastwards(0.0), world(EGO, *others))
+    return [float(found.gap[0]), float(found.speed[0])]
+
+
+def test_the_nearest_one_on_the_path_leads() -> None:
+    # Boxes of 5 m: 20 m between centres are a gap of 15 m; the bicycle is 12 - 2.5 - 0.8 m away.
+    car, bicycle = (20.0, 0.0, 0.0, 4.0, 5.0, 1.8), (12.0, 0.5, 0.1, 5.0, 1.6, 0.65)
+    assert of_one(car) == pytest.approx([15.0, 4.0])
+    c, s = np.cos(0.1), np.sin(0.1)
+    expected = pytest.approx([12.0 - 2.5 - 0.5 * (1.6 * c + 0.65 * s), 5.0 * c])
+    assert of_one(car, bicycle) == expected
+    assert of_one(bicycle, car) == expected
+    # Boxes that overlap along the path: no room at all.
+    assert of_one((4.0, 0.0, 0.0, 0.0, 5.0, 1.8))[0] == pytest.approx(-1.0)
+
+
+@pytest.mark.parametrize(
+    ("other", "leads"),
+    [
+        ((20.0, 2.0, 0.0, 5.0, 5.0, 1.8), True),  # 0.2 m between the sides
+        ((20.0, 2.1, 0.0, 5.0, 5.0, 1.8), False),  # 0.3 m
+        ((20.0, -2.1, 0.0, 5.0, 5.0, 1.8), False),
+        ((20.0, -2.0, 0.0, 5.0, 5.0, 1.8), True),
+        ((20.0, 3.0, 1.0, 5.0, 5.0, 1.8), True),  # turned into the path
+        ((-10.0, 0.0, 0.0, 9.0, 5.0, 1.8), False),  # behind
+        ((0.2, 0.5, 0.0, 0.0, 0.3, 0.5), False),  # beside
+        ((20.0, 0.0, np.pi, 5.0, 5.0, 1.8), False),  # comes towards us
+        ((20.0, 0.0, np.pi, 0.4, 5.0, 1.8), True),  # stands there
+        ((20.0, 0.0, 0.5 * np.pi, 1.4, 0.3, 0.5), False),  # walks across
+        ((20.0, 0.0, 0.5 * np.pi, 0.0, 0.3, 0.5), True),
+        ((42.0, 0.0, 0.0, 5.0, 5.0, 1.8), True),  # its rear is within sight
+        ((43.0, 0.0, 0.0, 5.0, 5.0, 1.8), False),
+    ],
+)
+def test_who_leads(other: Box, leads: bool) -> None:
+    assert np.isfinite(of_one(other)[0]) == leads
+
+
+@pytest.mark.parametrize(("heading", "leads"), [(0.0, True), (np.pi, False), (np.pi / 2, False)])
+def test_people_wait_behind_others_and_walk_round_those_who_come(heading: float, leads: bool) -> None:
+    scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, 0.0, 0.2, 0.5))
+    walking = replace(scene, type=np.full(2, RoadUserType.PEDESTRIAN, np.int8))
+    assert np.isfinite(leaders(eastwards(0.0), walking).gap[0]) == leads
+    # Drivers stop for whoever stands in their way.
+    assert np.isfinite(leaders(eastwards(0.0), scene).gap[0])
+    # Who has room to pass has no leader, and people need less than cars.
+    beside = replace(walking, y=np.array([0.0, 0.65]))
+    assert np.isinf(leaders(eastwards(0.0), beside).gap[0])
+
+
+def test_gaps_are_along_the_path() -> None:
+    # 15 m eastwards, then north; the leader is 10 m up there.
+    x, y = np.minimum(S, 15.0), np.maximum(S - 15.0, 0.0)
+    route = replace(eastwards(0.0), x=x[None], y=y[None])
+    found = leaders(route, world(EGO, (15.0, 10.0, 0.5 * np.pi, 3.0, 5.0, 1.8), (25.0, 0.0, 0.0, 3.0, 5.0, 1.8)))
+    assert (found.gap[0], found.speed[0]) == (pytest.approx(20.0), pytest.approx(3.0))
+
+
+def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
+    three = world(
+        EGO, (15.0, 0.0, 0.0, 6.0, 5.0, 1.8), (30.0, 0.0, 0.0, 2.0, 5.0, 1.8), (45.0, 0.0, 0.0, 2.0, 5.0, 1.8)
+    )
+    route = replace(eastwards(0.0, 0.0, 0.0), known=np.array([True, True, False]))
+    route = replace(route, x=route.x + np.array([[0.0], [15.0], [30.0]]))
+    found = leaders(route, three)
+    assert found.gap.tolist() == [pytest.approx(10.0), pytest.approx(10.0), np.inf]
+    assert found.speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
+    alone: Leaders = leaders(eastwards(0.0), world(EGO))
+    assert alone.gap.tolist() == [np.inf]
+
+
+def crooked(n: int, rng: np.random.Generator, share: float) -> RouteAhead:
+    """Paths through a place of 60 m x 60 m, with a `share` of sharp corners, some of which turn right round; winding,
+    and their points not quite as far apart as they should be."""
+    turns = np.where(rng.random((n, POINTS)) < share, rng.choice([-3.1, -1.6, -0.8, 0.8, 1.6, 3.1], (n, POINTS)), 0.0)
+    turns += rng.normal(0.0, 0.15, (n, 1)) * np.sin(rng.uniform(0.1, 0.5, (n, 1)) * S)
+    heading = rng.uniform(-np.pi, np.pi, (n, 1)) + turns.cumsum(axis=1)
+    step = SPACING * rng.uniform(0.9, 1.49, (n, 1))
+    x, y = (step * np.cos(heading)).cumsum(axis=1), (step * np.sin(heading)).cumsum(axis=1)
+    place = rng.uniform(0.0, 60.0, (2, n, 1))
+    x, y = x - x[:, HERE, None] + place[0], y - y[:, HERE, None] + place[1]
+    return replace(RouteAhead.unknown(n), known=rng.random(n) < 0.9, x=x, y=y)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.08])
+def test_a_quick_look_leaves_out_no_leader(share: float) -> None:
+    rng = np.random.default_rng(1)
+    followed = 0
+    for _ in range(20):
+        route = crooked(40, rng, share)
+        sizes = np.array([[5.0, 1.8], [1.6, 0.65], [0.5, 0.5], [18.0, 2.5]])[rng.integers(0, 4, 60)]
+        x, y = rng.uniform(0.0, 60.0, (2, 60))
+        x[:40], y[:40] = route.x[:, HERE], route.y[:, HERE]
+        heading, speed = rng.uniform(-np.pi, np.pi, 60), rng.uniform(0.0, 8.0, 60) * (rng.random(60) < 0.6)
+        crowd = world(*zip(x, y, heading, speed, sizes[:, 0], sizes[:, 1], strict=True))
+        found, expected = leaders(route, crowd), of_everybody(route, crowd)
+        assert np.allclose(found.gap, expected.gap, atol=1e-9)
+        assert np.allclose(found.speed, expected.speed, atol=1e-9)
+        followed += int(np.isfinite(found.gap).sum())
+    assert followed > 300
+
+
+def of_everybody(route: RouteAhead, crowd: WorldState) -> Leaders:
+    """Leaders by a look at everybody who is near the middle of a path."""
+    gap, speed = np.full(len(route), np.inf), np.zeros(len(route))
+    for i in np.flatnonzero(route.known):
+        for j in range(len(crowd)):
+            apart = np.hypot(crowd.x[j] - route.x[i, POINTS // 2], crowd.y[j] - route.y[i, POINTS // 2])
+            if j == i or apart > 0.75 * AHEAD + 10.0:
+                continue
+            one = np.array([i])
+            along, aside, direction = (
+                float(c[0, 0]) for c in on_path(route, crowd.x[j : j + 1, None], crowd.y[j : j + 1, None], one)
+            )
+            turn = float(wrap_angle(crowd.heading[j] - direction))
+            c, s = abs(np.cos(turn)), abs(np.sin(turn))
+            length, width = crowd.length[j], crowd.width[j]
+            beside = abs(aside) - 0.5 * (s * length + c * width) - 0.5 * crowd.width[i]
+            between = along - 0.5 * (c * length + s * width) - 0.5 * crowd.length[i]
+            kind = crowd.type[i]
+            leads = abs(turn) < ALIKE or (kind != RoadUserType.PEDESTRIAN and crowd.speed[j] < STANDING)
+            ahead = NEAREST[kind] < along < AHEAD + 0.5 * length
+            if beside < SIDE_GAP[kind] and ahead and leads and between < gap[i]:
+                gap[i], speed[i] = between, max(crowd.speed[j] * np.cos(turn), 0.0)
+    return Leaders(gap, speed)

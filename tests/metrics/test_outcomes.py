@@ -1,0 +1,150 @@
+"""Survival, contacts, standing and surfaces in worlds whose figures can be worked out by hand."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from slrl_sumo.metrics.counters import OWN_SURFACE, RunCounters
+from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome, mean_survival, survival_counts
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.simulation.events import Decision, RunSettings, Started
+from slrl_sumo.simulation.run import run
+
+CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
+
+
+def world(users: Mapping[str, tuple[RoadUserType, float, float]]) -> WorldState:
+    """Road users in a row, heading along +x: type, x (m) and speed (m/s) of each."""
+    n = len(users)
+    kinds = np.array([kind for kind, _, _ in users.values()], np.int8)
+    none = np.zeros(n)
+    return WorldState(
+        time=0.0,
+        ids=tuple(users),
+        type=kinds,
+        x=np.array([x for _, x, _ in users.values()], np.float64),
+        y=none,
+        heading=none,
+        speed=np.array([speed for _, _, speed in users.values()], np.float64),
+        acceleration=none,
+        yaw_rate=none,
+        length=DEFAULT_LENGTH[kinds],
+        width=DEFAULT_WIDTH[kinds],
+        learned=np.zeros(n, np.bool_),
+    )
+
+
+def walkers(*places: float) -> WorldState:
+    return world({f"p{i}": (PEDESTRIAN, x, 1.0) for i, x in enumerate(places)})
+
+
+def count(start: WorldState, *later: WorldState) -> tuple[TypeOutcome, ...]:
+    """Everybody counted, nobody off its surface."""
+    outcomes = Outcomes(start)
+    for each in later:
+        outcomes.add(each, np.ones(len(each), np.bool_), np.zeros(len(each), np.bool_))
+    return outcomes.per_type()
+
+
+def test_survival_ends_with_the_first_collision_and_a_contact_counts_when_it_begins() -> None:
+    apart, close = walkers(0.0, 3.0, 50.0), walkers(0.0, 0.4, 50.0)
+    (outcome,) = count(apart, apart, apart, close, close, apart, close, apart)
+    assert outcome.type == "pedestrian"
+    assert outcome.present == (7, 7, 7)
+    assert outcome.survived == (2, 2, 7)
+    assert outcome.collisions == 4  # twice, for both of them
+    assert outcome.overlaps == 0  # their boxes are 0.2 m long
+
+
+def test_boxes_that_intersect_are_an_overlap_and_no_collision() -> None:
+    apart, bumper = (world({"a": (CAR, 0.0, 0.0), "b": (CAR, x, 0.0)}) for x in (9.0, 4.9))
+    (outcome,) = count(apart, bumper)
+    assert (outcome.overlaps, outcome.collisions, outcome.survived) == (2, 0, (1, 1))
+
+
+def test_contacts_that_are_there_when_somebody_appears_do_not_count() -> None:
+    close, apart = walkers(0.0, 0.4), walkers(0.0, 3.0)
+    (from_the_start,) = count(close, close, apart)
+    assert (from_the_start.survived, from_the_start.collisions) == ((2, 2), 0)
+    (appeared,) = count(walkers(0.0), close, close)
+    assert (appeared.present, appeared.survived, appeared.collisions) == ((2, 2), (2, 2), 0)
+    # It counts when it begins again.
+    (again,) = count(walkers(0.0), close, apart, close)
+    assert (again.survived, again.collisions) == ((2, 2), 2)
+
+
+def test_only_those_asked_for_are_counted_and_anybody_can_be_hit() -> None:
+    outcomes = Outcomes(walkers(0.0, 3.0))
+    outcomes.add(walkers(0.0, 0.4), np.array([True, False]), np.array([True, True]))
+    (outcome,) = outcomes.per_type()
+    assert (outcome.present, outcome.survived, outcome.collisions, outcome.off_surface) == ((1,), (0,), 1, 1)
+
+
+def test_speeds_of_all_and_of_moving_road_users_are_added_up() -> None:
+    speeds = (0.0, 0.09, 0.1, 8.0)
+    start, *later = (world({"a": (CAR, 0.0, speed), "p": (PEDESTRIAN, 90.0, 1.0)}) for speed in (5.0, *speeds))
+    car, walker = count(start, *later)
+    assert car.speed_sum == pytest.approx(8.19)
+    assert car.moving_speed_sum == pytest.approx(8.1)
+    assert car.standing == 2
+    assert (walker.type, walker.standing, walker.speed_sum, walker.steps) == ("pedestrian", 0, 4.0, 4)
+
+
+def test_who_leaves_is_present_for_as_long_as_it_was_there() -> None:
+    (outcome,) = count(walkers(0.0, 9.0), walkers(0.0, 9.0), walkers(0.0))
+    assert outcome.present == outcome.survived == (2, 1)
+
+
+def test_unknown_surfaces_are_none() -> None:
+    outcomes = Outcomes(walkers(0.0))
+    outcomes.add(walkers(0.0), np.array([True]), None)
+    assert outcomes.per_type()[0].off_surface is None
+
+
+def test_mean_survival_of_those_who_stay_is_the_plain_mean() -> None:
+    survived = np.array([128.0, 0.0, 37.0, 128.0, 90.0])
+    assert mean_survival(survival_counts(np.full(5, 128.0), survived, 128)) == pytest.approx(survived.mean())
+
+
+def test_mean_survival_does_not_punish_those_who_leave() -> None:
+    present = np.array([10.0, 40.0, 128.0])
+    assert mean_survival(survival_counts(present, present, 128)) == 128
+    # Four at risk in decision 1, where one is hit; one leaves after it; of the other two one is hit in decision 3.
+    present, survived = np.array([4.0, 1.0, 4.0, 4.0]), np.array([0.0, 1.0, 2.0, 4.0])
+    assert mean_survival(survival_counts(present, survived, 4)) == pytest.approx(0.75 + 0.75 + 0.375 + 0.375)
+
+
+def test_a_run_is_counted_as_its_summary_counts_it() -> None:
+    tally = outcomes = None
+    for event in run(RunSettings("intersection", agents=40, steps=60, seed=3, selector="prior")):
+        if isinstance(event, Started):
+            tally, outcomes = RunCounters(event.step.world), Outcomes(event.step.world)
+        assert tally is not None
+        assert outcomes is not None
+        if isinstance(event, Decision):
+            tally.add(event)
+            everybody, n = event.steps[-1].world, len(event.surface)
+            off_surface = np.zeros(len(everybody), np.bool_)
+            off_surface[:n] = ~OWN_SURFACE[everybody.type[:n], event.surface]
+            outcomes.add(everybody, np.arange(len(everybody)) < n, off_surface)
+    assert outcomes is not None
+    assert tally is not None
+    ours, theirs = outcomes.per_type(), tally.per_type()
+    assert [outcome.type for outcome in ours] == list(TYPE_NAMES)
+    assert sum(outcome.collisions for outcome in ours) > 3
+    for outcome in ours:
+        survived = np.array(outcome.survived)
+        assert {
+            "count": len(outcome.present),
+            "mean_speed_mps": round(outcome.speed_sum / outcome.steps, 4),
+            "standing_share": round(outcome.standing / outcome.steps, 4),
+            "collisions": outcome.collisions,
+            "survival_steps": round(survived.mean(), 4),
+            "success_rate": round((survived == outcome.present).mean(), 4),
+            "off_surface_share": round((outcome.off_surface or 0) / outcome.steps, 4),
+        } == pytest.approx({name: value for name, value in theirs[outcome.type].items() if name != "overlaps"})
+        # A summary also counts those upon whom SUMO sets down a vehicle: 2 of 71 here.
+        overlaps = theirs[outcome.type]["overlaps"] or 0
+        assert 0.95 * overlaps <= outcome.overlaps <= overlaps

@@ -1,0 +1,216 @@
+"""Red-light passages, against signals of a made intersection in real SUMO."""
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from netgen.scenario import write_scenario
+from netgen.specs import DemandSpec, IntersectionSpec
+from slrl_sumo.metrics.signal_crossings import Passages, outside_by, shortened
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.background_state import background_world
+from slrl_sumo.sumo.scenario import Scenario, find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.taken_over import TakenOverControl
+
+
+@pytest.fixture
+def made(tmp_path: Path) -> Scenario:
+    """A small intersection with signals, crossings and traffic of all types."""
+    spec = IntersectionSpec(control="traffic_light", lanes=2, arm_length=60.0)
+    demand = DemandSpec(
+        cars_per_hour=700.0, bicycles_per_hour=300.0, pedestrians_per_hour=900.0, duration=200.0, seed=3
+    )
+    return find_scenario(str(write_scenario(spec, demand, tmp_path / "made")))
+
+
+def world_of(session: SumoSession) -> WorldState:
+    return background_world(session.reader.read(), session.time, frozenset())
+
+
+def first_at_red(session: SumoSession, passages: Passages) -> str:
+    """Drive on until a car stands before a red light in front of everybody; its id."""
+    for _ in range(500):
+        session.step()
+        world = world_of(session)
+        passages.look(world, world.ids)
+        for vehicle in session.api.vehicle.getIDList():
+            signal = session.api.vehicle.getNextTLS(vehicle)
+            at_line = signal and signal[0][2] < 4.0 and signal[0][3] == "r"
+            if at_line and session.api.vehicle.getSpeed(vehicle) < 0.1 and vehicle.startswith("passenger"):
+                return str(vehicle)
+    raise AssertionError("no car has come to a red light")
+
+
+def test_sumos_own_road_users_run_no_red_light_and_pass_once_each(made: Scenario) -> None:
+    with SumoSession(made, seed=2) as session:
+        passages = Passages(session.api, session.network)
+        found = []
+        through = set()
+        for _ in range(500):
+            session.step()
+            world = world_of(session)
+            found += passages.look(world, world.ids)
+            for vehicle in session.api.vehicle.getIDList():
+                if session.api.vehicle.getRoadID(vehicle).startswith("out"):
+                    through.add(vehicle)
+    wheels = [p for p in found if p.type != RoadUserType.PEDESTRIAN]
+    walkers = [p for p in found if p.type == RoadUserType.PEDESTRIAN]
+    assert len(walkers) > 10
+    assert {p.lane.rsplit("_", 2)[1][0] for p in walkers} == {"c"}
+    assert not [p for p in found if p.aspect == "red"]
+    # Who is behind the junction has passed its signal, once.
+    assert len(through) > 20
+    times = Counter(p.road_user for p in wheels)
+    assert through <= times.keys()
+    assert set(times.values()) == {1}
+
+
+@pytest.mark.parametrize("way", ["heedless", "moved on its lane", "moved beside every lane"])
+def test_a_car_that_goes_at_red_is_one_run(made: Scenario, way: str) -> None:
+    with SumoSession(made, seed=2) as session:
+        api, passages = session.api, Passages(session.api, session.network)
+        loans = TakenOverControl(api, session.network)
+        car = first_at_red(session, passages)
+        lane = api.vehicle.getLaneID(car)
+        if way == "heedless":
+            api.vehicle.setSpeedMode(car, 0)
+            api.vehicle.setSpeed(car, 8.0)
+        else:
+            loans.take((car,), np.zeros(1, np.bool_))
+        start = world_of(session)
+        start = start.take(np.array([start.ids.index(car)]))
+        found, distance = [], 0.0
+        # Off to the left, while its route turns right: there the car is on no lane for SUMO.
+        side = 12.0 if way == "moved beside every lane" else 0.0
+        for step in range(16):
+            if way != "heedless":
+                distance += 8.0 * session.step_length
+                c, s = np.cos(start.heading), np.sin(start.heading)
+                aside = side * min(1.0, (step + 1) / 2.0)
+                x, y = start.x + distance * c - aside * s, start.y + distance * s + aside * c
+                speed = np.full(1, 8.0)
+                loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, speed, start.length)
+            session.step()
+            world = world_of(session)
+            if car in world.ids:
+                found += passages.look(world, (car,))
+    assert [(p.road_user, p.aspect, p.lane) for p in found] == [(car, "red", lane)]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "aspect"), [("r", "G", "green"), ("y", "r", "yellow"), ("r", "r", "red"), ("G", "r", "green")]
+)
+def test_a_light_that_changes_in_the_step_of_the_passage_counts_as_the_more_permissive(
+    made: Scenario, before: str, after: str, aspect: str
+) -> None:
+    with SumoSession(made, seed=2) as session:
+        light, passages = session.api.trafficlight, Passages(session.api, session.network)
+        car = first_at_red(session, passages)
+        signal = light.getIDList()[0]
+        size = len(light.getRedYellowGreenState(signal))
+        light.setRedYellowGreenState(signal, before * size)
+        session.api.vehicle.setSpeedMode(car, 0)
+        session.api.vehicle.setSpeed(car, 0.0)
+        session.step()
+        assert passages.look(world_of(session), (car,)) == []
+        light.setRedYellowGreenState(signal, after * size)
+        session.api.vehicle.setSpeed(car, 15.0)
+        session.step()
+        assert [p.aspect for p in passages.look(world_of(session), (car,))] == [aspect]
+
+
+def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) -> None:
+    with SumoSession(made, seed=2) as session:
+        passages, loans = Passages(session.api, session.network), TakenOverControl(session.api, session.network)
+        car = first_at_red(session, passages)
+        world = world_of(session)
+        loans.take((car,), np.zeros(1, np.bool_))
+        start = world.take(np.array([world.ids.index(car)]))
+        found, lanes = [], []
+        for distance in (4.0, 0.0, 4.0, 0.0, 4.0):
+            x, y = start.x + distance * np.cos(start.heading), start.y + distance * np.sin(start.heading)
+            loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
+            session.step()
+            lanes.append(session.api.vehicle.getLaneID(car))
+            found += passages.look(world_of(session), (car,))
+    assert [lane.startswith(":") for lane in lanes] == [True, False, True, False, True]
+    assert [p.aspect for p in found] == ["red"]
+
+
+def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:
+    # Bicycles turn right there without a signal, while the rest of their lane has red.
+    with SumoSession(find_scenario(str(game / "fkk_in.sumocfg")), seed=1) as session:
+        passages = Passages(session.api, session.network)
+        found, turned = [], False
+        for _ in range(100):
+            session.step()
+            world = world_of(session)
+            found += passages.look(world, world.ids)
+            turned |= "4_right.0" in world.ids and session.api.vehicle.getLaneID("4_right.0") == ":gneJ21_0_0"
+    assert turned
+    assert len(found) > 2
+    assert "4_right.0" not in {p.road_user for p in found if p.lane == "30399663#1_1"}
+
+
+def test_the_same_car_held_until_green_is_none(made: Scenario) -> None:
+    with SumoSession(made, seed=2) as session:
+        passages = Passages(session.api, session.network)
+        car = first_at_red(session, passages)
+        found = []
+        for _ in range(300):
+            session.step()
+            found += passages.look(world_of(session), (car,))
+            if found:
+                break
+    assert [p.aspect for p in found] == ["green"]
+
+
+def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(made: Scenario) -> None:
+    with SumoSession(made, seed=2) as session:
+        passages = Passages(session.api, session.network)
+        crossing = next(lane for lane in session.network.lanes if lane.id == ":centre_c0_0")
+        signal, index = next(
+            (signal, i)
+            for signal in session.api.trafficlight.getIDList()
+            for i, links in enumerate(session.api.trafficlight.getControlledLinks(signal))
+            if any(link[1] == crossing.id for link in links)
+        )
+        a, b = crossing.shape[0], crossing.shape[-1]
+        along = (b - a) / np.hypot(*(b - a))
+        session.step()
+        world = world_of(session)
+        while session.api.trafficlight.getRedYellowGreenState(signal)[index] != "r" or not len(world):
+            session.step()
+            world = world_of(session)
+            passages.look(world, ())
+
+        def at(metres: float) -> WorldState:
+            x, y = a + metres * along
+            one = np.ones(1)
+            return WorldState(
+                session.time,
+                ("somebody",),
+                np.array([RoadUserType.PEDESTRIAN], np.int8),
+                *(x * one, y * one, 0.0 * one, one, 0.0 * one, 0.0 * one, 0.2 * one, 0.5 * one),
+                learned=np.ones(1, np.bool_),
+            )
+
+        def go(metres: float) -> list[str]:
+            return [p.aspect for p in passages.look(at(metres), ("somebody",))]
+
+        assert [go(metres) for metres in (-3.0, -0.5, 0.4, 0.4, -0.2)] == [[]] * 5
+        assert [go(metres) for metres in (0.5, 1.2, 2.0, 1.2, 0.5, -1.0, 2.0)] == [[], ["red"], [], [], [], [], []]
+        # Gone and come again.
+        assert [go(metres) for metres in (-3.5, 2.0)] == [[], ["red"]]
+
+
+def test_a_ribbon_has_straight_ends_and_a_shortened_line_keeps_its_corner() -> None:
+    line = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
+    x, y = np.array([5.0, 5.0, -1.0, 10.0, 10.0, 13.0]), np.array([1.0, 3.0, 0.0, 9.0, 12.0, 0.0])
+    assert outside_by(x, y, line, 2.0) == pytest.approx([-1.0, 1.0, 1.0, -1.0, 2.0, 1.0])
+    assert shortened(line, 4.0).tolist() == [[4.0, 0.0], [10.0, 0.0], [10.0, 6.0]]
+    assert shortened(line[:2], 9.0) == pytest.approx(np.array([[10.0 / 3.0, 0.0], [20.0 / 3.0, 0.0]]))

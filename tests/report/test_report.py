@@ -1,0 +1,226 @@
+"""The report of a run, from events made by hand: what is counted, and that every figure has its definition."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
+from slrl_sumo.metrics.conflicts import ttc_conflicts
+from slrl_sumo.report.definitions import DEFINITIONS
+from slrl_sumo.report.report import ReportBuilder, compare_with, counts_by_party
+from slrl_sumo.report.run_outputs import write_run
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.simulation.events import Decision, RunSettings, Started, Step, Views
+
+ROAD = SurfaceShapes((Ribbon(Surface.ROAD, np.array([[-20.0, 0.0], [200.0, 0.0]]), 12.0),))
+NOWHERE = Places((), (), np.zeros(0), np.zeros(0, np.bool_))
+PICTURES = ("paths", "motion", "density", "space_time", "conflicts", "modes", "ego_images")
+
+
+def world(frame: int, learned: int = 2) -> WorldState:
+    """Four cars on a road along x: two learned ones at 10 m/s, 20 m apart; SUMO's own at 4 m/s before them, which the
+    first one comes near, and one beside it."""
+    x = np.array([20.0, 0.0, 60.0, 0.0]) + 0.4 * frame * np.array([10.0, 10.0, 4.0, 8.0])
+    return WorldState(
+        time=0.4 * frame,
+        ids=("a", "b", "c", "d"),
+        type=np.zeros(4, np.int8),
+        x=x,
+        y=np.array([0.0, 0.0, 0.0, 3.0]),
+        heading=np.zeros(4),
+        speed=np.array([10.0, 10.0, 4.0, 8.0]),
+        acceleration=np.zeros(4),
+        yaw_rate=np.zeros(4),
+        length=np.full(4, 4.0),
+        width=np.full(4, 2.0),
+        learned=np.arange(4) < learned,
+    )
+
+
+def decision(frame: int, learned: int = 2, looped: tuple[bool, ...] = (False, False)) -> Decision:
+    return Decision(
+        steps=(Step(0.4 * frame, world(frame, learned), NOWHERE),),
+        modes=np.array([3, 7])[:learned],
+        surface=np.ones(learned, np.uint8),
+        looped=np.array(looped[:learned]),
+        lost=np.zeros(learned, np.bool_),
+        arrived=(),
+        taken_over=(),
+        handed_back=(),
+        strayed=(),
+        interventions=0,
+    )
+
+
+STARTED = Started(
+    scenario="a <b>road</b>",
+    bundle="made",
+    selector="greedy",
+    begin=0.0,
+    step_length=0.4,
+    decisions=14,
+    notices=("less & more",),
+    surfaces=ROAD,
+    step=Step(0.0, world(0), NOWHERE),
+    mode_centres=np.random.default_rng(1).normal(0.0, 9.0, (3, 20, 2)),
+)
+
+
+@pytest.fixture
+def builder() -> ReportBuilder:
+    """13 intervals; from the ninth on one of the two is SUMO's."""
+    made = ReportBuilder(STARTED)
+    for frame in range(1, 14):
+        if frame == 5:
+            made.add(Views(2.0, ("a",), np.full((1, 20, 40, 3), 200, np.uint8)))
+        made.add(decision(frame, 2 if frame < 9 else 1))
+    return made
+
+
+def summary() -> dict[str, Any]:
+    figures = dict.fromkeys(("mean_speed_mps", "standing_share", "survival_steps", "success_rate", "off_surface_share"))
+    types = {"car": 2, "bicycle": 0, "pedestrian": 0}
+    return {
+        "scenario": STARTED.scenario,
+        "bundle": "made",
+        "selector": "greedy",
+        "seed": 1,
+        "begin_s": 0.0,
+        "sumo_step_s": 0.4,
+        "decisions": 13,
+        "decision_interval_s": 0.4,
+        "agent_steps": 21,
+        "wall_s": 1.0,
+        "real_time_factor": 5.2,
+        "per_type": {
+            name: {**figures, "mean_speed_mps": 9.87, "count": count, "collisions": 0, "overlaps": 1}
+            for name, count in types.items()
+        },
+        **dict.fromkeys(("lost", "looped", "taken_over", "handed_back", "strayed", "arrived"), 0),
+        "notices": list(STARTED.notices),
+    }
+
+
+def test_who_is_handed_back_goes_on_as_somebody_elses_track(builder: ReportBuilder) -> None:
+    traced = builder.build()
+    tracks = dict(zip(traced.tracks.ids, np.diff(traced.tracks.starts).tolist(), strict=True))
+    assert tracks == {"+a": 14, "+b": 9, "-b": 5, "-c": 14, "-d": 14}
+    assert traced.learned.tolist() == [name.startswith("+") for name in traced.tracks.ids]
+    assert traced.seconds == pytest.approx(5.2)
+    assert traced.modes is not None
+    assert (traced.modes[0, 3], traced.modes[0, 7], traced.modes.sum()) == (13, 8, 21)
+
+
+def test_who_jumped_to_the_other_side_begins_anew() -> None:
+    made = ReportBuilder(STARTED)
+    made.add(decision(1))
+    made.add(decision(2, looped=(True, False)))
+    assert sorted(made.build().tracks.ids) == ["+a", "+a#1", "+b", "-c", "-d"]
+
+
+def test_conflicts_are_counted_by_who_they_are(builder: ReportBuilder) -> None:
+    traced = builder.build()
+    found = ttc_conflicts(traced.tracks)
+    # The first comes up to the slow one: 36 m at 6 m/s, so below 1.5 s from frame 12 on. They never touch.
+    assert counts_by_party(found, traced.tracks, traced.learned) == {
+        ("car", "car"): {"learned": 0, "mixed": 1, "background": 0}
+    }
+    assert found.value == pytest.approx([(36.0 - 0.4 * 13 * 6.0) / 6.0])
+
+
+def test_a_long_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slrl_sumo.report.report.MOST_ROWS", 12)
+    made = ReportBuilder(STARTED)
+    for frame in range(1, 14):
+        made.add(decision(frame))
+    traced = made.build()
+    assert traced.cut
+    assert len(traced.tracks) == 12
+    assert traced.seconds == pytest.approx(0.8)
+
+
+def test_the_page_has_every_picture_and_every_link_leads_to_its_definition(
+    builder: ReportBuilder, tmp_path: Path
+) -> None:
+    builder.write(tmp_path / "report", summary())
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert sorted(p.name for p in (tmp_path / "report").iterdir()) == sorted(
+        ["report.html", *(f"{name}.png" for name in PICTURES)]
+    )
+    assert set(re.findall(r'<img src="(\w+)\.png"', page)) == set(PICTURES)
+    anchors = set(re.findall(r'id="([\w-]+)"', page))
+    links = re.findall(r'href="#([\w-]+)"', page)
+    assert len(links) > 40
+    assert set(links) <= anchors
+    assert set(DEFINITIONS) <= anchors
+    # Every column of figures has a heading that is a link; only the names of the rows have none.
+    heads = re.findall(r"<th>(.*?)</th>", page)
+    assert {head for head in heads if "href" not in head} == {"type", "", "pair"}
+    assert "<td>9.87</td>" in page
+    assert "<b>road" not in page
+    assert "less &amp; more" in page
+    # Nothing is fetched from elsewhere.
+    assert not re.search(r"(src|href)=\"(https?:)?//", page)
+
+
+def test_what_is_not_there_has_no_section(tmp_path: Path) -> None:
+    alone = replace(world(0, 4).take(np.array([0])), learned=np.array([True]))
+    made = ReportBuilder(replace(STARTED, step=Step(0.0, alone, NOWHERE), mode_centres=None))
+    made.write(tmp_path / "report", summary())
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert {p.stem for p in (tmp_path / "report").glob("*.png")} == {"paths", "conflicts"}
+    assert "section-modes" not in page
+    assert "section-motion" not in page
+
+
+def test_a_recording_takes_the_place_of_sumos_own(builder: ReportBuilder, tmp_path: Path) -> None:
+    frames = np.arange(30)
+    recording = Trajectories(
+        track=np.zeros(30, np.int64),
+        frame=frames,
+        x=4.0 * frames,
+        y=np.zeros(30),
+        heading=np.zeros(30),
+        ids=("r",),
+        type=np.zeros(1, np.int8),
+        length=np.array([4.0]),
+        width=np.array([2.0]),
+        source="a street",
+    )
+    traced = builder.build()
+    found, own = compare_with(traced, recording), compare_with(traced, None)
+    assert found.name == "a street"
+    assert found.motion["speed"][0] == pytest.approx(np.full(29, 10.0))
+    assert found.realism["car"].features["speed"] > 0.9
+    assert set(found.realism["car"].groups) == {"kinematic", "interactive"}
+    assert own.name == "SUMO's own in this run"
+    assert own.realism["car"].features["speed"] < 0.5
+    assert "map" in own.realism["car"].groups
+
+
+def test_a_folder_that_cannot_be_written_is_told(builder: ReportBuilder, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be written"):
+        builder.write(tmp_path / "file", summary())
+
+
+def test_a_recording_that_cannot_be_compared_with_is_told_before_anything_runs(tmp_path: Path) -> None:
+    def call(recording: Path, report: Path | None) -> None:
+        nobody = RunSettings("nowhere")  # SUMO is not asked
+        write_run(nobody, fcd=None, summary=None, report=report, quiet=True, recording=recording)
+
+    with pytest.raises(InputError, match=r"the report compares with it; add --report DIR"):
+        call(tmp_path / "a.npz", None)
+    with pytest.raises(InputError, match=r"cannot read .*a.npz"):
+        call(tmp_path / "a.npz", tmp_path / "report")
+    made = ReportBuilder(STARTED)
+    replace(made.build().tracks, dt=0.1).save(tmp_path / "a.npz")
+    with pytest.raises(InputError, match=r"its interval is 0.1 s, not 0.4 s"):
+        call(tmp_path / "a.npz", tmp_path / "report")

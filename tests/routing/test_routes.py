@@ -1,0 +1,430 @@
+"""What lies ahead on routes, against what SUMO says and does: paths, signals, priority, ends."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import libsumo
+import numpy as np
+import pytest
+
+from slrl_sumo.routing.pedestrian_tracker import KERB
+from slrl_sumo.routing.right_of_way import STOP_LINE
+from slrl_sumo.routing.routes import NEAR_END, STUCK, Routes
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+LANE_END = 3.0
+"""m before the end of a lane that does not lead on at which vehicles wait."""
+
+
+@contextmanager
+def opened(name: str | Path) -> Iterator[SumoSession]:
+    with SumoSession(find_scenario(str(name)), step_length=DECISION_INTERVAL) as session:
+        yield session
+
+
+@pytest.fixture
+def intersection() -> Iterator[SumoSession]:
+    with opened("intersection") as session:
+        yield session
+
+
+@pytest.fixture
+def signalised() -> Iterator[SumoSession]:
+    with opened("signalised") as session:
+        yield session
+
+
+def _clear(*keep: str) -> None:
+    for domain in (libsumo.vehicle, libsumo.person):
+        for road_user in domain.getIDList():
+            if road_user not in keep:
+                domain.remove(road_user)
+
+
+def _seen(session: SumoSession, *ids: str) -> WorldState:
+    """These road users first, and then all others."""
+    snapshot = session.reader.read()
+    order = [snapshot.ids.index(i) for i in ids]
+    order += [i for i in range(len(snapshot.ids)) if i not in order]
+    none = np.zeros(len(order))
+    return WorldState(
+        time=session.time,
+        ids=tuple(snapshot.ids[i] for i in order),
+        type=snapshot.type[order],
+        x=snapshot.x[order],
+        y=snapshot.y[order],
+        heading=snapshot.heading[order],
+        speed=snapshot.speed[order],
+        acceleration=none,
+        yaw_rate=none,
+        length=snapshot.length[order],
+        width=snapshot.width[order],
+        learned=np.ones(len(order), np.bool_),
+    )
+
+
+def _car(session: SumoSession, name: str, edges: tuple[str, ...], lane: int, left: float, speed: float) -> None:
+    """A car with its front `left` m before the end of a lane, at a speed (m/s) that it keeps."""
+    libsumo.route.add(f"route of {name}", list(edges))
+    place = libsumo.lane.getLength(f"{edges[0]}_{lane}") - left - speed * DECISION_INTERVAL
+    libsumo.vehicle.add(
+        name, f"route of {name}", typeID="passenger1", departLane=str(lane), departPos=f"{place:.3f}", departSpeed="0"
+    )
+    libsumo.vehicle.setSpeedMode(name, 0)
+    libsumo.vehicle.setLaneChangeMode(name, 0)
+    libsumo.vehicle.setSpeed(name, 0.0)
+    for _ in range(20):
+        session.step()
+        _clear(*[i for i in libsumo.vehicle.getIDList() if i.startswith("car")])
+        if libsumo.vehicle.getLaneID(name):
+            break
+    libsumo.vehicle.setPreviousSpeed(name, speed)
+    libsumo.vehicle.setSpeed(name, speed)
+
+
+def _signals(state: str) -> None:
+    light = libsumo.trafficlight.getIDList()[0]
+    libsumo.trafficlight.setRedYellowGreenState(light, state * len(libsumo.trafficlight.getRedYellowGreenState(light)))
+
+
+def _off_lanes(session: SumoSession, edges: tuple[str, ...], x: Floats, y: Floats) -> float:
+    """m from the middles of these edges' lanes, and those inside junctions, to the farthest one of some points."""
+    pieces = [
+        np.concatenate([lane.shape[:-1], lane.shape[1:]], axis=1)
+        for lane in session.network.lanes
+        if lane.edge in edges or (lane.internal and "passenger" in lane.allowed)
+    ]
+    x0, y0, x1, y1 = np.concatenate(pieces).T
+    dx, dy = x1 - x0, y1 - y0
+    share = ((x[:, None] - x0) * dx + (y[:, None] - y0) * dy) / np.maximum(dx**2 + dy**2, 1e-9)
+    share = np.clip(share, 0.0, 1.0)
+    return float(np.hypot(x[:, None] - x0 - share * dx, y[:, None] - y0 - share * dy).min(axis=1).max())
+
+
+def _apart(route: RouteAhead) -> Floats:
+    """m from each point of a path to the next."""
+    gaps: Floats = np.hypot(np.diff(route.x[0]), np.diff(route.y[0]))
+    return gaps
+
+
+def _one(route: RouteAhead) -> dict[str, float]:
+    return {name: float(getattr(route, name)[0]) for name in ("desired", "stop", "line", "out", "signal", "left")}
+
+
+def test_points_are_as_far_apart_as_they_say_before_the_begin_of_a_lane_too(intersection: SumoSession) -> None:
+    _car(intersection, "car", ("in0", "out2"), 2, 84.0, 2.0)
+    world = _seen(intersection, "car")
+    assert libsumo.vehicle.getLanePosition("car") < 6.0
+    route = Routes(libsumo, intersection.network).ahead(world, 1)
+    assert _apart(route) == pytest.approx(SPACING)
+    along, aside, heading = on_path(route, world.x[:, None], world.y[:, None])
+    assert (along[0, 0], aside[0, 0]) == (pytest.approx(0.0, abs=0.05), pytest.approx(0.0, abs=0.05))
+    assert heading[0, 0] == pytest.approx(world.heading[0], abs=0.01)
+
+
+def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(intersection: SumoSession) -> None:
+    _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
+    routes = Routes(libsumo, intersection.network)
+    early: RouteAhead | None = None
+    left, beside, near = [], [], []
+    for _ in range(60):
+        intersection.step()
+        _clear("car")
+        if "car" not in libsumo.vehicle.getIDList():
+            break
+        world = _seen(intersection, "car")
+        route = routes.ahead(world, 1)
+        assert route.known.tolist() == [True]
+        # Chords of a curve are shorter than 1 m, but no point is twice there.
+        assert (_apart(route) > 0.8).all()
+        assert (_apart(route) < SPACING + 1e-6).all()
+        # Off the end of the network paths go straight on.
+        shown = slice(HERE, HERE + 1 + int(min(_one(route)["left"], 40.0)))
+        assert _off_lanes(intersection, ("in0", "out3"), route.x[0, shown], route.y[0, shown]) < 0.3
+        on_lane = libsumo.vehicle.getLanePosition("car")
+        if libsumo.vehicle.getRoadID("car") == "in0":
+            ahead = libsumo.lane.getLength("in0_2") - on_lane
+            assert _one(route)["line"] == pytest.approx(ahead, abs=0.3)
+            via = libsumo.lane.getLinks("in0_2")
+            inside = next(link[4] for link in via if link[0].startswith("out3"))
+            assert _one(route)["out"] - _one(route)["line"] >= libsumo.lane.getLength(inside) - 0.3
+            if early is None and ahead < 12.0:
+                early = route
+        if libsumo.vehicle.getRoadID("car") == "out3":
+            assert _one(route)["line"] == math.inf
+            left.append((_one(route)["left"], libsumo.lane.getLength("out3_2") - on_lane))
+            near.append((bool(routes.near_end(("car",))[0]), left[-1][0]))
+        if early is not None:
+            x, y = libsumo.vehicle.getPosition("car")
+            along, aside, _ = on_path(early, np.array([[x]]), np.array([[y]]))
+            if along[0, 0] < 39.0:
+                beside.append((float(along[0, 0]), float(aside[0, 0])))
+    # The front, which SUMO leads along lanes, has gone all the 40 m along the path of then.
+    assert max(along for along, _ in beside) > 35.0
+    assert max(abs(aside) for _, aside in beside) < 0.3
+    assert len(left) > 10
+    assert [a for a, _ in left] == pytest.approx([b for _, b in left], abs=0.3)
+    assert [says for says, _ in near] == [way < NEAR_END for _, way in near]
+    assert near[0][0] is False
+    assert near[-1][0] is True
+    routes.forget(("car",))
+    assert routes.near_end(("car",)).tolist() == [False]
+
+
+def test_red_stops_green_does_not_and_yellow_only_who_still_can(signalised: SumoSession) -> None:
+    _car(signalised, "car", ("in0", "out2"), 2, 12.0, 6.0)
+    shown: dict[str, dict[str, float]] = {}
+    closed: dict[str, bool] = {}
+    signalised.step()
+    for state in "rGy":
+        _signals(state)
+        route = Routes(libsumo, signalised.network).ahead(_seen(signalised, "car"), 1)
+        shown[state], closed[state] = _one(route), bool(route.closed[0])
+    line = libsumo.lane.getLength("in0_2") - libsumo.vehicle.getLanePosition("car")
+    assert 11.0 < line < 13.0
+    for state, number in (("r", 3.0), ("G", 1.0), ("y", 2.0)):
+        assert shown[state]["signal"] == number
+        assert shown[state]["line"] == pytest.approx(line, abs=0.1)
+    # From 6 m/s it needs 5 m: there is room at yellow.
+    assert [shown[state]["stop"] for state in "rGy"] == pytest.approx(
+        [line - STOP_LINE, math.inf, line - STOP_LINE], abs=0.1
+    )
+    assert closed == {"r": True, "G": False, "y": True}
+    # From 12 m/s it needs 19 m: at yellow it goes on, red is red.
+    fast = replace(_seen(signalised, "car"), speed=np.array([12.0]))
+    for state, number, stop in (("y", 2.0, math.inf), ("r", 3.0, line - STOP_LINE)):
+        _signals(state)
+        route = Routes(libsumo, signalised.network).ahead(fast, 1)
+        assert _one(route)["signal"] == number
+        assert _one(route)["stop"] == pytest.approx(stop, abs=0.1)
+        assert bool(route.closed[0]) == (state == "r")
+
+
+@pytest.mark.parametrize("crossing", [True, False])
+def test_who_has_to_yield_looks_and_stops_only_where_somebody_comes(intersection: SumoSession, crossing: bool) -> None:
+    _car(intersection, "car", ("in0", "out2"), 2, 14.0, 5.0)
+    if crossing:
+        _car(intersection, "car that crosses", ("in1", "out3"), 2, 30.0, 8.0)
+    routes = Routes(libsumo, intersection.network)
+    said = []
+    for _ in range(5):
+        intersection.step()
+        _clear("car", "car that crosses")
+        world = _seen(intersection, "car", *(["car that crosses"] if crossing else []))
+        route = routes.ahead(world, 1 + crossing)
+        assert route.signal.tolist() == [0] * (1 + crossing)
+        assert not route.closed.any()
+        said.append(_one(route))
+        if crossing:
+            # Who has priority goes as fast as is allowed.
+            assert route.stop[1] == math.inf
+            assert route.desired[1] > 11.0
+    far, near = said[0], said[-1]
+    # Far away it comes slowly, to see; v = sqrt(2 * half its deceleration * m to the line in 0.8 s), at least at 4.5 m.
+    assert far["line"] > 9.6
+    decel = libsumo.vehicle.getDecel("car")
+    assert far["stop"] == math.inf
+    assert far["desired"] == pytest.approx(math.sqrt(decel * max(far["line"] - 0.8 * 5.0, 4.5)), rel=0.05)
+    assert 2.0 < near["line"] < 9.0
+    assert near["stop"] == (pytest.approx(near["line"] - STOP_LINE) if crossing else math.inf)
+
+
+def test_on_the_main_road_nobody_looks(intersection: SumoSession) -> None:
+    _car(intersection, "car", ("in1", "out3"), 2, 14.0, 8.0)
+    _car(intersection, "car that waits", ("in0", "out2"), 2, 2.0, 0.0)
+    intersection.step()
+    route = _one(Routes(libsumo, intersection.network).ahead(_seen(intersection, "car", "car that waits"), 1))
+    assert route["stop"] == math.inf
+    limit = libsumo.lane.getMaxSpeed("in1_2") * libsumo.vehicle.getSpeedFactor("car")
+    assert route["desired"] == pytest.approx(limit)
+
+
+@pytest.mark.parametrize("blocked", [True, False])
+def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSession, blocked: bool) -> None:
+    # Only lane 3 leads to the left.
+    _signals("G")
+    _car(signalised, "car", ("in0", "out3"), 2, 20.0, 4.0)
+    if blocked:
+        _car(signalised, "car beside", ("in0", "out3"), 3, 20.0, 4.0)
+    signalised.step()
+    world = _seen(signalised, "car", *(["car beside"] if blocked else []))
+    world = replace(world, speed=np.full(len(world), 4.0))
+    route = Routes(libsumo, signalised.network).ahead(world, 1)
+    left = libsumo.lane.getLength("in0_2") - libsumo.vehicle.getLanePosition("car")
+    _, aside, _ = on_path(route, world.x[:1, None], world.y[:1, None])
+    if blocked:
+        assert _one(route)["stop"] == pytest.approx(left - LANE_END, abs=0.3)
+        assert abs(aside[0, 0]) < 0.1
+        assert _one(route)["line"] == math.inf
+    else:
+        assert _one(route)["stop"] == math.inf
+        width = libsumo.lane.getWidth("in0_3")
+        assert aside[0, 0] == pytest.approx(-width, abs=0.2)
+        assert _off_lanes(signalised, ("in0", "out3"), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
+
+
+def test_who_waits_for_ever_where_no_lane_leads_on_is_astray(signalised: SumoSession) -> None:
+    _signals("G")
+    _car(signalised, "car", ("in0", "out3"), 2, 20.0, 4.0)
+    _car(signalised, "car beside", ("in0", "out3"), 3, 20.0, 4.0)
+    signalised.step()
+    world = _seen(signalised, "car", "car beside")
+    world = replace(world, speed=np.zeros(len(world)))
+    routes = Routes(libsumo, signalised.network)
+    waited = 0
+    while not routes.astray(("car", "car beside")).any():
+        routes.ahead(world, 2)
+        waited += 1
+        assert waited < 100
+    assert waited * DECISION_INTERVAL > STUCK
+    assert routes.astray(("car", "car beside")).tolist() == [True, False]
+    # Once it is no longer ours nothing of that is remembered.
+    routes.forget(("car",))
+    assert not routes.astray(("car",)).any()
+
+
+def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
+    _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
+    straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))
+    ask, asked = libsumo.vehicle.getVehicleClass, list[str]()
+
+    def count(vehicle: str) -> str:
+        asked.append(vehicle)
+        return str(ask(vehicle))
+
+    monkeypatch.setattr(libsumo.vehicle, "getVehicleClass", count)
+    gaps, ways = [], []
+    for step in range(22):
+        intersection.step()
+        _clear("car")
+        world = _seen(intersection, "car")
+        right = straight.ahead(world, 1)
+        # Up to 3 m to the left, and back.
+        shift = 3.0 * math.sin(0.3 * step)
+        heading = float(world.heading[0])
+        away = replace(world, x=world.x - shift * math.sin(heading), y=world.y + shift * math.cos(heading))
+        route = aslant.ahead(away, 1)
+        assert route.known[0]
+        _, aside, _ = on_path(right, route.x[:, HERE:], route.y[:, HERE:])
+        gaps.append(float(np.abs(aside[0, :-6]).max()))
+        ways.append((_one(route)["line"], _one(right)["line"]))
+        _, own, _ = on_path(route, away.x[:, None], away.y[:, None])
+        if libsumo.vehicle.getRoadID("car") == "in0":
+            assert own[0, 0] == pytest.approx(shift, abs=0.3)
+    # Each has found out about the car once.
+    assert len(asked) == 2
+    assert max(gaps) < 0.3
+    far = [(a, b) for a, b in ways if b > 5.0 and math.isfinite(b)]
+    assert len(far) > 5
+    assert all(abs(a - b) < 0.5 for a, b in far)
+
+
+def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
+    libsumo.person.add("walker", "in0", 70.0, typeID="pedestrian1")
+    libsumo.person.appendWalkingStage("walker", ["in0", "out2"], 25.0)
+    routes = Routes(libsumo, signalised.network)
+    red: list[dict[str, float]] = []
+    left, near, places = [], [], []
+    early: RouteAhead | None = None
+    for _ in range(400):
+        signalised.step()
+        _clear("walker")
+        if "walker" not in libsumo.person.getIDList():
+            break
+        world = _seen(signalised, "walker")
+        _signals("r")
+        # Asked twice about the same moment: nobody moves in between.
+        stopped, closed = routes.ahead(world, 1), routes.ahead(world, 1).closed
+        _signals("G")
+        route = routes.ahead(world, 1)
+        early = route if early is None else early
+        assert route.known[0]
+        if math.isfinite(_one(route)["line"]):
+            assert (_one(route)["signal"], _one(route)["stop"]) == (1.0, math.inf)
+            assert (_one(stopped)["signal"], bool(closed[0]), bool(route.closed[0])) == (3.0, True, False)
+            red.append(_one(stopped))
+        left.append(_one(route)["left"])
+        near.append(bool(routes.near_end(("walker",))[0]))
+        if libsumo.person.getRoadID("walker") == "in0":
+            x, y = libsumo.person.getPosition("walker")
+            places.append(on_path(early, np.array([[x]]), np.array([[y]]))[1][0, 0])
+    assert len(red) > 10
+    assert [r["stop"] for r in red] == pytest.approx([r["line"] - KERB for r in red])
+    # It comes nearer, to the kerb itself.
+    assert np.diff([r["line"] for r in red]).max() < 1e-6
+    assert red[-1]["line"] < 1.0
+    # Persons keep to their side of the walk.
+    assert np.abs(places).max() < 0.5
+    assert left[0] > 40.0
+    assert np.diff(left).max() < 0.2
+    assert near == [way < NEAR_END for way in left]
+    assert near[-1]
+
+
+@pytest.mark.parametrize(("edge", "onward"), [("in0", "out2"), ("in1", "out3")])
+def test_persons_keep_their_place_across_the_walk(signalised: SumoSession, edge: str, onward: str) -> None:
+    libsumo.person.add("walker", edge, 30.0, typeID="pedestrian1")
+    libsumo.person.appendWalkingStage("walker", [edge, onward], 25.0)
+    for _ in range(5):
+        signalised.step()
+    world = _seen(signalised, "walker").take(np.array([0]))
+    middle = next(lane for lane in signalised.network.lanes if lane.edge == edge and "pedestrian" in lane.allowed)
+    (x0, y0), (x1, y1) = middle.shape.tolist()
+    dx, dy = (x1 - x0) / math.hypot(x1 - x0, y1 - y0), (y1 - y0) / math.hypot(x1 - x0, y1 - y0)
+    for beside in (0.4, -0.4):
+        x, y = x0 + 30.0 * dx - beside * dy, y0 + 30.0 * dy + beside * dx
+        there = replace(world, x=np.array([x]), y=np.array([y]))
+        route = Routes(libsumo, signalised.network).ahead(there, 1)
+        ahead = np.array([[x, x + 20.0 * dx]]), np.array([[y, y + 20.0 * dy]])
+        along, aside, _ = on_path(route, *ahead)
+        assert along[0] == pytest.approx([0.0, 20.0], abs=0.05)
+        assert aside[0] == pytest.approx(0.0, abs=0.05)
+
+
+def test_who_has_no_route_goes_on_the_same_in_every_run_and_off_the_end(intersection: SumoSession) -> None:
+    _car(intersection, "car", ("in0", "out2"), 2, 20.0, 5.0)
+    intersection.step()
+    _clear("car")
+    lanes = {lane.id: lane for lane in intersection.network.lanes}
+    start = _seen(intersection, "car")
+    placement = intersection.placement
+    world = replace(start, ids=("learned_car.0",))
+    placement.add(world.ids, world.type, world.x, world.y)
+    placement.move(world.ids, world.type, world.x, world.y, world.heading, world.speed, world.length)
+    libsumo.vehicle.remove("car")
+    intersection.step()
+    first, second = (Routes(libsumo, intersection.network) for _ in range(2))
+    route = first.ahead(world, 1)
+    np.testing.assert_array_equal(route.x, second.ahead(world, 1).x)
+    outs = ("out0", "out1", "out2", "out3")
+    assert _off_lanes(intersection, ("in0", *outs), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
+    assert _one(route)["left"] == math.inf
+    # The edge that it goes out on, and there to the end of the network and beyond.
+    end = np.array([[route.x[0, -1], route.y[0, -1]]])
+    out = min(
+        (lane for lane in lanes.values() if lane.edge in outs and "passenger" in lane.allowed),
+        key=lambda lane: float(np.hypot(*(lane.shape - end).T).min()),
+    )
+    (x0, y0), (x1, y1) = out.shape[-2:].tolist()
+    heading = math.atan2(y1 - y0, x1 - x0)
+    for beyond in (-30.0, -20.0, -10.0, -5.0, -1.0, 2.0, 5.0, 8.0):
+        x, y = x1 + beyond * math.cos(heading), y1 + beyond * math.sin(heading)
+        world = replace(world, x=np.array([x]), y=np.array([y]), heading=np.array([heading]), speed=np.array([8.0]))
+        route = first.ahead(world, 1)
+        assert route.known[0]
+        assert (_one(route)["stop"], _one(route)["left"], _one(route)["line"]) == (math.inf, math.inf, math.inf)
+        assert _one(route)["desired"] > 5.0
+        assert _apart(route)[HERE:] == pytest.approx(SPACING)
+        x_ahead, y_ahead = x + 30.0 * math.cos(heading), y + 30.0 * math.sin(heading)
+        _, aside, direction = on_path(route, np.array([[x, x_ahead]]), np.array([[y, y_ahead]]))
+        assert aside[0] == pytest.approx(0.0, abs=0.05)
+        assert direction[0] == pytest.approx(heading, abs=0.01)
+    assert first.near_end(world.ids).tolist() == [False]

@@ -1,0 +1,146 @@
+"""Who touches whom: by hand, and against looking at every pair."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.contacts import close_pairs, colliding_pairs, overlapping_pairs
+from slrl_sumo.scene.state import WorldState, empty_world
+
+Floats = NDArray[np.float64]
+
+
+def world(rows: list[tuple[float, float, float, float, float]] | Floats) -> WorldState:
+    """Rows of x, y, heading, length, width."""
+    columns = np.array(rows, np.float64).reshape(-1, 5).T
+    n = columns.shape[1]
+    none = np.zeros(n)
+    return WorldState(
+        time=0.0,
+        ids=tuple(f"u{i}" for i in range(n)),
+        type=np.zeros(n, np.int8),
+        x=columns[0],
+        y=columns[1],
+        heading=columns[2],
+        speed=none,
+        acceleration=none,
+        yaw_rate=none,
+        length=columns[3],
+        width=columns[4],
+        learned=np.ones(n, np.bool_),
+    )
+
+
+def corners(row: Floats) -> Floats:
+    x, y, heading, length, width = row
+    along = 0.5 * length * np.array([np.cos(heading), np.sin(heading)])
+    across = 0.5 * width * np.array([-np.sin(heading), np.cos(heading)])
+    return np.array([x, y]) + np.array([along + across, along - across, -along - across, -along + across])
+
+
+def clipped_area(a: Floats, b: Floats) -> float:
+    """Area that two boxes share, by cutting one at the edges of the other (Sutherland and Hodgman)."""
+    polygon = corners(a)
+    edges = corners(b)
+    centre = edges.mean(axis=0)
+    for p, q in zip(edges, np.roll(edges, -1, axis=0), strict=True):
+        normal = np.array([q[1] - p[1], p[0] - q[0]])
+        normal *= np.sign((centre - p) @ normal)
+        kept = []
+        for s, t in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+            ds, dt = (s - p) @ normal, (t - p) @ normal
+            if ds >= 0:
+                kept.append(s)
+            if ds * dt < 0:
+                kept.append(s + (t - s) * ds / (ds - dt))
+        if len(kept) < 3:
+            return 0.0
+        polygon = np.array(kept)
+    x, y = polygon.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+
+
+def crowd(seed: int, n: int, side: float) -> Floats:
+    """Cars, bicycles and pedestrians, and a bus and a tram among them."""
+    rng = np.random.default_rng(seed)
+    sizes = np.array([(5.0, 1.8), (1.6, 0.65), (0.215, 0.478)])[rng.integers(0, 3, n)]
+    sizes[0], sizes[1] = (18.0, 2.5), (42.0, 2.65)
+    return np.column_stack([rng.uniform(0, side, (n, 2)), rng.uniform(-np.pi, np.pi, n), sizes])
+
+
+def listed(pairs: NDArray[np.intp]) -> list[tuple[int, int]]:
+    return [(int(i), int(j)) for i, j in pairs]
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_nobody_touches_anybody_where_there_are_less_than_two(count: int) -> None:
+    alone = empty_world() if count == 0 else world([(0, 0, 0, 5, 2)])
+    for pairs in (colliding_pairs(alone), overlapping_pairs(alone), close_pairs(alone, 100.0)):
+        assert pairs.shape == (0, 2)
+
+
+def test_a_collision_is_less_than_half_a_metre_between_centres() -> None:
+    small = (0.0, 0.2, 0.4)
+    rows = [(0.0, 0.0, *small), (0.49, 0.0, *small), (0.0, 0.5, *small), (-0.3, -0.41, *small)]
+    assert listed(colliding_pairs(world(rows))) == [(0, 1)]
+    assert listed(close_pairs(world(rows), 0.51)) == [(0, 1), (0, 2), (0, 3)]
+
+
+def test_boxes_overlap_by_their_size_and_heading() -> None:
+    car = (5.0, 1.8)
+    behind = world([(0, 0, 0, *car), (4.9, 0, 0, *car)])
+    assert listed(overlapping_pairs(behind)) == [(0, 1)]
+    gap = world([(0, 0, 0, *car), (5.1, 0, 0, *car)])
+    assert listed(overlapping_pairs(gap)) == []
+    side_by_side = world([(0, 0, 0, *car), (0, 1.9, 0, *car)])
+    assert listed(overlapping_pairs(side_by_side)) == []
+    crosswise = world([(0, 0, 0, *car), (0, 1.9, np.pi / 2, *car)])
+    assert listed(overlapping_pairs(crosswise)) == [(0, 1)]
+    corner_to_corner = world([(0, 0, 0, *car), (4.0, 2.4, np.pi / 4, *car)])
+    assert listed(overlapping_pairs(corner_to_corner)) == [(0, 1)]
+
+
+def test_a_long_bus_reaches_far_and_leaves_the_others_as_they_are() -> None:
+    walkers = [
+        (8.7, 0.3, 0.0, 0.2, 0.5),
+        (9.4, 0.0, 0.0, 0.2, 0.5),
+        (-8.9, -1.2, 1.0, 0.2, 0.5),
+        (0, 1.7, 0.0, 0.2, 0.5),
+    ]
+    bus = world([*walkers, (0.0, 0.0, 0.0, 18.0, 2.5)])
+    assert listed(overlapping_pairs(bus)) == [(0, 4), (2, 4)]
+    turned = world([*walkers, (0.0, 0.0, np.pi / 2, 18.0, 2.5)])
+    assert listed(overlapping_pairs(turned)) == [(3, 4)]
+
+
+def test_two_long_ones_meet_at_their_ends() -> None:
+    ordinary = [(200.0 + 10 * i, 0.0, 0.0, 5.0, 1.8) for i in range(8)]
+    trams = [(0.0, 0.0, 0.0, 42.0, 2.65), (41.5, 0.5, 0.0, 42.0, 2.65)]
+    assert listed(overlapping_pairs(world(ordinary + trams))) == [(8, 9)]
+
+
+def test_pairs_are_sorted_with_the_smaller_row_first() -> None:
+    rows = crowd(5, 80, 30.0)
+    for pairs in (overlapping_pairs(world(rows)), close_pairs(world(rows), 3.0)):
+        assert len(pairs) > 20
+        assert (pairs[:, 0] < pairs[:, 1]).all()
+        assert listed(pairs) == sorted(set(listed(pairs)))
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("side", [25.0, 60.0, 300.0])
+def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float) -> None:
+    rows = crowd(seed, 120, side)
+    everybody = world(rows)
+    overlapping, close = [], []
+    for i, j in combinations(range(len(rows)), 2):
+        distance = np.hypot(*(rows[i, :2] - rows[j, :2]))
+        if distance < 2.0:
+            close.append((i, j))
+        if distance < 45.0 and clipped_area(rows[i], rows[j]) > 1e-9:
+            overlapping.append((i, j))
+    assert listed(close_pairs(everybody, 2.0)) == close
+    assert listed(overlapping_pairs(everybody)) == overlapping
+    assert len(overlapping) > 0

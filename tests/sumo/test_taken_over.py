@@ -1,0 +1,233 @@
+"""Road users of the scenario are lent and come back to SUMO as they were."""
+
+import math
+from collections.abc import Iterator
+
+import libsumo
+import numpy as np
+import pytest
+
+from slrl_sumo.sumo.reader import Snapshot
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.taken_over import TakenOverControl
+
+VEHICLE, PERSON = np.array([False]), np.array([True])
+DEFAULT_MODES = (31, 1621)
+
+
+@pytest.fixture
+def session() -> Iterator[SumoSession]:
+    with SumoSession(find_scenario("intersection")) as session:
+        yield session
+
+
+def _add_car(session: SumoSession, name: str = "car", edges: tuple[str, ...] = ("in0", "out2")) -> None:
+    """A car of the scenario under way on the first of `edges`, alone on the road."""
+    libsumo.route.add(f"route of {name}", list(edges))
+    libsumo.vehicle.add(name, f"route of {name}", typeID="passenger1", departLane="best", departSpeed="10")
+    for _ in range(20):
+        session.step()
+        if libsumo.vehicle.getLaneID(name):
+            return
+    raise AssertionError("SUMO did not insert the car")
+
+
+def _add_person(session: SumoSession, edges: tuple[str, ...] = ("in0", "out2"), arrival: float = 40.0) -> None:
+    libsumo.person.add("walker", edges[0], 60.0, typeID="pedestrian1")
+    libsumo.person.appendWalkingStage("walker", list(edges), arrival)
+    libsumo.person.appendWaitingStage("walker", 3.0)
+    session.step()
+    session.step()
+
+
+def _clear() -> None:
+    """Take the scenario's own traffic away: what remains in the test is what it added."""
+    for domain in (libsumo.vehicle, libsumo.person):
+        for road_user in domain.getIDList():
+            if road_user not in ("car", "walker"):
+                domain.remove(road_user)
+
+
+def _row(snapshot: Snapshot, road_user: str) -> int:
+    return snapshot.ids.index(road_user)
+
+
+def _carry(
+    session: SumoSession, loans: TakenOverControl, road_user: str, speed: float, steps: int, turn: float = 0.0
+) -> None:
+    """Move a road user straight on (turned by `turn` rad), step by step."""
+    snapshot = session.reader.read()
+    i = _row(snapshot, road_user)
+    x, y, heading = float(snapshot.x[i]), float(snapshot.y[i]), float(snapshot.heading[i]) + turn
+    person = snapshot.person[i : i + 1]
+    for _ in range(steps):
+        _clear()
+        x += speed * session.step_length * math.cos(heading)
+        y += speed * session.step_length * math.sin(heading)
+        place = (np.array([v]) for v in (x, y, heading, speed, snapshot.length[i]))
+        loans.move([road_user], person, *place)
+        session.step()
+
+
+def test_modes_are_lifted_while_lent_and_restored_exactly(session: SumoSession) -> None:
+    _add_car(session)
+    libsumo.vehicle.setSpeedMode("car", 23)
+    libsumo.vehicle.setLaneChangeMode("car", 597)
+    loans = TakenOverControl(libsumo, session.network)
+    loans.take(["car"], VEHICLE)
+    assert loans.ids == {"car"}
+    assert libsumo.vehicle.getSpeedMode("car") == 0
+    # libsumo keeps bits of the lane change mode that mean "as a matter of course".
+    lifted = libsumo.vehicle.getLaneChangeMode("car")
+    assert lifted != 597
+    _carry(session, loans, "car", 8.0, 5)
+    assert loans.give_back(["car"], VEHICLE).tolist() == [True]
+    assert libsumo.vehicle.getSpeedMode("car") == 23
+    assert libsumo.vehicle.getLaneChangeMode("car") == 597
+    assert loans.ids == frozenset()
+
+
+def test_lent_car_is_where_it_was_put_and_goes_on_from_there_along_its_route(session: SumoSession) -> None:
+    _add_car(session)
+    route = libsumo.vehicle.getRoute("car")
+    loans = TakenOverControl(libsumo, session.network)
+    loans.take(["car"], VEHICLE)
+    before = session.reader.read()
+    start = float(before.x[_row(before, "car")])
+    _carry(session, loans, "car", 6.0, 10)
+    after = session.reader.read()
+    car = _row(after, "car")
+    assert abs(abs(float(after.x[car]) - start) - 6.0 * 10 * session.step_length) < 0.01
+    assert float(after.speed[car]) == pytest.approx(6.0, abs=0.01)
+    assert loans.give_back(["car"], VEHICLE).tolist() == [True]
+    session.step()
+    # SUMO drives on at that speed: no jump, no braking, and faster as soon as it may.
+    first = session.reader.read()
+    car = _row(first, "car")
+    moved = abs(float(first.x[car]) - float(after.x[_row(after, "car")]))
+    assert 6.0 * session.step_length - 0.5 < moved < 6.0 * session.step_length + 1.2
+    arrived: set[str] = set()
+    last, fastest = "", 0.0
+    for _ in range(150):
+        _clear()
+        if "car" in libsumo.vehicle.getIDList():
+            fastest = max(fastest, libsumo.vehicle.getSpeed("car"))
+            last = libsumo.vehicle.getRoadID("car")
+            assert libsumo.vehicle.getRoute("car") == route
+        session.step()
+        arrived |= set(libsumo.simulation.getArrivedIDList())
+    assert "car" in arrived
+    assert last == "out2"
+    assert fastest > 9.0
+
+
+def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSession) -> None:
+    _add_car(session)
+    loans = TakenOverControl(libsumo, session.network)
+    loans.take(["car"], VEHICLE)
+    _carry(session, loans, "car", 8.0, 2)
+    # Across the road and off it.
+    _carry(session, loans, "car", 10.0, 6, turn=math.pi / 2)
+    # SUMO still names the road, but it has the car on no lane.
+    assert libsumo.vehicle.getLaneID("car") == ""
+    assert loans.give_back(["car"], VEHICLE).tolist() == [False]
+    assert loans.ids == {"car"}
+    assert libsumo.vehicle.getSpeedMode("car") == 0
+    _carry(session, loans, "car", 10.0, 6, turn=math.pi)
+    assert loans.give_back(["car"], VEHICLE).tolist() == [True]
+    assert (libsumo.vehicle.getSpeedMode("car"), libsumo.vehicle.getLaneChangeMode("car")) == DEFAULT_MODES
+
+
+def test_vehicles_with_stops_ahead_or_of_other_kinds_are_left_alone(session: SumoSession) -> None:
+    _add_car(session)
+    loans = TakenOverControl(libsumo, session.network)
+    assert loans.eligible(["car"], VEHICLE).tolist() == [True]
+    lane = libsumo.vehicle.getLaneIndex("car")
+    libsumo.vehicle.setStop("car", "in0", pos=80.0, laneIndex=lane, duration=1000.0)
+    assert loans.eligible(["car"], VEHICLE).tolist() == [False]
+    for _ in range(60):
+        _clear()
+        session.step()
+    assert libsumo.vehicle.isStopped("car")
+    assert loans.eligible(["car"], VEHICLE).tolist() == [False]
+    libsumo.vehicle.resume("car")
+    session.step()
+    assert loans.eligible(["car"], VEHICLE).tolist() == [True]
+    libsumo.vehicle.setVehicleClass("car", "tram")
+    assert loans.eligible(["car"], VEHICLE).tolist() == [False]
+
+
+def test_persons_that_walk_may_be_taken_those_that_wait_or_ride_may_not(session: SumoSession) -> None:
+    _add_person(session)
+    libsumo.person.add("waiter", "in0", 20.0, typeID="pedestrian1")
+    libsumo.person.appendWaitingStage("waiter", 1000.0)
+    _add_car(session, "taxi")
+    libsumo.vehicle.setStop("taxi", "in0", pos=60.0, laneIndex=libsumo.vehicle.getLaneIndex("taxi"), duration=100.0)
+    libsumo.person.add("rider", "in0", 62.0, typeID="pedestrian1")
+    libsumo.person.appendDrivingStage("rider", "out2", "taxi")
+    for _ in range(30):
+        session.step()
+    assert libsumo.person.getVehicle("rider") == "taxi"
+    loans = TakenOverControl(libsumo, session.network)
+    people = np.array([True, True, True])
+    assert loans.eligible(["walker", "waiter", "rider"], people).tolist() == [True, False, False]
+
+
+def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(session: SumoSession) -> None:
+    _add_person(session)
+    loans = TakenOverControl(libsumo, session.network)
+    loans.take(["walker"], PERSON)
+    before = libsumo.person.getPosition("walker")
+    # A little to the left of where SUMO walks, along the sidewalk.
+    _carry(session, loans, "walker", 1.2, 20, turn=0.02)
+    there = libsumo.person.getPosition("walker")
+    assert math.dist(before, there) == pytest.approx(1.2 * 20 * session.step_length, abs=0.01)
+    assert loans.give_back(["walker"], PERSON).tolist() == [True]
+    assert loans.ids == frozenset()
+    session.step()
+    assert math.dist(there, libsumo.person.getPosition("walker")) < 0.3
+    last = 0.0
+    for _ in range(400):
+        _clear()
+        if "walker" not in libsumo.person.getIDList() or libsumo.person.getStage("walker", 0).type != 2:
+            break
+        here, last = libsumo.person.getRoadID("walker"), libsumo.person.getLanePosition("walker")
+        session.step()
+    # The stage after the walk is still there: the walker waits at its destination.
+    assert here == "out2"
+    assert last == pytest.approx(40.0, abs=2.0)
+    assert libsumo.person.getStage("walker", 0).type == 1
+
+
+def test_a_walker_on_a_crossing_goes_back_only_on_the_next_sidewalk(session: SumoSession) -> None:
+    _add_person(session)
+    loans = TakenOverControl(libsumo, session.network)
+    for _ in range(200):
+        _clear()
+        session.step()
+        if "_c" in libsumo.person.getRoadID("walker"):
+            break
+    assert "_c" in libsumo.person.getRoadID("walker")
+    loans.take(["walker"], PERSON)
+    _carry(session, loans, "walker", 1.2, 2)
+    assert loans.give_back(["walker"], PERSON).tolist() == [False]
+    assert loans.ids == {"walker"}
+    # Detaching cannot wait for that.
+    assert loans.release() == ()
+    assert loans.ids == frozenset()
+
+
+def test_who_has_gone_is_forgotten_and_the_rest_released(session: SumoSession) -> None:
+    _add_car(session)
+    _add_person(session)
+    loans = TakenOverControl(libsumo, session.network)
+    loans.take(["car", "walker"], np.array([False, True]))
+    _carry(session, loans, "car", 8.0, 1)
+    _carry(session, loans, "walker", 1.2, 1)
+    loans.forget(["car", "nobody"])
+    assert loans.ids == {"walker"}
+    loans.take(["car"], VEHICLE)
+    libsumo.person.remove("walker")
+    assert loans.release() == ()
+    assert loans.ids == frozenset()
