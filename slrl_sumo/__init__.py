@@ -6,12 +6,12 @@ docs/architecture.md. Importing this package is cheap: torch, libsumo and matplo
 
 from typing import TYPE_CHECKING, Any
 
+from slrl_sumo.version import __version__
+
 if TYPE_CHECKING:
     from slrl_sumo.simulation.attach import attach
 
 __all__ = ["__version__", "attach"]
-
-__version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:

@@ -6,5 +6,6 @@ PATH="$PWD/.venv/bin:$PATH"
 
 ruff format --check
 ruff check
+lint-imports
 mypy
 pytest "$@"

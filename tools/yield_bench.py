@@ -172,7 +172,7 @@ def _meet(
     # with the sublane model.
     waiting = lane_of(session, f"{UNUSED}_0" if kind == RoadUserType.PEDESTRIAN else f"{UNUSED}_2")
     if kind == RoadUserType.PEDESTRIAN and not off_route:
-        # SpawnedControl renews the walk on every edge with a sidewalk: one that comes from this one keeps it on the car lane.
+        # SpawnedControl renews the walk on every edge with a sidewalk: from this one it stays on the car lane.
         waiting = straight_way(session).lanes[0]
     away = np.append(0.93 * waiting.shape[0] + 0.07 * waiting.shape[-1], 0.0)
     home = (

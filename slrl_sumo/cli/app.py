@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo import __version__
 from slrl_sumo.errors import InputError
 from slrl_sumo.jobs.pool import Place
 from slrl_sumo.jobs.ray_cluster import check_ray
+from slrl_sumo.version import __version__
 
 app = typer.Typer(
     help="Learned cars, cyclists and pedestrians inside SUMO scenarios.",

@@ -14,6 +14,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.demand import net_attributes
 from slrl_sumo.sumo.options import YES, input_files
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.session import library_version
 
 PACKAGES = ("eclipse-sumo", "libsumo", "sumolib", "traci")
 
@@ -27,13 +28,6 @@ def installed() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
-
-
-def library_version() -> str:
-    """Version that the library itself reports; it may differ from its package's where PYTHONPATH points elsewhere."""
-    import libsumo
-
-    return str(libsumo.getVersion()[1]).removeprefix("SUMO ").strip()
 
 
 def home_version() -> tuple[Path, str] | None:

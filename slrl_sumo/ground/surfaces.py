@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.types import RoadUserType
 
 SHIFT = 6
 """Fractional bits of the coordinates given to OpenCV: 1/64 px."""
@@ -23,6 +24,13 @@ class Surface(IntEnum):
     SIDEWALK = 2
     CROSSING = 3
     CYCLEWAY = 4
+
+
+OWN_SURFACE = np.zeros((len(RoadUserType), len(Surface)), np.bool_)
+"""Which Surface belongs to which RoadUserType (paper, section 3.3): cars keep to roads, the others may use both."""
+OWN_SURFACE[RoadUserType.CAR, [Surface.ROAD, Surface.CROSSING]] = True
+OWN_SURFACE[RoadUserType.BICYCLE, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
+OWN_SURFACE[RoadUserType.PEDESTRIAN, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,11 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
-from slrl_sumo import __version__
 from slrl_sumo.jobs.pool import Lost
 from slrl_sumo.jobs.ray_cluster import check_head, ray_cluster
 from slrl_sumo.jobs.ray_jobs import LOOK_S, perform, received
 from slrl_sumo.jobs.worker import Died
+from slrl_sumo.version import __version__
 
 FIND_S = 10.0
 """s in which Ray must have found a core for a new actor."""
@@ -30,8 +30,8 @@ class Host:
 
 
 class RayTeam:
-    """See slrl_sumo.learning.rl.rollouts.Team. An actor holds one core. Where there are fewer cores than workers, because
-    a machine was lost or so many were asked for, the others share them."""
+    """See slrl_sumo.learning.rl.rollouts.Team. An actor holds one core. Where there are fewer cores than workers,
+    because a machine was lost or so many were asked for, the others share them."""
 
     def __init__(self, work: bytes, count: int, address: str) -> None:
         self._open = ExitStack()

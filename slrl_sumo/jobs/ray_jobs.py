@@ -10,12 +10,12 @@ import time
 from contextlib import ExitStack
 from typing import Any
 
-from slrl_sumo import __version__
 from slrl_sumo.errors import InputError
 from slrl_sumo.jobs.pool import Lost
 from slrl_sumo.jobs.ray_address import LOCAL
 from slrl_sumo.jobs.ray_cluster import check_head, ray_cluster
 from slrl_sumo.jobs.worker import Died, JobWorker
+from slrl_sumo.version import __version__
 
 AHEAD = 0.125
 """Tasks beyond the number of cores, as a share of it: they wait on the cluster, so that cores do not wait for us."""

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.ground.tiles import Ids
 from slrl_sumo.lookahead.mode_rollout import STEPS, ModeRollouts
-from slrl_sumo.metrics.counters import OWN_SURFACE
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, SPACING, RouteAhead

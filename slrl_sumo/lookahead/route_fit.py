@@ -154,8 +154,8 @@ def _on_route(
     braking: Floats,
     dt: float,
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """The fields of RouteFit; `ends`: headings after STEERED intervals, (n, modes); `able`: Capability.stopping, of speeds
-    `braking`; `known`, `desired` and `leading` of all with context."""
+    """The fields of RouteFit; `ends`: headings after STEERED intervals, (n, modes); `able`: Capability.stopping, of the
+    speeds `braking`; `known`, `desired` and `leading` of all with context."""
     n, modes = ends.shape
     steer, beside, pace = np.zeros((n, modes)), np.zeros((n, modes)), np.zeros((n, modes))
     brake, follow = np.zeros((n, modes)), np.zeros((n, modes))

@@ -5,21 +5,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.scene.contacts import Pairs, contact_pairs, ids_of
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.simulation.events import Decision
 
 STANDING_SPEED = 0.1
 """m/s; slower counts as standing."""
-
-OWN_SURFACE = np.zeros((len(RoadUserType), len(Surface)), np.bool_)
-"""Which Surface belongs to which RoadUserType (paper, section 3.3): cars keep to roads, the others may use both."""
-OWN_SURFACE[RoadUserType.CAR, [Surface.ROAD, Surface.CROSSING]] = True
-OWN_SURFACE[RoadUserType.BICYCLE, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
-OWN_SURFACE[RoadUserType.PEDESTRIAN, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
-
 
 SUMS = ("steps", "speed", "standing", "off_surface", "collisions", "overlaps", "survived")
 """What is added up of each road user over the decisions in which it was learned; speed in m/s."""

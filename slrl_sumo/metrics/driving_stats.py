@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.metrics.counters import OWN_SURFACE, STANDING_SPEED
+from slrl_sumo.ground.surfaces import OWN_SURFACE
+from slrl_sumo.metrics.counters import STANDING_SPEED
 from slrl_sumo.metrics.lane_keeping import LaneKeeping
 from slrl_sumo.scene.contacts import overlapping_pairs
 from slrl_sumo.scene.geometry import Floats

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.ground.surfaces import SurfaceShapes, paint
-from slrl_sumo.metrics.counters import OWN_SURFACE
+from slrl_sumo.ground.surfaces import OWN_SURFACE, SurfaceShapes, paint
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 

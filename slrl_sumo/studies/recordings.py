@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from slrl_sumo import __version__
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.jobs.interrupt import interruptible
@@ -17,6 +16,7 @@ from slrl_sumo.jobs.pool import Finished, Place, anywhere, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.simulation.record import recorded_whole
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.version import __version__
 
 
 @dataclass(frozen=True)

@@ -145,3 +145,10 @@ def _captured_output() -> Iterator[IO[bytes]]:
             for fd, copy in saved:
                 os.dup2(copy, fd)
                 os.close(copy)
+
+
+def library_version() -> str:
+    """Version that the library itself reports; it may differ from its package's where PYTHONPATH points elsewhere."""
+    import libsumo
+
+    return str(libsumo.getVersion()[1]).removeprefix("SUMO ").strip()

@@ -18,7 +18,7 @@ from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
 CLASSES = ("passenger", "passenger", "pedestrian")
-"""Vehicle classes of learned road users, indexed by RoadUserType: bicycles go on the lanes of cars, see SpawnedControl."""
+"""Vehicle classes of learned road users, indexed by RoadUserType: bicycles use the lanes of cars (SpawnedControl)."""
 SHAPES = ("passenger", "bicycle", "pedestrian")
 """How SUMO-GUI draws them."""
 

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
+from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Surface, SurfaceShapes
 from slrl_sumo.lookahead.mode_rollout import STEPS, roll_out
 from slrl_sumo.lookahead.off_surface import NEAR, off_surface
-from slrl_sumo.metrics.counters import OWN_SURFACE
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 

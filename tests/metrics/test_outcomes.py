@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from slrl_sumo.metrics.counters import OWN_SURFACE, RunCounters
+from slrl_sumo.ground.surfaces import OWN_SURFACE
+from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome, mean_survival, survival_counts
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType

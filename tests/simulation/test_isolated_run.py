@@ -235,7 +235,8 @@ def test_the_ground_comes_when_it_is_asked_for() -> None:
 
 def test_the_process_that_writes_and_counts_is_small() -> None:
     # In a city the simulation needs the memory, and 0.2 s of importing come before its process even starts.
-    code = "import sys, slrl_sumo.report.run_outputs; print(*sorted({'torch', 'scipy', 'numba', 'cv2'} & set(sys.modules)))"
+    heavy = "{'torch', 'scipy', 'numba', 'cv2'}"
+    code = f"import sys, slrl_sumo.report.run_outputs; print(*sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.driver import Modes, route_context
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.rl import rewards
 from slrl_sumo.learning.rl import teacher as guidance
 from slrl_sumo.learning.rl.rewards import RewardWeights
 from slrl_sumo.learning.rl.teacher import TeacherWeights
 from slrl_sumo.lookahead.lookahead import Lookahead, look_ahead, told
 from slrl_sumo.lookahead.route_fit import RouteContext, allowed_speed
-from slrl_sumo.metrics.counters import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.capability import capability_of
 from slrl_sumo.perception.ego_image import ego_picture

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from slrl_sumo import __version__
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.version import __version__
 
 HEADING = "\n## Selector\n"
 KNOWS = {

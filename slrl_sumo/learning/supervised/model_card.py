@@ -19,7 +19,7 @@ MODES_BY_TEXT = {
 
 
 def model_card(name: str, training: dict[str, Any]) -> str:
-    """Markdown text of the model card of bundle `name`, from its training record (see slrl_sumo.learning.supervised.fit)."""
+    """Markdown text of the model card of bundle `name`, from its training record (see learning.supervised.fit)."""
     kinds = training["types"]
     tracks: dict[tuple[str, str], list[int]] = {}
     for recording in training["recordings"]:

@@ -10,7 +10,7 @@ from slrl_sumo.agent.driver import GUARDED, make_driver
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.metrics.counters import OWN_SURFACE
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.scene.state import WorldState

@@ -8,13 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo import __version__
 from slrl_sumo.errors import InputError
 from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.studies.episodes.episode import WARM_UP, Episode, EpisodeSettings
 from slrl_sumo.sumo.options import input_files
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.version import __version__
 
 Outcome = tuple[TypeOutcome, ...]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.supervised.fit import one_thread
-from slrl_sumo.metrics.counters import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.supervised.windows import PAST, reversing
-from slrl_sumo.metrics.counters import OWN_SURFACE
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
