@@ -34,7 +34,8 @@ a few road users cannot show how they differ; and on held-out recordings of HC a
 MODES_BY = ("relative", "kmeans", "balanced", "curved")
 """How modes are found: K-Means over destinations relative to the own speed (Windows.relative), the default because it
 predicted held-out recordings of HC and SDD best (docs/prediction.md); over destinations as in the paper; the same
-balanced between turning and going straight (modes.balance); or, for vehicles, balanced over that distance and the curvature of the first 2 s (modes.curved), so that there are modes that slow down in
+balanced between turning and going straight (modes.balance); or, for vehicles, balanced over
+that distance and the curvature of the first 2 s (modes.curved), so that there are modes that slow down in
 a turn; their models learn those 2 s."""
 
 BALANCED = ("balanced", "curved")
