@@ -1,18 +1,57 @@
 """The errors that the package raises on purpose.
 
 SlrlError
-├── InputError      what the user gave is wrong: one line says what, where and how to mend it (exit code 1)
-└── SumoError       SUMO itself failed while running (exit code 3)
+├── InputError      an input is wrong: one line says what, where and how to correct it (exit code 1)
+└── SumoError       SUMO itself failed while a simulation was running (exit code 3)
 """
+
+import re
+from typing import Any
 
 
 class SlrlError(Exception):
-    """Base of all errors of this package; the message is one line for the user."""
+    """Base of all errors of this package. The message is one line."""
+
+    def as_options(self) -> str:
+        """The message in the words of the command line."""
+        return str(self)
 
 
 class InputError(SlrlError):
-    """What the user gave is wrong. The message says what, where and how to mend it."""
+    """An input is wrong. The message says what, where and how to correct it.
+
+    `argument` and `value` name the argument that is wrong, where it is one. The message refers to other arguments
+    between backticks, as `agents=64`. Both read as Python in `str(error)` and as options in `as_options()`:
+    takeover={'car': 3} there is --takeover car=3 here.
+    """
+
+    def __init__(self, message: str, *, argument: str | None = None, value: Any = None) -> None:
+        super().__init__(message)
+        self.argument, self.value = argument, value
+
+    def __str__(self) -> str:
+        message = super().__str__()
+        if self.argument is None:
+            return message
+        return f"{self.argument}{'' if self.value is None else f'={self.value!r}'}: {message}"
+
+    def as_options(self) -> str:
+        """The message in the words of the command line."""
+        message = _REFERENCE.sub(lambda found: _option(found[1], found[2]), super().__str__())
+        if self.argument is None:
+            return message
+        return f"{_option(self.argument, self.value)}: {message}"
 
 
 class SumoError(SlrlError):
-    """SUMO refused to go on or died while a simulation was running."""
+    """SUMO refused to continue, or died while a simulation was running."""
+
+
+_REFERENCE = re.compile(r"`([a-z_]+)(?:=([^`]*))?`")
+
+
+def _option(name: str, value: Any) -> str:
+    """'--takeover car=0.3' of the name and the value of an argument; '--guard' of a flag."""
+    option = f"--{name.replace('_', '-')}"
+    text = "" if value is None else f"{value:g}" if isinstance(value, float) else str(value).strip("'\"")
+    return option if text in ("", "True") else f"{option} {text}"

@@ -31,7 +31,7 @@ def _one_thread() -> None:
 def _compiled() -> None:
     """The inner loops, once on a new machine: the first run says so, and takes longer."""
     if first_time():
-        command = [sys.executable, "-m", "slrl_sumo.cli", "run", "intersection", "--agents", "16", "--steps", "3"]
+        command = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--agents", "16", "--steps", "3"]
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         assert "note: the inner loops are being compiled" in done.stderr
         assert "compiled" not in subprocess.run(command, capture_output=True, text=True, check=True).stderr
@@ -42,7 +42,7 @@ def cli() -> Cli:
     """Runs `slrl-sumo` with the given words as a process of its own; a crash is a return code below 0."""
 
     def call(*words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "slrl_sumo.cli", *map(str, words)]
+        command = [sys.executable, "-m", "slrl_sumo", *map(str, words)]
         environment = {**os.environ, "COLUMNS": "200"}
         return subprocess.run(
             command, cwd=cwd, env=environment, capture_output=True, text=True, check=False, timeout=300

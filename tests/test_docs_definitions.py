@@ -23,7 +23,7 @@ def test_commands_and_scripts_run_in_their_order(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     for command in COMMANDS:
         words = shlex.split(command)
-        called = [sys.executable, "-m", "slrl_sumo.cli", *words[1:]]
+        called = [sys.executable, "-m", "slrl_sumo", *words[1:]]
         done = subprocess.run(called, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, f"{command}\n{done.stderr}"
         for option in ("--out", "--report"):

@@ -49,7 +49,7 @@ def run(commands: list[str], folder: Path, places: dict[str, str]) -> None:
             real = real.replace(text, place)
         words = shlex.split(real)
         done = subprocess.run(
-            [sys.executable, "-m", "slrl_sumo.cli", *words[1:]],
+            [sys.executable, "-m", "slrl_sumo", *words[1:]],
             cwd=folder,
             capture_output=True,
             text=True,

@@ -48,7 +48,7 @@ def main() -> None:
 def _run(scenario: str, agents: int, steps: int) -> dict[str, float] | None:
     with tempfile.TemporaryDirectory() as folder:
         summary = Path(folder) / "summary.json"
-        command = [sys.executable, "-m", "slrl_sumo.cli", "run", scenario, "--agents", str(agents), "--mix", MIX]
+        command = [sys.executable, "-m", "slrl_sumo", "run", scenario, "--agents", str(agents), "--mix", MIX]
         command += ["--quiet", "--steps", str(steps), "--fcd", str(Path(folder) / "fcd.xml"), "--summary", str(summary)]
         begin = time.perf_counter()
         if subprocess.run(command, check=False).returncode:

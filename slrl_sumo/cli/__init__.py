@@ -7,20 +7,21 @@ import sys
 # Commands register themselves: the order here is that of --help.
 from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app
-from slrl_sumo.errors import InputError, SlrlError, SumoError
+from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.ray_address import LOCAL, may_be_address
 
 
 def main() -> None:
-    """Entry point. Exit codes: 0 done, 1 wrong input (one line on stderr), 2 usage, 3 SUMO died."""
-    # PyTorch reads it when it is loaded. Threads that spin while they wait are several times slower on busy machines.
+    """Entry point. Exit codes: 0 done, 1 an input is wrong (one line on stderr), 2 usage, 3 SUMO died."""
+    # PyTorch reads this when it is loaded. Threads that spin while waiting are several times slower on busy machines.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
         app(with_ray_address(sys.argv[1:]))
     except InputError as error:
-        _fail(1, error)
+        _fail(1, error.as_options())
     except SumoError as error:
-        _fail(3, SumoError(f"{error}; outputs are complete up to there; repeat it with: {shlex.join(_command())}"))
+        command = shlex.join(["slrl-sumo", *sys.argv[1:]])
+        _fail(3, f"{error}; outputs are complete up to there; repeat it with: {command}")
 
 
 def with_ray_address(words: list[str]) -> list[str]:
@@ -33,10 +34,6 @@ def with_ray_address(words: list[str]) -> list[str]:
     return result
 
 
-def _command() -> list[str]:
-    return ["slrl-sumo", *sys.argv[1:]]
-
-
-def _fail(code: int, error: SlrlError) -> None:
-    print(f"slrl-sumo: {error}", file=sys.stderr)
+def _fail(code: int, message: str) -> None:
+    print(f"slrl-sumo: {message}", file=sys.stderr)
     sys.exit(code)

@@ -1,11 +1,9 @@
 """The application that every command belongs to, and what commands check alike."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slrl_sumo.errors import InputError
 from slrl_sumo.jobs.pool import Place
 from slrl_sumo.jobs.ray_cluster import check_ray
 from slrl_sumo.version import __version__
@@ -48,9 +46,3 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _root(version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True)] = False) -> None:
     pass
-
-
-def check_output(file: Path) -> None:
-    """InputError where the folder of an output does not exist."""
-    if not file.resolve().parent.is_dir():
-        raise InputError(f"{file}: the folder {file.resolve().parent} does not exist; create it or name another")

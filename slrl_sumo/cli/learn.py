@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, app, check_output, place_of
+from slrl_sumo.cli.app import RayAddress, app, place_of
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import check_parent
 
 
 @app.command("import")
@@ -31,7 +32,7 @@ def import_(
     from slrl_sumo.formats.importers.formats import find_recordings, join
     from slrl_sumo.jobs.progress import progress
 
-    check_output(out)
+    check_parent(out)
     single = out.suffix == ".npz"
     if out.exists() and out.is_dir() == single:
         raise InputError(f"{out}: is there and is {'a folder' if single else 'no folder'}; give another --out")
@@ -81,7 +82,7 @@ def fit(
     from slrl_sumo.learning.supervised.fit import fit as learn
 
     if report is not None:
-        check_output(report)
+        check_parent(report)
     recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
     bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
     bundle.save(out)
@@ -125,7 +126,7 @@ def train(
     from slrl_sumo.learning.rl.train import TrainRequest
     from slrl_sumo.learning.rl.training_settings import read_settings
 
-    check_output(out)
+    check_parent(out)
     for name, value, most in (
         ("steps", steps, 10**12),
         ("workers", workers, 16_384),

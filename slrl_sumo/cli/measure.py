@@ -5,8 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, check_output, place_of
+from slrl_sumo.cli.app import RayAddress, Workers, app, place_of
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import check_parent, check_writable
 
 
 @app.command()
@@ -45,8 +46,6 @@ def evaluate(
     metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: of --mask.")] = None,
 ) -> None:
     """Measure selectors in a scenario, or prediction errors over 6.4 s on a recording."""
-    from slrl_sumo.studies.prediction.report import check_folder
-
     is_file = what.endswith(".npz")
     names = None if selectors is None else tuple(name.strip() for name in selectors.split(","))
     scenario_options = {
@@ -63,7 +62,7 @@ def evaluate(
         if value is not None:
             kind, other = ("a recording", "a scenario") if is_file else ("a scenario", "a recording (.npz)")
             raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
-    check_folder(out)
+    check_writable(out, folder=True)
     if is_file:
         ground = (net, mask, metres_per_pixel)
         _evaluate_recording(what, bundle, out, names, 5 if starts is None else starts, seed, ground)
@@ -115,9 +114,7 @@ def compare(
     ray: RayAddress = None,
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and say what is different."""
-    from slrl_sumo.studies.prediction.report import check_folder
-
-    check_folder(out)
+    check_writable(out, folder=True)
     place = place_of(workers, ray)
     from slrl_sumo.studies.compare.comparison import ComparisonSettings, write_compared
 
@@ -194,7 +191,7 @@ def bench(
     from slrl_sumo.studies.bench.bench import BenchSettings, write_bench
 
     if json_file is not None:
-        check_output(json_file)
+        check_parent(json_file)
     settings = BenchSettings(
         scenarios=tuple(dict.fromkeys(name.strip() for name in scenarios.split(","))),
         agents=_numbers("agents", agents),

@@ -1,13 +1,13 @@
 """Commands that show what a run left behind: replay."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import app, check_output
+from slrl_sumo.cli.app import app
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import check_writable
 
 
 @app.command()
@@ -22,11 +22,7 @@ def replay(
     """Make a page that plays a trace over its network, in any browser and without a connection."""
     from slrl_sumo.replay.page import write_replay
 
-    check_output(out)
-    if not os.access(out if out.exists() else out.resolve().parent, os.W_OK):
-        raise InputError(f"{out}: cannot be written; name a place where you may write")
-    if out.is_dir():
-        raise InputError(f"{out}: is a folder; name a file, e.g. {out / 'replay.html'}")
+    check_writable(out)
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out {out}: browsers want a name that ends in .html")
     write_replay(fcd, net, out)

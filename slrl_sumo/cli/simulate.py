@@ -5,8 +5,9 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, check_output, place_of
+from slrl_sumo.cli.app import RayAddress, Workers, app, place_of
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import check_parent, write_json
 
 
 @app.command()
@@ -118,7 +119,7 @@ def record(
     from slrl_sumo.simulation.record import record as play
     from slrl_sumo.sumo.scenario import find_scenario
 
-    check_output(out)
+    check_parent(out)
     if not 0 < seconds < 1e9:
         raise InputError(f"--seconds {seconds:g}: give a number above 0")
     if not 0 <= seed < 2**31:
@@ -151,22 +152,16 @@ def doctor(
     json_file: Annotated[Path | None, typer.Option("--json", help="The findings as JSON.")] = None,
 ) -> None:
     """Say what in a scenario will hurt learned road users, and what to do about it."""
-    import json
-
     from slrl_sumo.doctor.diagnosis import examine
     from slrl_sumo.doctor.report import findings_record, print_findings
     from slrl_sumo.sumo.scenario import find_scenario
 
     if json_file is not None:
-        check_output(json_file)
+        check_parent(json_file)
     found = find_scenario(scenario)
     findings = examine(found)
     if json_file is not None:
-        text = json.dumps(findings_record(found.name, findings), indent=2) + "\n"
-        try:
-            json_file.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{json_file}: cannot be written ({error.strerror}); name another file") from None
+        write_json(json_file, findings_record(found.name, findings))
     print_findings(findings)
     problems = [finding for finding in findings if finding.severity == "problem"]
     if problems:

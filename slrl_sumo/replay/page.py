@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.table import FcdTable, read_table, user_types
+from slrl_sumo.formats.output_files import write_file
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.jobs.progress import progress
@@ -78,10 +79,7 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
             finder.look(world, keys)
             bar.update(task, completed=(number + 1) / len(times))
     page = build_page(network, users, rows, times, finder.conflicts(), title=fcd.name, notes=notes, told=table.told)
-    try:
-        out.write_bytes(page)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror}); name another file") from None
+    write_file(out, page)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import writing
 from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.metrics.conflicts import Conflicts, pet_conflicts, ttc_conflicts
@@ -129,14 +129,12 @@ class ReportBuilder:
             pictures["modes"] = draw_modes(traced.modes, traced.started.mode_centres)
         if traced.views:
             pictures["ego_images"] = draw_views(traced.views)
-        try:
+        with writing(folder):
             folder.mkdir(exist_ok=True)
             for name, figure in pictures.items():
                 figure.savefig(folder / f"{name}.png", dpi=110)
             text = page(traced, summary, compared, ours, {"ttc": ttc, "pet": pet}, tuple(pictures))
             (folder / "report.html").write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
 
 
 def compare_with(traced: Traced, recording: Trajectories | None) -> Compared:

@@ -2,7 +2,6 @@
 
 import errno
 import io
-import json
 import os
 import resource
 import sys
@@ -17,6 +16,7 @@ from rich.table import Table
 
 from slrl_sumo.errors import InputError, SlrlError
 from slrl_sumo.formats.fcd.write import check_fcd_path, open_fcd
+from slrl_sumo.formats.output_files import check_writable, write_json
 from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.progress import progress
@@ -54,7 +54,7 @@ def write_run(
         check_fcd_path(fcd)
     for path in (fcd, summary, report):
         if path is not None:
-            _check_writable(path, folder=path is report)
+            check_writable(path, folder=path is report)
     if recording is not None and report is None:
         raise InputError(f"--recording {recording}: the report compares with it; add --report DIR")
     truth = None if recording is None else _recorded(recording)
@@ -103,7 +103,7 @@ def write_run(
     result = _summary(settings, started, tally, wall)
     with _collected(failures):
         if summary is not None:
-            _write_json(summary, result)
+            write_json(summary, result)
     with _collected(failures):
         if report is not None and pictures is not None:
             pictures.write(report, result)
@@ -214,23 +214,3 @@ def _cell(key: str, value: float | None) -> str:
     if key in ("standing_share", "success_rate", "off_surface_share"):
         return f"{100 * value:.1f} %"
     return f"{value:.2f}" if isinstance(value, float) else str(value)
-
-
-def _check_writable(path: Path, folder: bool) -> None:
-    parent = path.resolve().parent
-    existing = path if path.exists() else parent
-    if not parent.is_dir():
-        raise InputError(f"{path}: the folder {parent} does not exist; create it or name another")
-    if path.exists() and path.is_dir() != folder:
-        raise InputError(f"{path}: is {'a' if folder else 'no'} file; name another {'folder' if folder else 'file'}")
-    if not os.access(existing, os.W_OK):
-        raise InputError(f"{path}: cannot be written; name a place where you may write")
-
-
-def _write_json(path: Path, result: dict[str, Any]) -> None:
-    try:
-        path.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        if path.is_file():  # half a summary is none
-            path.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written ({error.strerror}); name a place where you may write") from None

@@ -306,7 +306,7 @@ def test_nothing_is_written_beside_the_scenario(make: Make, tmp_path: Path, monk
 
 
 def command(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    program = [sys.executable, "-m", "slrl_sumo.cli", "doctor", *arguments]
+    program = [sys.executable, "-m", "slrl_sumo", "doctor", *arguments]
     return subprocess.run(program, capture_output=True, text=True, cwd=folder, env={**os.environ, "COLUMNS": "60"})
 
 

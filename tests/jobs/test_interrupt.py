@@ -18,7 +18,7 @@ AGENTS = 8
 
 def interrupt(folder: Path, fcd: Path, number: signal.Signals, *more: str) -> subprocess.CompletedProcess[str]:
     """Start a long run, wait until its trace grows, and send the signal as a terminal would: to the whole group."""
-    command = [sys.executable, "-m", "slrl_sumo.cli", "run", "intersection", "--agents", str(AGENTS), "--quiet"]
+    command = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--agents", str(AGENTS), "--quiet"]
     command += ["--steps", "1000000", "--fcd", str(fcd), "--summary", str(folder / "s.json"), *more]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
@@ -83,7 +83,7 @@ def test_csv_traces_end_with_a_whole_time_step(tmp_path: Path) -> None:
 @pytest.mark.parametrize("delay", [0.5, 0.8, 1.1, 1.6])
 def test_an_interrupt_while_loading_ends_quietly(tmp_path: Path, delay: float) -> None:
     """Whatever has been reached by then: the code of the signal, no traceback, and no half a file."""
-    command = [sys.executable, "-m", "slrl_sumo.cli", "run", "intersection", "--agents", "4", "--steps", "100000"]
+    command = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--agents", "4", "--steps", "100000"]
     fcd = tmp_path / "a.xml"
     with subprocess.Popen(
         [*command, "--fcd", str(fcd)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True

@@ -132,7 +132,7 @@ def check_tables(out: Path, tables: Path) -> None:
 @pytest.mark.slow
 def test_a_node_that_dies_costs_nothing_but_time(cluster: Cluster, tables: Path, tmp_path: Path) -> None:
     node = cluster.join()
-    command = [sys.executable, "-m", "slrl_sumo.cli", *EVALUATE.split(), "--ray", cluster.address]
+    command = [sys.executable, "-m", "slrl_sumo", *EVALUATE.split(), "--ray", cluster.address]
     driver = subprocess.Popen(
         [*command, "--out", str(tmp_path / "out")],
         env=cluster.environment,
@@ -176,7 +176,7 @@ def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli,
     assert done.returncode == 0, done.stderr
     node = cluster.join()
     driver = subprocess.Popen(
-        [sys.executable, "-m", "slrl_sumo.cli", *train, "--out", "there", "--ray", cluster.address],
+        [sys.executable, "-m", "slrl_sumo", *train, "--out", "there", "--ray", cluster.address],
         env=cluster.environment,
         cwd=tmp_path,
         stderr=subprocess.PIPE,
@@ -225,7 +225,7 @@ def test_ctrl_c_on_ray_keeps_what_is_finished_and_leaves_nobody_behind(tmp_path:
     (tmp_path / "tmp").mkdir()
     before = set(Path("/tmp").glob("slrl_ray_*"))
     words = "evaluate intersection --bundle intersection --selectors prior --agents 4 --steps 8 --episodes 100000"
-    command = [sys.executable, "-m", "slrl_sumo.cli", *words.split(), "--out", str(tmp_path / "out")]
+    command = [sys.executable, "-m", "slrl_sumo", *words.split(), "--out", str(tmp_path / "out")]
     with subprocess.Popen(
         [*command, "--ray", "--workers", "1"],
         stdout=subprocess.PIPE,

@@ -19,7 +19,7 @@ from slrl_sumo.report import run_outputs as outputs
 from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
 from slrl_sumo.simulation.run import run
 
-COMMAND = [sys.executable, "-m", "slrl_sumo.cli", "run", "intersection", "--seed", "1"]
+COMMAND = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--seed", "1"]
 
 
 def call(

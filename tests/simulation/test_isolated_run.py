@@ -35,7 +35,7 @@ class Run:
     def __init__(self, folder: Path, *words: object, fcd: Path, scenario: object = "intersection") -> None:
         self.fcd, self.temporary = fcd, folder / "tmp"
         self.temporary.mkdir()
-        command = [sys.executable, "-m", "slrl_sumo.cli", "run", scenario, "--agents", AGENTS, "--fcd", fcd]
+        command = [sys.executable, "-m", "slrl_sumo", "run", scenario, "--agents", AGENTS, "--fcd", fcd]
         self.process = subprocess.Popen(
             list(map(str, [*command, "--steps", 1_000_000, "--quiet", *words])),
             env={**os.environ, "TMPDIR": str(self.temporary)},
@@ -242,7 +242,7 @@ def test_the_process_that_writes_and_counts_is_small() -> None:
 
 
 def test_no_place_for_temporary_files_is_told_in_one_line(tmp_path: Path) -> None:
-    command = "ulimit -f 0; exec " + f"{sys.executable} -m slrl_sumo.cli run intersection --agents 3 --steps 3"
+    command = "ulimit -f 0; exec " + f"{sys.executable} -m slrl_sumo run intersection --agents 3 --steps 3"
     done = subprocess.run(
         ["bash", "-c", command],
         env={**os.environ, "TMPDIR": str(tmp_path)},

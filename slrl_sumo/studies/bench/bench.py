@@ -1,6 +1,5 @@
 """`slrl-sumo bench`: throughput on this machine, beside plain SUMO and the bare library calls."""
 
-import json
 import os
 import platform
 import sys
@@ -16,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import write_json
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.progress import progress
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload, measured
@@ -145,7 +145,7 @@ def write_bench(settings: BenchSettings, file: Path | None) -> int:
     finally:
         # Also where SUMO dies: what has been measured is worth keeping.
         if file is not None and (rows or not sys.exc_info()[0]):
-            _write(file, {"rows": rows, "left_out": list(left_out), **_circumstances(settings)})
+            write_json(file, {"rows": rows, "left_out": list(left_out), **_circumstances(settings)})
         if rows:
             print_rows(rows)
     for reason in left_out:
@@ -170,13 +170,6 @@ def _circumstances(settings: BenchSettings) -> dict[str, Any]:
         "python": platform.python_version(),
         "versions": {name: version(name) for name in ("slrl-sumo", "libsumo", "torch", "numpy")},
     }
-
-
-def _write(file: Path, result: dict[str, Any]) -> None:
-    try:
-        file.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); name another file") from None
 
 
 def print_rows(rows: list[dict[str, Any]]) -> None:

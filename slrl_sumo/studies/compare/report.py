@@ -1,7 +1,6 @@
 """What a comparison leaves behind: results.json, results.csv, conflicts.csv, comparison.png and a table for people."""
 
 import csv
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import write_json, writing
 from slrl_sumo.metrics.surrogate_safety import deceleration_to_avoid_crash
 from slrl_sumo.studies.compare.figure import draw_comparison
 from slrl_sumo.studies.compare.measures import MEASURES
@@ -39,8 +38,8 @@ CONFLICT_COLUMNS = (
 
 def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path) -> None:
     """Write what `slrl_sumo.studies.compare.comparison.compare` found into `folder`, which is there."""
-    try:
-        (folder / "results.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    with writing(folder):
+        write_json(folder / "results.json", result)
         with open(folder / "results.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
             writer.writeheader()
@@ -52,8 +51,6 @@ def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder:
                 for measure, found in runs[run]["conflicts"].items():
                     lines.writerows([run.seed, run.arm, measure, *_conflict(measure, row)] for row in found)
         draw_comparison(result).savefig(folder / "comparison.png", dpi=110)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
 
 
 def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> None:

@@ -1,14 +1,13 @@
 """What an evaluation in a scenario leaves behind: results.json, results.csv and tables for people."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import write_json, writing
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.episodes.published import MEASURED_ELSEWHERE, TABLES
 from slrl_sumo.studies.episodes.tables import COLUMNS
@@ -16,14 +15,12 @@ from slrl_sumo.studies.episodes.tables import COLUMNS
 
 def write_episodes(result: dict[str, Any], folder: Path) -> None:
     """Write what `slrl_sumo.studies.episodes.evaluate.evaluate_scenario` found into `folder`, which is there."""
-    try:
-        (folder / "results.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    with writing(folder):
+        write_json(folder / "results.json", result)
         with open(folder / "results.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
             writer.writerows(result["rows"])
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
 
 
 def print_episodes(result: dict[str, Any]) -> None:

@@ -1,39 +1,28 @@
 """What an evaluation on a recording leaves behind: results.json, results.csv, errors.png and a table."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import write_json, writing
 from slrl_sumo.studies.prediction.plots import draw_errors
 
 COLUMNS = ("selector", "type", "step", "ade_m", "fde_m", "min_ade_m", "min_fde_m", "n")
 
 
-def check_folder(folder: Path) -> None:
-    """Raises InputError where `folder` can be no folder for results."""
-    if not folder.resolve().parent.is_dir():
-        raise InputError(f"{folder}: the folder {folder.resolve().parent} does not exist; create it or name another")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is a file; name a folder")
-
-
 def write_evaluation(result: dict[str, Any], folder: Path) -> None:
     """Write what `slrl_sumo.studies.prediction.evaluate.evaluate` found into `folder`, which is created."""
-    try:
+    with writing(folder):
         folder.mkdir(exist_ok=True)
-        (folder / "results.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        write_json(folder / "results.json", result)
         with open(folder / "results.csv", "w", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
             writer.writerows(result["rows"])
         draw_errors(result["rows"]).savefig(folder / "errors.png", dpi=110)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); name another folder") from None
 
 
 def print_evaluation(result: dict[str, Any]) -> None:

@@ -210,7 +210,7 @@ def test_the_commands_of_the_page_run_as_they_stand_there(tmp_path: Path) -> Non
     blocks = re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL)
     assert [kind for kind, _ in blocks] == ["sh", "python", "sh", "sh", "python"]
     (tmp_path / "out").mkdir()
-    programs = {"slrl-sumo": f"{sys.executable} -m slrl_sumo.cli", "python": sys.executable}
+    programs = {"slrl-sumo": f"{sys.executable} -m slrl_sumo", "python": sys.executable}
     for kind, block in blocks:
         block = block.replace("path/to/your.net.xml", str(NET))
         block = block.replace("path/to/your.sumocfg", str(NET.with_name("intersection.sumocfg")))

@@ -127,7 +127,7 @@ def test_a_region_that_is_not_there_is_told_by_the_first_run(cli: Cli, tmp_path:
 
 @pytest.mark.slow
 def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "slrl_sumo.cli", "compare", *SMALL[:3], "--seeds", "40", "--seconds", "12"]
+    command = [sys.executable, "-m", "slrl_sumo", "compare", *SMALL[:3], "--seeds", "40", "--seconds", "12"]
     process = subprocess.Popen(
         [*command, "--workers", "1", "--out", str(tmp_path)], stderr=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -216,7 +216,7 @@ def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, number: signal.Sign
     (tmp_path / "tmp").mkdir()
     words = "evaluate intersection --bundle intersection --selectors prior --agents 4 --steps 8 --episodes 100000"
     with subprocess.Popen(
-        [sys.executable, "-m", "slrl_sumo.cli", *words.split(), "--out", str(tmp_path / "out")],
+        [sys.executable, "-m", "slrl_sumo", *words.split(), "--out", str(tmp_path / "out")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import check_writable
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.studies.prediction.modes_report import write_modes
 from slrl_sumo.studies.prediction.plots import draw_errors, draw_modes
-from slrl_sumo.studies.prediction.report import check_folder, print_evaluation, write_evaluation
+from slrl_sumo.studies.prediction.report import print_evaluation, write_evaluation
 
 
 def a_result() -> dict[str, object]:
@@ -96,6 +97,6 @@ def test_pictures_of_modes_for_each_type_and_counts_of_both_clusterings(tmp_path
 def test_places_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="is a file; name a folder"):
-        check_folder(tmp_path / "file")
+        check_writable(tmp_path / "file", folder=True)
     with pytest.raises(InputError, match="does not exist"):
-        check_folder(tmp_path / "no" / "out")
+        check_writable(tmp_path / "no" / "out", folder=True)
