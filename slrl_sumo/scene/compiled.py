@@ -1,79 +1,162 @@
-"""Inner loops that numba compiles to machine code, once per machine."""
+"""Inner loops compiled to machine code by numba, once per machine."""
 
+import hashlib
+import math
+import sys
 from collections.abc import Callable
 from contextlib import suppress
+from enum import Enum
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar
 
-from numba import njit
+import numba
+import numpy as np
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_FUNCTIONS: list[Any] = []
+_KERNELS: list[Any] = []
+_LANGUAGE = f"py{sys.version_info.major}{sys.version_info.minor}{getattr(sys, 'abiflags', '')}"
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """`function`, plain loops over numbers and numpy arrays, as machine code that is kept for the next process.
+    """`function`, plain loops over numbers and numpy arrays, as machine code that is cached for later processes.
 
-    Numba keeps it next to the module, or in the user's cache folder, until that file changes. It does not look at other
-    files: so a compiled function uses functions and constants of its own module only, and is given the others as
-    arguments (tests/scene/test_compiled.py sees to it). Divisions by zero give inf or nan as in numpy; there are no
-    bounds checks, so indices must be right: NUMBA_BOUNDSCHECK=1 looks, with a NUMBA_CACHE_DIR of its own, because what
-    is kept does not know of it. With NUMBA_DISABLE_JIT=1 it runs as Python, for debugging.
+    It may call compiled functions of any module and use their constants: numbers, arrays, tuples and enumerations are
+    constants of the machine code. Arguments may be NamedTuples of arrays. The cache, next to the module or in the
+    user's cache folder, is valid for one `fingerprint`: whatever the machine code is made of. Divisions by zero give
+    inf or nan as in numpy. There are no bounds checks, so indices must be right: NUMBA_BOUNDSCHECK=1 adds them. With
+    NUMBA_DISABLE_JIT=1 the function runs as Python, for debugging.
     """
-    machine_code: Callable[P, R]
-    try:
-        machine_code = njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # nowhere to keep it: neither the package nor the user has a folder to write into
-        machine_code = njit(error_model="numpy")(function)
-    _forgive(machine_code)
-    _FUNCTIONS.append(machine_code)
+    kernel: Any = numba.njit(error_model="numpy")(function)
+    if kernel is not function:  # not NUMBA_DISABLE_JIT
+        with suppress(RuntimeError):  # neither the package nor the user has a writable folder
+            kernel._cache = _Cache(function)
+        _KERNELS.append(kernel)
+    machine_code: Callable[P, R] = kernel
     return machine_code
 
 
-def _forgive(function: Any) -> None:
-    """Let a run go on where what is kept cannot be read (a process or a machine that died while it wrote) or written (a
-    full disk): numba would raise. It is compiled anew then."""
-    cache = getattr(function, "_cache", None)
-    if cache is None:  # NUMBA_DISABLE_JIT
-        return
-    load, save = cache.load_overload, cache.save_overload
+def fingerprint(function: FunctionType) -> str:
+    """Digest of what the machine code of `function` is made of: its instructions, the values of the constants and the
+    fields of the named tuples that it uses, and the same of the compiled functions that it calls.
 
-    def load_if_whole(signature: Any, context: Any) -> Any:
-        try:
-            return load(signature, context)
-        except Exception:  # whatever unpickling makes of it
-            with suppress(OSError):
-                cache.flush()
-            return None
-
-    def save_if_possible(signature: Any, result: Any) -> None:
-        with suppress(OSError):
-            save(signature, result)
-
-    cache.load_overload, cache.save_overload = load_if_whole, save_if_possible
+    Comments, docstrings and line numbers do not count. TypeError for modules other than numpy and math.
+    """
+    parts: list[object] = [numba.config.BOUNDSCHECK]  # type: ignore[attr-defined]
+    _add_function(function, parts, set())
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
 def first_time() -> bool:
-    """Whether this machine has none of the compiled functions that have been imported yet: they will take a while."""
-    return bool(_FUNCTIONS) and not any(_kept(function) for function in _FUNCTIONS)
+    """Whether none of the compiled functions imported so far is cached: the first decisions will take a while."""
+    return bool(_KERNELS) and not any(isinstance(k._cache, _Cache) and k._cache.filled() for k in _KERNELS)
 
 
 def what_to_expect() -> str:
-    """A note for who has to wait in the first decisions; "" where nothing has to be compiled."""
+    """A note on the wait in the first decisions; "" where nothing has to be compiled."""
     if not first_time():
         return ""
-    if all(function.stats.cache_path is None for function in _FUNCTIONS):
+    if all(kernel.stats.cache_path is None for kernel in _KERNELS):
         return (
-            "the inner loops are being compiled, in every run, for there is no folder to keep them in; "
+            "the inner loops are being compiled, in every run, because there is no folder to cache them in; "
             "set NUMBA_CACHE_DIR to one"
         )
-    return "the inner loops are being compiled for this machine; the next runs need not wait for that"
+    return "the inner loops are being compiled for this machine; later runs start without that"
 
 
-def _kept(function: Any) -> bool:
-    if not hasattr(function, "stats"):  # NUMBA_DISABLE_JIT
-        return True
-    folder, code = function.stats.cache_path, function.py_func.__code__
-    return folder is not None and any(Path(folder).glob(f"*.{code.co_name}-{code.co_firstlineno}.py*.nbi"))
+class _Files(CompileResultCacheImpl):
+    """Names cache files by module and function, not by line: the fingerprint is added on first use."""
+
+    def get_filename_base(self, fullname: str, abiflags: str) -> str:
+        return fullname.replace("<", "").replace(">", "")
+
+
+class _Cache(FunctionCache):
+    """The machine code of one function in files that carry its fingerprint; older ones are removed.
+
+    Files that cannot be read (a process that died while writing) or written (a full disk) do not end a run: the
+    function is compiled again.
+    """
+
+    _impl_class = _Files
+    _found = False
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._find()
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # whatever unpickling raises
+            with suppress(OSError):
+                self.flush()
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._find()
+        with suppress(OSError):
+            if not self.filled():
+                for file in Path(self.cache_path).glob(f"{self._impl.filename_base}-*.{_LANGUAGE}.*"):
+                    file.unlink(missing_ok=True)
+            super().save_overload(sig, data)
+
+    def filled(self) -> bool:
+        """Whether there is machine code of the present fingerprint."""
+        self._find()
+        return Path(self._cache_file._index_path).exists()
+
+    def _find(self) -> None:
+        """Not on construction: what a function uses may be defined below it."""
+        if not self._found:
+            stamp = fingerprint(self._py_func)
+            name = f"{self._impl.filename_base}-{stamp}.{_LANGUAGE}"
+            self._cache_file, self._found = IndexDataCacheFile(self.cache_path, name, stamp), True
+
+
+def _add_function(function: Any, parts: list[object], known: set[int]) -> None:
+    if id(function) in known:
+        return
+    known.add(id(function))
+    for annotation in function.__annotations__.values():
+        _add_fields(annotation, parts)
+    _add_code(function.__code__, function.__doc__, function.__globals__, parts, known)
+
+
+def _add_code(code: CodeType, doc: str | None, names: dict[str, object], parts: list[object], known: set[int]) -> None:
+    parts.append(code.co_code)
+    # A docstring is the first constant.
+    for constant in code.co_consts[doc is not None :]:
+        if isinstance(constant, CodeType):
+            _add_code(constant, None, names, parts, known)
+        else:
+            parts.append(constant)
+    parts.append(code.co_names)  # of globals and, which is harmless, of attributes
+    for name in code.co_names:
+        if name in names:
+            _add_value(names[name], parts, known)
+
+
+def _add_value(value: Any, parts: list[object], known: set[int]) -> None:
+    if hasattr(value, "py_func"):
+        _add_function(value.py_func, parts, known)
+    elif isinstance(value, type):
+        parts.append(list(value) if issubclass(value, Enum) else value)
+        _add_fields(value, parts)
+    elif isinstance(value, tuple):
+        for part in value:
+            _add_value(part, parts, known)
+    elif isinstance(value, np.ndarray):
+        parts += [value.dtype.str, value.shape, value.tobytes()]
+    elif value is None or isinstance(value, bool | int | float | str | np.generic):
+        parts += [type(value), value]
+    elif isinstance(value, ModuleType) and value not in (np, math):
+        raise TypeError(f"compiled functions cannot use {value!r}: import its functions and constants")
+
+
+def _add_fields(value: Any, parts: list[object]) -> None:
+    """Names, order and types of the fields where `value` is a NamedTuple: machine code knows them by place."""
+    if isinstance(value, type) and issubclass(value, tuple):
+        parts.append(getattr(value, "_fields", None))
+        for annotation in getattr(value, "__annotations__", {}).values():
+            _add_fields(annotation, parts)

@@ -1,65 +1,18 @@
-"""What numba's cache cannot know must not happen: compiled functions that depend on other modules."""
+"""The cache of compiled functions: valid for what they are made of, forgiving where it cannot be used."""
 
-import ast
 import os
 import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
+import numba
 import numpy as np
 import pytest
 
-import slrl_sumo
-from slrl_sumo.scene.compiled import compiled
-
-PACKAGE = Path(slrl_sumo.__file__).parent
-MODULES = sorted(file for file in PACKAGE.rglob("*.py") if "@compiled" in file.read_text(encoding="utf-8"))
-
-
-def names_in(part: ast.AST) -> set[str]:
-    return {name.id for name in ast.walk(part) if isinstance(name, ast.Name)}
-
-
-def foreign_names(source: str) -> set[str]:
-    """Names that compiled functions of a module use and that it imports from the package, or computes from such."""
-    tree = ast.parse(source)
-    imported = {
-        alias.asname or alias.name
-        for node in tree.body
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("slrl_sumo")
-        for alias in node.names
-    }
-    made_of = {
-        target.id: names_in(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
-        for targets in (node.targets if isinstance(node, ast.Assign) else [node.target])
-        for target in ast.walk(targets)
-        if isinstance(target, ast.Name)
-    }
-    used: set[str] = set()
-    for node in tree.body:
-        if isinstance(node, ast.FunctionDef) and any(
-            isinstance(d, ast.Name) and d.id == "compiled" for d in node.decorator_list
-        ):
-            used |= {name for part in node.body for name in names_in(part)}
-    while more := {name for known in used & set(made_of) for name in made_of[known]} - used:
-        used |= more
-    return used & imported
-
-
-@pytest.mark.parametrize("file", MODULES, ids=[file.stem for file in MODULES])
-def test_compiled_functions_use_nothing_of_other_modules(file: Path) -> None:
-    assert foreign_names(file.read_text(encoding="utf-8")) == set()
-
-
-def test_what_a_module_imports_is_noticed() -> None:
-    source = "from slrl_sumo.scene.route import SPACING\nA = 1\n@compiled\ndef f(x):\n    return x * SPACING + A\n"
-    assert foreign_names(source) == {"SPACING"}
-    indirect = "A, B = 2 * SPACING, 1\nC: float = A\n@compiled\ndef f(x):\n    return C\n"
-    assert foreign_names("from slrl_sumo.scene.route import SPACING\n" + indirect) == {"SPACING"}
+from slrl_sumo.scene.compiled import compiled, fingerprint
 
 
 @compiled
@@ -96,8 +49,119 @@ def run_in(folder: Path, **environment: str) -> str:
     ).stdout
 
 
+CONSTANTS = "FACTOR = 3.0\nUNUSED = 1.0\n"
+HELPERS = """
+from typing import NamedTuple
+from constants import FACTOR
+from slrl_sumo.scene.compiled import compiled
+
+OWN = (1.0, 2.0)
+
+class Pair(NamedTuple):
+    left: float
+    right: float
+
+@compiled
+def scaled(x):
+    # a comment
+    return FACTOR * x + OWN[1]
+"""
+CALLER = """
+from helpers import Pair, scaled
+from slrl_sumo.scene.compiled import compiled
+
+@compiled
+def ratio(pair: Pair):
+    "Ratio."
+    return scaled(pair.left) / pair.right
+
+if __name__ == "__main__":
+    print(ratio(Pair(left=2.0, right=4.0)), sum(ratio.stats.cache_hits.values()))
+"""
+MODULES = {"constants": CONSTANTS, "helpers": HELPERS, "caller": CALLER}
+
+
+def test_machine_code_is_kept_until_a_constant_of_another_module_changes(tmp_path: Path) -> None:
+    for name, source in MODULES.items():
+        (tmp_path / f"{name}.py").write_text(source)
+    inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+
+    def result_and_hits() -> str:
+        # Without Python's own cache, which cannot tell two edits within a second apart.
+        words = [sys.executable, "-B", "-W", "error", tmp_path / "caller.py"]
+        return subprocess.run(words, env=inherited, capture_output=True, text=True, check=True).stdout.strip()
+
+    def cached() -> set[Path]:
+        return set((tmp_path / "__pycache__").glob("*.nb?"))
+
+    assert result_and_hits() == "2.0 0"
+    assert result_and_hits() == "2.0 1"
+    before = cached()
+    (tmp_path / "constants.py").write_text(CONSTANTS.replace("3.0", "5.0"))
+    assert result_and_hits() == "3.0 0"
+    assert result_and_hits() == "3.0 1"
+    # The files of the old machine code are gone.
+    assert len(cached()) == len(before)
+    assert not cached() & before
+
+
+def fingerprint_of_caller(monkeypatch: pytest.MonkeyPatch, edited: str = "", old: str = "", new: str = "") -> str:
+    """The fingerprint of `ratio`, with a text of one of the modules replaced."""
+    for name, source in MODULES.items():
+        assert name != edited or old in source
+        module = ModuleType(name)
+        monkeypatch.setitem(sys.modules, name, module)
+        exec(source.replace(old, new) if name == edited else source, module.__dict__)
+    function = sys.modules["caller"].ratio
+    return fingerprint(getattr(function, "py_func", function))
+
+
+@pytest.mark.parametrize(
+    ("edited", "old", "new"),
+    [
+        ("constants", "FACTOR = 3.0", "FACTOR = 5.0"),
+        ("helpers", "OWN = (1.0, 2.0)", "OWN = (1.0, 4.0)"),
+        ("helpers", "* x +", "* x -"),
+        ("helpers", "left: float\n    right: float", "right: float\n    left: float"),
+    ],
+    ids=["imported constant", "constant of a called function", "called function", "order of fields"],
+)
+def test_changes_that_need_new_machine_code(monkeypatch: pytest.MonkeyPatch, edited: str, old: str, new: str) -> None:
+    assert fingerprint_of_caller(monkeypatch, edited, old, new) != fingerprint_of_caller(monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("edited", "old", "new"),
+    [
+        ("constants", "UNUSED = 1.0", "UNUSED = 2.0"),
+        ("helpers", "# a comment\n", "# another one\n\n"),
+        ("helpers", "OWN =", "\n\nOWN ="),
+        ("caller", "Ratio.", "Quotient."),
+    ],
+    ids=["unused constant", "comment", "line numbers", "docstring"],
+)
+def test_changes_that_need_no_new_machine_code(
+    monkeypatch: pytest.MonkeyPatch, edited: str, old: str, new: str
+) -> None:
+    assert fingerprint_of_caller(monkeypatch, edited, old, new) == fingerprint_of_caller(monkeypatch)
+
+
+def test_bounds_checks_need_machine_code_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fingerprint_of_caller(monkeypatch)
+    monkeypatch.setattr(numba.config, "BOUNDSCHECK", 1)
+    assert fingerprint_of_caller(monkeypatch) != before
+
+
+def test_modules_cannot_be_used_whole() -> None:
+    def function() -> int:
+        return len(sys.argv)
+
+    with pytest.raises(TypeError, match="cannot use <module 'sys'"):
+        fingerprint(function)
+
+
 def test_what_is_not_compiled_yet_is_known(tmp_path: Path) -> None:
-    once = "the inner loops are being compiled for this machine; the next runs need not wait for that"
+    once = "the inner loops are being compiled for this machine; later runs start without that"
     assert run_in(tmp_path) == f"True 42 False {once}\n"
     assert run_in(tmp_path).split() == ["False", "42", "False"]
     # Numba can be told to leave Python as it is.
