@@ -21,8 +21,8 @@ import torch
 
 from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
 ROOT = Path(__file__).parent.parent

@@ -45,11 +45,11 @@ from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import starting_points, type_counts
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.reader import Reader, Snapshot
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
+from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
 WHEEL = ("cross", "fkk_in", "square", "A10KW", "ramp", "corridor", "grid6")

@@ -213,7 +213,7 @@ def run(options: argparse.Namespace) -> dict[str, Any]:
         watch = Watch(api, session.step_length)
         loans, driver = TakenOverControl(api, session.network), LaneDriver(api, session.network)
         text = auto_region(api) if options.region == "auto" else options.region
-        region = parse_region(text, session.network, api)
+        region = parse_region(text, session.network)
         shares = parse_shares(options.shares)
         learned = empty_world()
         settled: set[str] = set()

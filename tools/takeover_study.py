@@ -163,7 +163,7 @@ def run(case: dict[str, Any], picture: Path | None) -> dict[str, Any]:
         api, begin = session.api, session.time
         end = begin + case["seconds"]
         text = auto_region(api) if case["region"] == "auto" else case["region"]
-        region = parse_region(text, session.network, api)
+        region = parse_region(text, session.network)
         timed = TimedRegion(**vars(region), clock=lambda: session.time, until=end)
         rule = None if plain else Takeover(np.ones(len(TYPE_NAMES)), timed, case["seed"])
         loop = CoSimulation(session, driver_of(case, session), takeover=rule, yielding=not plain)

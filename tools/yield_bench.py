@@ -37,8 +37,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import boxes_overlap, to_ego
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.lane_points import LanePoints
-from slrl_sumo.sumo.network import Lane
+from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -93,7 +92,7 @@ def world(ids: tuple[str, ...], kinds: np.ndarray, pose: np.ndarray, speed: np.n
 
 def move(session: SumoSession, users: WorldState) -> None:
     """As CoSimulation does it."""
-    session.placement.move(users.ids, users.type, users.x, users.y, users.heading, users.speed, users.length)
+    session.spawned.move(users.ids, users.type, users.x, users.y, users.heading, users.speed, users.length)
 
 
 def lane_of(session: SumoSession, lane_id: str) -> Lane:
@@ -181,7 +180,7 @@ def _meet(
         else np.append(lane_of(session, f"{UNUSED}_2" if off_route else f"{IN}_2").shape.mean(axis=0), 0.0)
     )
     kinds = np.array([int(kind)])
-    session.placement.add(("learned.0",), kinds, home[:1], home[1:2])
+    session.spawned.add(("learned.0",), kinds, home[:1], home[1:2])
     # A person's walk can only be renewed after it has departed.
     at_home = world(("learned.0",), kinds, home[None], np.zeros(1))
     for _ in range(2):
@@ -308,7 +307,7 @@ def _beside(session: SumoSession, case: str, setting: str, seconds: float) -> di
     pose = np.array([way.at(share * way.length, lateral, turn) for share in (0.4, 0.5, 0.6, 0.7, 0.8, 0.9)])
     users = world(ids, kinds, pose, np.zeros(len(kinds)))
     if setting != "plain":
-        session.placement.add(ids, users.type, users.x, users.y)
+        session.spawned.add(ids, users.type, users.x, users.y)
     yielding = Yielding(session.api, session.network, STEP)
     snapshot = session.reader.read()
     last: dict[str, float] = {}
@@ -358,7 +357,7 @@ def _cost(session: SumoSession, seconds: float, seed: int, agents: int) -> dict[
     while len(session.api.vehicle.getIDList()) < 500 and session.time < 400:
         session.step()
     users = world(ids, kinds, home, speed)
-    session.placement.add(ids, users.type, users.x, users.y)
+    session.spawned.add(ids, users.type, users.x, users.y)
     move(session, users)
     session.step()
     snapshot = session.reader.read()

@@ -1,6 +1,6 @@
 """Who moves learned road users: a selector with the models of a bundle, or the lane follower."""
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 
 SELECTORS = ("prior", "greedy", "sampled", "lane")
@@ -184,7 +185,7 @@ def usual_selector(bundle: ModelBundle) -> str:
 def make_driver(
     selector: str,
     bundle: ModelBundle,
-    api: Any,
+    api: SumoApi,
     network: Network,
     seed: int,
     *,

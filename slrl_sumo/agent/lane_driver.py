@@ -7,7 +7,6 @@ the way; all within the acceleration and deceleration of the vehicle's type. Per
 import math
 import random
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 
 SIDEWAYS = 1.5
@@ -41,7 +41,7 @@ class LaneDriver:
     Road users that we added (ids `learned_…`) have no route: they go on at random at junctions, the same in every run.
     """
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, self._graph)

@@ -1,12 +1,13 @@
 """The ways that vehicles are about to drive: centre lines along lanes and routes."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.sumo.network import Lane, Network
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.links import LaneLinks
+from slrl_sumo.sumo.network import Network
 
 SPACING = 0.5
 """m between the points of a path."""
@@ -24,10 +25,9 @@ class Paths:
     A path is the centre line of a lane from its begin, then that of the lanes that a vehicle's route takes it to.
     """
 
-    def __init__(self, api: Any, network: Network) -> None:
-        self._api = api
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._lanes = {lane.id: lane for lane in network.lanes}
-        self._links: dict[str, list[tuple[str, str]]] = {}
+        self._links = LaneLinks(api, network)
         self.clear()
 
     def clear(self) -> None:
@@ -61,7 +61,7 @@ class Paths:
             here = chain[-1]
             choices = [
                 (target, inside)
-                for target, inside in self._links_of(here)
+                for target, inside in self._links(here)
                 if (onward and self._lanes[target].edge == onward[0]) or (not onward and self._lanes[here].internal)
             ]
             choices = [c for c in choices if vehicle_class in self._lanes[c[0]].allowed] or choices
@@ -91,17 +91,8 @@ class Paths:
         points = points[:, :-1] + share * np.diff(points, axis=1)
         return points[..., 0], points[..., 1], np.maximum((last - start - along) * SPACING, 0.0)
 
-    def _links_of(self, lane: str) -> list[tuple[str, str]]:
-        """Pairs of lane ids: the lane led to, and the one inside the junction that comes before it ('' for none)."""
-        links = self._links.get(lane)
-        if links is None:
-            links = self._links[lane] = [
-                (link[0], link[4]) for link in self._api.lane.getLinks(lane) if link[0] in self._lanes
-            ]
-        return links
-
     def _leads(self, lane: str, edge: str) -> bool:
-        return any(self._lanes[target].edge == edge for target, _ in self._links_of(lane))
+        return any(self._lanes[target].edge == edge for target, _ in self._links(lane))
 
     def _add(self, chain: tuple[str, ...]) -> int:
         lanes = [self._lanes[lane] for lane in chain]

@@ -9,7 +9,6 @@ force: a vehicle that is held drives as fast as set, or slower where SUMO wants 
 
 import math
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +19,11 @@ from slrl_sumo.background.swept_conflicts import approaching, meetings, predicte
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
+from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters, vehicle_route
+from slrl_sumo.sumo.speed_control import SpeedControl
 
 HORIZON = 1.5
 """s that learned road users are predicted, going on as they do now."""
@@ -30,8 +32,6 @@ STOP_SHORT = 1.0
 """m that vehicles stop before a road user where they can."""
 AHEAD_BY = 0.3
 """s by which vehicles that could still stop must be past before a road user comes, to go first."""
-MAX_DECELERATION_BIT = 4
-"""Of a speed mode: brake no harder than `decel` (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html)."""
 
 
 class Yielding:
@@ -41,20 +41,19 @@ class Yielding:
     `interventions` counts how often a vehicle began to be held, `held` are those that are held now.
     """
 
-    def __init__(self, api: Any, network: Network, step_length: float) -> None:
+    def __init__(self, api: SumoApi, network: Network, step_length: float) -> None:
         self._api = api
         self._dt = step_length
         self._paths = Paths(api, network)
-        self._types: dict[str, tuple[float, float, float, str]] = {}
-        self._ways: dict[str, tuple[str, str, int]] = {}
-        self._speed_modes: dict[str, int] = {}
-        self._hard: set[str] = set()
+        self._control = SpeedControl(api)
+        self._types: dict[str, TypeParameters] = {}
+        self._path_of: dict[str, tuple[str, str, int]] = {}
         self.interventions = 0
 
     @property
     def held(self) -> frozenset[str]:
         """Ids of the vehicles that are held now."""
-        return frozenset(self._speed_modes)
+        return self._control.held
 
     def apply(self, snapshot: Snapshot, learned: WorldState) -> None:
         """Hold or release the vehicles of `snapshot` (SUMO's last step) with regard to `learned`, now.
@@ -62,8 +61,7 @@ class Yielding:
         Road users of the snapshot whose ids are in `learned` are left alone.
         """
         own = frozenset(learned.ids)
-        for road_user in own & self._speed_modes.keys():
-            self._forget(road_user)
+        self._control.forget(own & self.held)
         rows = np.array(
             [
                 i
@@ -75,41 +73,19 @@ class Yielding:
         speeds: dict[str, tuple[float, bool]] = {}
         if len(rows) and len(learned):
             speeds = self._speeds(snapshot, rows, learned)
-        self.release(self._speed_modes.keys() - speeds.keys())
+        held = self.held
+        self._control.release(held - speeds.keys())
+        self.interventions += len(speeds.keys() - held)
         for vehicle, (speed, hard) in speeds.items():
-            self._hold(vehicle, speed, hard)
+            self._control.hold(vehicle, speed, hard)
 
     def release(self, vehicles: Iterable[str] | None = None) -> None:
         """Give vehicles (None: all that are held) back to SUMO, with the speed mode that they had before."""
-        releasing = [v for v in (self.held if vehicles is None else vehicles) if v in self._speed_modes]
-        present = frozenset(self._api.vehicle.getIDList()) if releasing else frozenset()
-        for vehicle in releasing:
-            if vehicle in present:
-                self._api.vehicle.setSpeed(vehicle, -1.0)
-                if vehicle in self._hard:
-                    self._api.vehicle.setSpeedMode(vehicle, self._speed_modes[vehicle])
-            self._forget(vehicle)
-
-    def _forget(self, vehicle: str) -> None:
-        del self._speed_modes[vehicle]
-        self._hard.discard(vehicle)
-
-    def _hold(self, vehicle: str, speed: float, hard: bool) -> None:
-        if vehicle not in self._speed_modes:
-            self._speed_modes[vehicle] = self._api.vehicle.getSpeedMode(vehicle)
-            self.interventions += 1
-        mode = self._speed_modes[vehicle]
-        if hard and vehicle not in self._hard:
-            self._api.vehicle.setSpeedMode(vehicle, mode & ~MAX_DECELERATION_BIT)
-            self._hard.add(vehicle)
-        elif not hard and vehicle in self._hard:
-            self._api.vehicle.setSpeedMode(vehicle, mode)
-            self._hard.discard(vehicle)
-        self._api.vehicle.setSpeed(vehicle, speed)
+        self._control.release(self.held if vehicles is None else vehicles)
 
     def _speeds(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> dict[str, tuple[float, bool]]:
         """Speeds (m/s) of the vehicles `rows` of the snapshot that must be held, and whether that is hard braking."""
-        limits = np.array([self._limits(snapshot.sumo_type[i])[:3] for i in rows])
+        limits = np.array([self._parameters(snapshot.sumo_type[i]).limits for i in rows])
         look = _look_ahead(snapshot.speed[rows], limits[:, 1], self._dt) + 0.5 * snapshot.length[rows]
         spread = 0.5 * np.hypot(learned.length, learned.width) + learned.speed * HORIZON
         dx = snapshot.x[rows][:, None] - learned.x
@@ -152,36 +128,28 @@ class Yielding:
         holding = np.flatnonzero(slowest < speed + limits[:, 0] * self._dt)
         return {snapshot.ids[rows[i]]: (float(slowest[i]), bool(brakes_hard[i])) for i in holding}
 
-    def _limits(self, sumo_type: str) -> tuple[float, float, float, str]:
-        """Acceleration, deceleration and emergency deceleration (m/s²) of a vehicle type, and its class."""
-        limits = self._types.get(sumo_type)
-        if limits is None:
-            types = self._api.vehicletype
-            limits = self._types[sumo_type] = (
-                types.getAccel(sumo_type),
-                types.getDecel(sumo_type),
-                types.getEmergencyDecel(sumo_type),
-                types.getVehicleClass(sumo_type),
-            )
-        return limits
+    def _parameters(self, sumo_type: str) -> TypeParameters:
+        parameters = self._types.get(sumo_type)
+        if parameters is None:
+            parameters = self._types[sumo_type] = type_parameters(self._api, sumo_type)
+        return parameters
 
     def _path_rows(self, snapshot: Snapshot, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-        """The path of each of the vehicles `rows`; asked anew of SUMO only on a new lane or with a new route."""
-        if self._paths.full or len(self._ways) > 20_000:
+        """The paths of the vehicles `rows`; a vehicle's route is read again only on a new lane or with a new route."""
+        if self._paths.full or len(self._path_of) > 20_000:
             self._paths.clear()
-            self._ways.clear()
-        vehicles = self._api.vehicle
+            self._path_of.clear()
         paths = []
         for i in rows.tolist():
             vehicle, lane = snapshot.ids[i], snapshot.lane[i]
-            route = vehicles.getRouteID(vehicle)
-            way = self._ways.get(vehicle)
-            if way is None or way[0] != lane or way[1] != route:
-                index = vehicles.getRouteIndex(vehicle)
-                following = vehicles.getRoute(vehicle)[max(index, 0) + 1 : max(index, 0) + 25]
-                path = self._paths.row(lane, tuple(following), self._limits(snapshot.sumo_type[i])[3])
-                way = self._ways[vehicle] = (lane, route, path)
-            paths.append(way[2])
+            route = route_id(self._api, vehicle)
+            known = self._path_of.get(vehicle)
+            if known is None or known[0] != lane or known[1] != route:
+                edges, index = vehicle_route(self._api, vehicle)
+                following = edges[max(index, 0) + 1 : max(index, 0) + 25]
+                path = self._paths.row(lane, following, self._parameters(snapshot.sumo_type[i]).vehicle_class)
+                known = self._path_of[vehicle] = (lane, route, path)
+            paths.append(known[2])
         return np.array(paths, np.intp)
 
 

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from slrl_sumo.doctor.finding import Finding, counted, some
-from slrl_sumo.sumo.command import LOG_OPTIONS
-from slrl_sumo.sumo.demand import Demand
-from slrl_sumo.sumo.options import clock, option, switched_on
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.command import LOG_OPTIONS
+from slrl_sumo.sumo.scenario.demand import Demand
+from slrl_sumo.sumo.scenario.options import clock, option, switched_on
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
 

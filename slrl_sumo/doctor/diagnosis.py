@@ -13,10 +13,10 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.types import DEFAULT_LENGTH, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.spawn import legal_lanes, starting_points
-from slrl_sumo.sumo.demand import Demand, read_demand
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.demand import Demand, read_demand
 from slrl_sumo.sumo.session import SumoSession
 
 __all__ = ["SEVERITIES", "Finding", "examine"]

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from slrl_sumo.doctor.finding import Finding
-from slrl_sumo.sumo.command import sumo_step_length
-from slrl_sumo.sumo.options import clock, input_files, option, switched_on
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.command import sumo_step_length
+from slrl_sumo.sumo.scenario.options import clock, input_files, option, switched_on
 
 TELEPORT_AFTER = 300.0
 """s; SUMO's default of time-to-teleport."""

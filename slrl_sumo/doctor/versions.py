@@ -11,9 +11,9 @@ from lxml import etree
 
 from slrl_sumo.doctor.finding import Finding
 from slrl_sumo.errors import InputError
-from slrl_sumo.sumo.demand import net_attributes
-from slrl_sumo.sumo.options import YES, input_files
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.demand import net_attributes
+from slrl_sumo.sumo.scenario.options import YES, input_files
 from slrl_sumo.sumo.session import library_version
 
 PACKAGES = ("eclipse-sumo", "libsumo", "sumolib", "traci")

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.sumo.lane_points import LanePoints
-from slrl_sumo.sumo.network import MOTOR_CLASSES, Network
+from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
+from slrl_sumo.sumo.network import Network
 
 SWAY = 0.15
 """m beside the centre line beyond which a car is on one side of it."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,10 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.links import LaneLinks, signal_links, signal_states
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.road_users import vehicle_ids, vehicle_lane, vehicle_route
 
 Aspect = Literal["red", "yellow", "green"]
 PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
@@ -73,30 +76,28 @@ class Passages:
     which yellow ends.
     """
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._lanes = {lane.id: lane for lane in network.lanes}
         self._links: dict[str, list[_Link]] = {}
         self._crossings: list[_Crossing] = []
-        for signal in api.trafficlight.getIDList():
-            for index, links in enumerate(api.trafficlight.getControlledLinks(signal)):
-                for start, end, via in links:
-                    self._add(signal, index, start, end, via)
+        self._following = LaneLinks(api, network)
+        for signal_link in signal_links(api):
+            self._add(*signal_link)
         for start, links in self._links.items():
             known = {inside for link in links for inside in link.inside}
-            ways = [(link[0], link[4]) for link in api.lane.getLinks(start)]
-            links += [self._link("", 0, end, via) for end, via in ways if end in self._lanes and via not in known]
+            links += [self._link("", 0, end, via) for end, via in self._following(start) if via not in known]
         self._approach: dict[str, str] = {}
         self._passed: dict[str, str] = {}
         self._stepped: dict[str, str] = {}
         self._waiting: dict[tuple[str, str], Aspect] = {}
         """What persons on a crossing have seen there, until they have passed or gone: by person and crossing."""
-        self._states = self._read()
+        self._states = signal_states(api)
 
     def look(self, world: WorldState, who: Iterable[str]) -> list[Passage]:
         """Passages of the road users `who` in the SUMO step that has just been made; `world` is the state after it."""
         wanted = frozenset(who)
-        before, self._states = self._states, self._read()
+        before, self._states = self._states, signal_states(self._api)
         rows = np.array([i for i, road_user in enumerate(world.ids) if road_user in wanted], np.intp)
         users = world.take(rows)
         walking = users.type == RoadUserType.PEDESTRIAN
@@ -121,7 +122,7 @@ class Passages:
         inside = [via] if via else []
         # Where vehicles wait inside a junction, a second lane follows.
         while inside and len(inside) < 5:
-            onward = [link[4] for link in self._api.lane.getLinks(inside[-1]) if link[4]]
+            onward = [via for _, via in self._following(inside[-1]) if via]
             if not onward:
                 break
             inside.append(onward[0])
@@ -130,20 +131,16 @@ class Passages:
     def _is_crossing(self, lane: str) -> bool:
         return lane in self._lanes and self._lanes[lane].surface == Surface.CROSSING
 
-    def _read(self) -> dict[str, str]:
-        light = self._api.trafficlight
-        return {signal: light.getRedYellowGreenState(signal) for signal in light.getIDList()}
-
     def _vehicles(self, users: WorldState, before: dict[str, str]) -> list[Passage]:
         if not self._links:
             return []
         found = []
         front_x, front_y = front_from_centre(users.x, users.y, users.heading, users.length)
-        present = frozenset(self._api.vehicle.getIDList())
+        present = vehicle_ids(self._api)
         for row, vehicle in enumerate(users.ids):
             if vehicle not in present:
                 continue
-            lane = self._api.vehicle.getLaneID(vehicle)
+            lane = vehicle_lane(self._api, vehicle)
             came = self._approach.get(vehicle)
             links = self._links[came] if came is not None else []
             taken = self._taken(vehicle, lane, links, float(front_x[row]), float(front_y[row]), came)
@@ -193,7 +190,7 @@ class Passages:
 
     def _on_route(self, vehicle: str, came: str, links: list[_Link]) -> list[_Link]:
         """Of the links from a lane those to the route's next edge; all of them where none leads there."""
-        route = self._api.vehicle.getRoute(vehicle)
+        route, _ = vehicle_route(self._api, vehicle)
         here = self._lanes[came].edge
         following = {route[i + 1] for i in range(len(route) - 1) if route[i] == here}
         return [link for link in links if link.edge in following] or links

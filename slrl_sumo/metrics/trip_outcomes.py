@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.road_users import arrived_ids, loaded_ids, route_ends, vehicle_road, vehicle_route, walk_of
 
 REACH_VEHICLE, REACH_PERSON = 15.0, 8.0
 """m from the end of the route's last edge, or of the walk, within which who arrives is at its own destination."""
@@ -49,7 +51,7 @@ class Journeys:
     everybody afterwards is in `Journey.after`.
     """
 
-    def __init__(self, api: Any, step_length: float) -> None:
+    def __init__(self, api: SumoApi, step_length: float) -> None:
         self.all: dict[str, Journey] = {}
         self._api, self._step = api, step_length
         self._closed: frozenset[str] | None = None
@@ -65,7 +67,7 @@ class Journeys:
         """A road user of the scenario becomes learned, perhaps not for the first time."""
         journey = self.all.get(road_user)
         if journey is None:
-            edges, ends = self._goal(road_user, kind)
+            edges, ends = route_ends(self._api, road_user, kind == RoadUserType.PEDESTRIAN)
             self.all[road_user] = Journey(kind, now, "inside", 0.0, "inside", ends, edges)
         elif journey.fate in ("left", "finishing"):
             journey.taken, journey.fate, journey.after = now, "inside", "inside"
@@ -91,9 +93,8 @@ class Journeys:
 
     def look(self, world: WorldState, now: float) -> None:
         """See after every SUMO step who has arrived or got lost; `world` is the state after it."""
-        api = self._api
-        arrived = {*api.simulation.getArrivedIDList(), *api.simulation.getArrivedPersonIDList()}
-        known = {*api.vehicle.getIDList(), *api.person.getIDList()}
+        arrived = arrived_ids(self._api)
+        known = loaded_ids(self._api)
         for road_user in self.under_way:
             if road_user in known:
                 continue
@@ -126,23 +127,12 @@ class Journeys:
         x, y, _ = self._last[road_user]
         return float(np.hypot(*(self.all[road_user].ends - (x, y)).T).min(initial=np.inf))
 
-    def _goal(self, road_user: str, kind: RoadUserType) -> tuple[tuple[str, ...], Floats]:
-        api = self._api
-        if kind == RoadUserType.PEDESTRIAN:
-            edges, arrival = api.person.getEdges(road_user, 0), api.person.getStage(road_user, 0).arrivalPos
-            length = api.lane.getLength(edges[-1] + "_0")
-            place = api.simulation.convert2D(edges[-1], min(max(arrival, 0.0), length), 0)
-            return (edges[-1],), np.array([place])
-        route = tuple(api.vehicle.getRoute(road_user))
-        lanes = range(api.edge.getLaneNumber(route[-1]))
-        return route, np.array([api.lane.getShape(f"{route[-1]}_{i}")[-1] for i in lanes])
-
     def _on_route(self, road_user: str, journey: Journey) -> bool:
         """Whether SUMO will drive or walk it to where it wanted to go when it was taken first."""
         if journey.type == RoadUserType.PEDESTRIAN:
-            edges = self._api.person.getEdges(road_user, 0)
+            edges, _ = walk_of(self._api, road_user)
             return bool(edges) and edges[-1] == journey.edges[-1]
-        route, road = tuple(self._api.vehicle.getRoute(road_user)), self._api.vehicle.getRoadID(road_user)
+        (route, _), road = vehicle_route(self._api, road_user), vehicle_road(self._api, road_user)
         return route == journey.edges and (road in route or road.startswith(":"))
 
 

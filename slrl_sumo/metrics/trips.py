@@ -1,11 +1,12 @@
 """Everybody's trip, from the departure to the arrival."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from slrl_sumo.metrics.counters import STANDING_SPEED
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.road_users import arrived_ids, departure_delay, loaded_ids, type_id, wanted_speed
 
 MOVING_SPEED = 0.5
 """m/s; who has stopped has started again when it is faster than this: swaying about the limit is one stop."""
@@ -41,7 +42,7 @@ class Trip:
 class Trips:
     """Follows everybody through `api` (libsumo or a TraCI connection); call `look` after every SUMO step."""
 
-    def __init__(self, api: Any, step_length: float) -> None:
+    def __init__(self, api: SumoApi, step_length: float) -> None:
         self.all: dict[str, Trip] = {}
         self._api, self._step = api, step_length
         self._moving: set[str] = set()
@@ -51,16 +52,16 @@ class Trips:
     def look(self, world: WorldState, now: float) -> None:
         """`world`: everybody after the step, `now`: the time then, s."""
         api, dt = self._api, self._step
-        for road_user in (*api.simulation.getArrivedIDList(), *api.simulation.getArrivedPersonIDList()):
+        for road_user in arrived_ids(api):
             if road_user in self.all:
                 self.all[road_user].arrived = now - dt
-        known = {*api.vehicle.getIDList(), *api.person.getIDList()}
+        known = loaded_ids(api)
         for road_user, kind, speed in zip(world.ids, world.type.tolist(), world.speed.tolist(), strict=True):
             if road_user not in known:  # it has arrived with this step
                 continue
             trip = self.all.get(road_user) or self._begin(road_user, kind, now)
             walking = kind == RoadUserType.PEDESTRIAN
-            wanted = api.person.getMaxSpeed(road_user) if walking else api.vehicle.getAllowedSpeed(road_user)
+            wanted = wanted_speed(api, road_user, walking)
             if wanted > 0.0:
                 trip.time_loss += dt * max(0.0, 1.0 - speed / wanted)
             trip.distance += speed * dt
@@ -76,8 +77,8 @@ class Trips:
                 trip.stops += 1
 
     def _begin(self, road_user: str, kind: int, now: float) -> Trip:
-        domain = self._api.person if kind == RoadUserType.PEDESTRIAN else self._api.vehicle
-        delay = 0.0 if kind == RoadUserType.PEDESTRIAN else float(domain.getDepartDelay(road_user))
-        sumo_type = domain.getTypeID(road_user).split("@")[0]
+        walks = kind == RoadUserType.PEDESTRIAN
+        delay = 0.0 if walks else departure_delay(self._api, road_user)
+        sumo_type = type_id(self._api, road_user, walks).split("@")[0]
         self.all[road_user] = trip = Trip(kind, sumo_type, now - self._step, delay)
         return trip

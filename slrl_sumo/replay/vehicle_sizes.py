@@ -3,9 +3,9 @@
 import re
 
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.demand import OWN_PREFIX
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.sumo.trace_types import trace_types
+from slrl_sumo.sumo.scenario.demand import OWN_PREFIX
+from slrl_sumo.sumo.scenario.trace_types import trace_types
 
 Size = tuple[float, float]
 """Length and width, m."""

@@ -11,7 +11,8 @@ from matplotlib.patches import Rectangle
 
 from slrl_sumo.ground.picture import draw_ground
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.sumo.network import MOTOR_CLASSES, Network
+from slrl_sumo.sumo.lanes import MOTOR_CLASSES
+from slrl_sumo.sumo.network import Network
 
 MOST = 10
 """Cars in a picture."""

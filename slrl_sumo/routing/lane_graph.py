@@ -5,10 +5,12 @@ import random
 from bisect import bisect_right
 from collections import OrderedDict
 from dataclasses import dataclass
-from typing import Any
 
 from slrl_sumo.routing.polyline import Polyline, line_through
-from slrl_sumo.sumo.network import MOTOR_CLASSES, Lane, Network
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.links import LaneLinks
+from slrl_sumo.sumo.network import Network
 
 MOST_EDGES = 12
 """Edges of a route that are looked at when a lane is chosen."""
@@ -64,31 +66,19 @@ class LanePath:
 class LaneGraph:
     """Lanes of a loaded network and how they lead on, asked of `api` (libsumo or a TraCI connection) on demand."""
 
-    def __init__(self, api: Any, network: Network) -> None:
-        self._api = api
+    def __init__(self, api: SumoApi, network: Network) -> None:
+        self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
         self._of_edge: dict[str, list[str]] = {}
         for lane in network.lanes:
             self._of_edge.setdefault(lane.edge, []).append(lane.id)
         for lanes in self._of_edge.values():
             lanes.sort(key=lambda lane: int(lane.rsplit("_", 1)[1]))
-        self._links: dict[str, list[tuple[str, str]]] = {}
         self._tables: OrderedDict[tuple[tuple[str, ...], str], list[dict[str, float]]] = OrderedDict()
-
-    def links(self, lane: str) -> list[tuple[str, str]]:
-        """Pairs of lane ids: the lane led to, and the one inside the junction that comes before it ('' for none)."""
-        links = self._links.get(lane)
-        if links is None:
-            links = self._links[lane] = [
-                (link[0], link[4]) for link in self._api.lane.getLinks(lane) if link[0] in self.lanes
-            ]
-        return links
 
     def admits(self, lane: str, vehicle_class: str) -> bool:
         """Whether a SUMO vehicle class may use a lane."""
-        allowed = self.lanes[lane].allowed
-        # Lanes that admit everybody list the usual classes only.
-        return vehicle_class in allowed or allowed >= MOTOR_CLASSES | {"bicycle", "pedestrian"}
+        return self.lanes[lane].admits(vehicle_class)
 
     def beside(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
         """The neighbouring lane to change to, for a route `edges` that begins with the lane's edge; None: stay.

@@ -3,13 +3,15 @@
 import math
 import random
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from slrl_sumo.routing.walk_graph import CrossingEntry, WalkPath, Walkways
 from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.links import read_links
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.road_users import walk_of, walking_speed
 
 AIM = 1.0
 """m along the walk to the point that a person heads for."""
@@ -39,7 +41,7 @@ class PedestrianTrack:
 class PedestrianTracker:
     """Persons under way, through `api` (libsumo or a TraCI connection)."""
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._ways = Walkways(api, network)
         self._network = network
@@ -106,9 +108,8 @@ class PedestrianTracker:
             pace = 1.3
         else:
             # Asked before the walk is cut to the edge under the person (see `TakenOverControl.move`).
-            edges = tuple(self._api.person.getEdges(person, 0))
-            walk = self._ways.walk(edges, self._api.person.getStage(person, 0).arrivalPos)
-            pace = self._api.person.getMaxSpeed(person)
+            walk = self._ways.walk(*walk_of(self._api, person))
+            pace = walking_speed(self._api, person)
         if walk is None:
             return PedestrianTrack(None, 0.0, 0.0, pace, x, y)
         s, beside = walk.line.nearest(x, y, end=walk.first)
@@ -148,7 +149,7 @@ class PedestrianTracker:
         """Whether the signal at a crossing is red; None where there is none."""
         key = (kerb.lane, kerb.crossing)
         if key not in self._reds:
-            shown = [link[5] for link in self._api.lane.getLinks(kerb.lane) if link[0] == kerb.crossing]
+            shown = [link.state for link in read_links(self._api, kerb.lane) if link.target == kerb.crossing]
             signal = any(state in "gGyYru" for state in shown)
             self._reds[key] = any(state in "ru" for state in shown) if signal else None
         return self._reds[key]

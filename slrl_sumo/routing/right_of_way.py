@@ -1,9 +1,12 @@
 """Signals and priority at the places where the ways of vehicles enter junctions."""
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.links import foe_lanes, internal_foe_lanes, read_links
+from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 STOP_LINE = 1.0
 """m that vehicles stop before a line."""
@@ -18,7 +21,7 @@ _SHOWN = {"g": 1, "G": 1, "y": 2, "Y": 2, "r": 3, "u": 3}
 class RightOfWay:
     """Whether vehicles may enter, as SUMO's signals and links say now. Call `renew` when SUMO has made a step."""
 
-    def __init__(self, api: Any, graph: LaneGraph, *, trusting: bool = True) -> None:
+    def __init__(self, api: SumoApi, graph: LaneGraph, *, trusting: bool = True) -> None:
         """`trusting`: believe SUMO for PATIENCE where it says that somebody comes; otherwise see who does."""
         self._api = api
         self._trusting = trusting
@@ -90,7 +93,8 @@ class RightOfWay:
         states = self._states.get(lane)
         if states is None:
             states = self._states[lane] = {
-                (link[0], link[4]): (link[1], link[2], link[5]) for link in self._api.lane.getLinks(lane)
+                (link.target, link.via): (link.has_priority, link.is_open, link.state)
+                for link in read_links(self._api, lane)
             }
         return states
 
@@ -99,16 +103,14 @@ class RightOfWay:
         key = (self._origin(entry.lane), entry.target)
         lanes = self._before.get(key)
         if lanes is None:
-            foes = dict.fromkeys(self._api.lane.getFoes(*key))
-            lanes = self._before[key] = tuple(lane for lane in foes if not lane.startswith(":"))
-        vehicle = self._api.vehicle
+            lanes = self._before[key] = foe_lanes(self._api, *key)
         for lane in lanes:
             if self._held(lane):
                 continue
             length = self._graph.lanes[lane].length
-            for foe in self._api.lane.getLastStepVehicleIDs(lane):
-                pace = vehicle.getSpeed(foe)
-                if pace > 1.0 and length - vehicle.getLanePosition(foe) < pace * within:
+            for foe in vehicles_on_lane(self._api, lane):
+                pace = vehicle_speed(self._api, foe)
+                if pace > 1.0 and length - lane_position(self._api, foe) < pace * within:
                     return True
         return False
 
@@ -122,12 +124,11 @@ class RightOfWay:
         lanes = self._inside.get(entry.via)
         if lanes is None:
             origin = self._origin(entry.lane)
-            foes = self._api.lane.getInternalFoes(entry.via)
+            foes = internal_foe_lanes(self._api, entry.via)
             lanes = self._inside[entry.via] = tuple(
                 lane for lane in foes if lane in self._graph.lanes and self._origin(lane) != origin
             )
-        vehicle = self._api.vehicle
-        return any(vehicle.getSpeed(foe) > 0.5 for lane in lanes for foe in self._api.lane.getLastStepVehicleIDs(lane))
+        return any(vehicle_speed(self._api, foe) > 0.5 for lane in lanes for foe in vehicles_on_lane(self._api, lane))
 
     def _origin(self, lane: str) -> str:
         """The lane that leads to a lane inside a junction, from outside; any other lane itself."""

@@ -5,7 +5,6 @@ at random at junctions, the same in every run.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 
 NEAR_END = 15.0
@@ -34,7 +34,7 @@ STUCK = 20.0
 class Routes:
     """Keeps track of road users on their routes, through `api` (libsumo or a TraCI connection)."""
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, graph)
         self._speed_limits = SpeedLimits(api, graph, self._vehicles, trusting=False)

@@ -1,11 +1,12 @@
 """How fast vehicles may go: limits, signals, priority, leaders, the end of their lane."""
 
 import math
-from typing import Any
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.routing.right_of_way import LINE_OF_SIGHT, STOP_LINE, RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 
 ROLLING = 2.0
 """m/s from which a vehicle that is just over a line does not stop there any more."""
@@ -16,7 +17,7 @@ LANE_END = 3.0
 class SpeedLimits:
     """Speeds of driven vehicles, as SUMO's leaders, signals and lanes allow through `api`."""
 
-    def __init__(self, api: Any, graph: LaneGraph, vehicles: VehicleTracker, *, trusting: bool = True) -> None:
+    def __init__(self, api: SumoApi, graph: LaneGraph, vehicles: VehicleTracker, *, trusting: bool = True) -> None:
         self._api, self._graph, self._vehicles = api, graph, vehicles
         self._right = RightOfWay(api, graph, trusting=trusting)
 
@@ -97,12 +98,12 @@ class SpeedLimits:
         """Krauss' safe speed behind SUMO's leader (https://sumo.dlr.de/docs/Car-Following-Models.html)."""
         if road_user.startswith("learned_"):
             return math.inf
-        leader = self._api.vehicle.getLeader(road_user, 50.0)
-        if not leader or not leader[0]:
+        leader = leader_of(self._api, road_user, 50.0)
+        if leader is None:
             return math.inf
         other = self._vehicles.get(leader[0])
-        pace = other.speed if other is not None else max(self._api.vehicle.getSpeed(leader[0]), 0.0)
-        gap = max(float(leader[1]), 0.0)
+        pace = other.speed if other is not None else max(vehicle_speed(self._api, leader[0]), 0.0)
+        gap = max(leader[1], 0.0)
         delay = drive.decel * max(drive.tau, dt)
         safe = math.sqrt(delay * delay + pace * pace + 2.0 * drive.decel * gap) - delay
         return min(safe, self._keeps_clear(drive, gap, pace, dt))

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -10,8 +9,10 @@ from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.sumo.lane_points import LanePoints
-from slrl_sumo.sumo.network import MOTOR_CLASSES, Network
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.road_users import allowed_speed, vehicle_lane, vehicle_parameters, vehicle_route
 
 STRAYED = 0.5
 """m from where it was driven to: somebody else moved the vehicle, and its way is looked for anew."""
@@ -55,7 +56,7 @@ class VehicleTrack:
 class VehicleTracker:
     """The vehicles that are driven in a simulation, by id, each with its way."""
 
-    def __init__(self, api: Any, network: Network, graph: LaneGraph) -> None:
+    def __init__(self, api: SumoApi, network: Network, graph: LaneGraph) -> None:
         self._api, self._graph = api, graph
         self._vehicles: dict[str, VehicleTrack] = {}
         self._carriageway = LanePoints(
@@ -121,7 +122,8 @@ class VehicleTracker:
 
     def _adopt(self, state: WorldState, i: int) -> VehicleTrack:
         """Find out about a vehicle: its type, and where on its way it is."""
-        vehicle, road_user = self._api.vehicle, state.ids[i]
+        road_user, edges = state.ids[i], tuple[str, ...]()
+        parameters = vehicle_parameters(self._api, road_user)
         length, heading = float(state.length[i]), float(state.heading[i])
         front = (
             float(state.x[i]) + 0.5 * length * math.cos(heading),
@@ -130,11 +132,12 @@ class VehicleTracker:
         if road_user.startswith("learned_"):
             # What we added has no class and no lane that SUMO could be asked for.
             vehicle_class = "bicycle" if state.type[i] == RoadUserType.BICYCLE else "passenger"
-            lane, edges = self._lane_under(front, heading, vehicle_class), ()
+            lane = self._lane_under(front, heading, vehicle_class)
         else:
-            vehicle_class = vehicle.getVehicleClass(road_user)
-            lane = vehicle.getLaneID(road_user) or self._lane_under(front, heading, vehicle_class)
-            edges = tuple(vehicle.getRoute(road_user)[vehicle.getRouteIndex(road_user) + 1 :])
+            vehicle_class = parameters.vehicle_class
+            lane = vehicle_lane(self._api, road_user) or self._lane_under(front, heading, vehicle_class)
+            route, index = vehicle_route(self._api, road_user)
+            edges = route[index + 1 :]
         way = self._graph.way(lane, edges, vehicle_class, self._tail(lane, length), _dice(road_user))
         s, beside = way.line.nearest(*front, end=way.ends[0])
         drive = VehicleTrack(
@@ -145,12 +148,12 @@ class VehicleTracker:
             speed=float(state.speed[i]),
             edges=edges,
             vehicle_class=vehicle_class,
-            accel=max(vehicle.getAccel(road_user), 0.1),
-            decel=max(vehicle.getDecel(road_user), 0.1),
-            emergency=max(vehicle.getEmergencyDecel(road_user), vehicle.getDecel(road_user), 0.1),
-            top_speed=CYCLING if road_user.startswith("learned_bicycle") else vehicle.getMaxSpeed(road_user),
-            factor=vehicle.getSpeedFactor(road_user),
-            tau=vehicle.getTau(road_user),
+            accel=max(parameters.accel, 0.1),
+            decel=max(parameters.decel, 0.1),
+            emergency=max(parameters.emergency_decel, parameters.decel, 0.1),
+            top_speed=CYCLING if road_user.startswith("learned_bicycle") else parameters.max_speed,
+            factor=parameters.speed_factor,
+            tau=parameters.tau,
             x=float(state.x[i]),
             y=float(state.y[i]),
         )
@@ -159,9 +162,9 @@ class VehicleTracker:
 
     def _learn_top_speed(self, road_user: str, drive: VehicleTrack, lane: str) -> None:
         """What the vehicle itself wants at most (desiredMaxSpeed) can only be seen where its lane allows more."""
-        if road_user.startswith("learned_") or self._api.vehicle.getLaneID(road_user) != lane:
+        if road_user.startswith("learned_") or vehicle_lane(self._api, road_user) != lane:
             return
-        allowed = self._api.vehicle.getAllowedSpeed(road_user)
+        allowed = allowed_speed(self._api, road_user)
         if allowed < self._graph.lanes[lane].max_speed * drive.factor - 0.01:
             drive.top_speed = min(drive.top_speed, allowed)
 
@@ -190,8 +193,8 @@ class VehicleTracker:
             return
         edge = self._graph.lanes[lane].edge
         if not road_user.startswith("learned_"):
-            route = tuple(self._api.vehicle.getRoute(road_user))
-            begin = max(self._api.vehicle.getRouteIndex(road_user), 0)
+            route, index = vehicle_route(self._api, road_user)
+            begin = max(index, 0)
             if edge in route[begin:]:
                 drive.edges = route[route.index(edge, begin) + 1 :]
             elif edge in drive.edges:

@@ -5,11 +5,13 @@ import random
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
-from slrl_sumo.sumo.network import Lane, Network
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.links import LaneLinks, edge_junctions
+from slrl_sumo.sumo.network import Network
 
 WANDERING = 12
 """Edges that a walk without destination goes on for, until it is drawn anew."""
@@ -45,7 +47,7 @@ class WalkPath:
 class Walkways:
     """What can be walked on in a loaded network, asked of `api` (libsumo or a TraCI connection)."""
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._paths: dict[str, Lane] = {}
         """The lane of each edge that persons walk on."""
@@ -62,13 +64,14 @@ class Walkways:
         walked = {**{lane.id: lane for lane in self._paths.values()}, **self._inside}
         self._beside: dict[str, list[str]] = {lane: [] for lane in walked}
         self._entry: dict[str, str] = {}
+        links = LaneLinks(api, network)
         # SUMO's links have a direction; persons walk either way.
         for lane_id in walked:
-            for link in api.lane.getLinks(lane_id):
-                if link[0] in walked and _is_walked(lane_id, walked) and _is_walked(link[0], walked):
-                    self._beside[lane_id].append(link[0])
-                    self._beside[link[0]].append(lane_id)
-                    self._entry[link[0]] = lane_id
+            for target, _ in links(lane_id):
+                if target in walked and _is_walked(lane_id, walked) and _is_walked(target, walked):
+                    self._beside[lane_id].append(target)
+                    self._beside[target].append(lane_id)
+                    self._entry[target] = lane_id
         self._ends: dict[str, tuple[str, str]] = {}
 
     def walk(self, edges: tuple[str, ...], arrival: float) -> WalkPath | None:
@@ -173,7 +176,7 @@ class Walkways:
     def _ends_of(self, edge: str) -> tuple[str, str]:
         ends = self._ends.get(edge)
         if ends is None:
-            ends = self._ends[edge] = (self._api.edge.getFromJunction(edge), self._api.edge.getToJunction(edge))
+            ends = self._ends[edge] = edge_junctions(self._api, edge)
         return ends
 
 

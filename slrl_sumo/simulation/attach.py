@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import torch
 
@@ -10,50 +10,13 @@ from slrl_sumo.agent.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.events import DEFAULT_BUNDLE
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
-from slrl_sumo.sumo.command import divides_interval
-from slrl_sumo.sumo.network import read_network
-from slrl_sumo.sumo.reader import Reader
-from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
-
-MARK = "slrl_sumo.attached"
-"""Parameter of our first vType that says that somebody is attached: it is seen through every connection."""
-
-
-class AttachedSimulation:
-    """A simulation that belongs to somebody else, seen through `api`: libsumo, traci or a TraCI connection."""
-
-    def __init__(self, api: Any) -> None:
-        self.api = api
-        self.step_length = float(api.simulation.getDeltaT())
-        if not divides_interval(self.step_length):
-            raise InputError(
-                f"the simulation's step of {self.step_length:g} s does not divide the decision interval of "
-                f"{DECISION_INTERVAL:g} s; start SUMO with --step-length 0.4, 0.2 or 0.1"
-            )
-        if LEARNED_TYPES[0] in api.vehicletype.getIDList() and api.vehicletype.getParameter(LEARNED_TYPES[0], MARK):
-            raise InputError("learned road users are attached to this simulation already; leave that context first")
-        self.network = read_network(api)
-        self.placement = SpawnedControl(api, self.network)
-        self.reader = Reader(api)
-
-    @property
-    def time(self) -> float:
-        """Simulation time of the next step, s."""
-        return float(self.api.simulation.getTime())
-
-    def step(self) -> None:
-        """One SUMO step."""
-        self.api.simulationStep()
-
-    def mark(self, text: str) -> None:
-        """Say that somebody is attached, or (with '') that nobody is."""
-        self.api.vehicletype.setParameter(LEARNED_TYPES[0], MARK, text)
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.session import AttachedSession
 
 
 class Attached:
@@ -64,7 +27,7 @@ class Attached:
     the simulation running. Road users that have strayed from every lane are put on the nearest place of their route.
     """
 
-    def __init__(self, simulation: AttachedSimulation, loop: CoSimulation) -> None:
+    def __init__(self, simulation: AttachedSession, loop: CoSimulation) -> None:
         self._simulation, self._loop = simulation, loop
         self._started = self._left = False
 
@@ -105,11 +68,11 @@ class Attached:
     def _leave(self) -> None:
         self._loop.release()
         self._simulation.reader.forget()
-        self._simulation.mark("")
+        self._simulation.mark(attached=False)
 
 
 def attach(
-    api: Any,
+    api: SumoApi,
     *,
     agents: int | None = None,
     mix: str | None = None,
@@ -146,12 +109,12 @@ def attach(
     models = load_bundle(bundle)
     # The models are so small that more threads only wait for each other.
     torch.set_num_threads(1)
-    simulation = AttachedSimulation(api)
-    rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network, api), seed)
+    simulation = AttachedSession(api)
+    rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network), seed)
     driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed, guard=guard)
     loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
     if agents is not None:
         counts, _ = type_counts(agents, mixed, loop.points, "attach")
         loop.spawn(counts, models.max_speed, seed)
-    simulation.mark("yes")
+    simulation.mark(attached=True)
     return Attached(simulation, loop)

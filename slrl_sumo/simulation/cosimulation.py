@@ -1,7 +1,7 @@
 """The loop: learned road users and SUMO, one decision after the other."""
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +22,10 @@ from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speed
 from slrl_sumo.simulation.takeover import drawn
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Reader, Snapshot
+from slrl_sumo.sumo.road_users import arrived_ids
 from slrl_sumo.sumo.spawned import SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
 from slrl_sumo.sumo.traffic_ahead import TrafficAhead, traffic_ahead
@@ -42,10 +44,10 @@ RIM = 8.0
 class Simulation(Protocol):
     """What the loop needs of a running SUMO: a SumoSession, or a simulation that somebody else has opened."""
 
-    api: Any
+    api: SumoApi
     network: Network
     step_length: float
-    placement: SpawnedControl
+    spawned: SpawnedControl
     reader: Reader
 
     @property
@@ -102,7 +104,7 @@ class CoSimulation:
         self._simulation, self._driver, self._takeover = simulation, driver, takeover
         self._substeps = round(DECISION_INTERVAL / simulation.step_length)
         self._loans = TakenOverControl(simulation.api, simulation.network)
-        self.population = Population(simulation.placement, self._loans)
+        self.population = Population(simulation.spawned, self._loans)
         self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
         self._differences = Differences()
@@ -140,8 +142,7 @@ class CoSimulation:
         before = self._yielding.interventions if self._yielding is not None else 0
         step = self._play(interval.states[len(interval.steps)])
         interval.steps.append(step)
-        interval.arrived.update(self._simulation.api.simulation.getArrivedIDList())
-        interval.arrived.update(self._simulation.api.simulation.getArrivedPersonIDList())
+        interval.arrived |= arrived_ids(self._simulation.api)
         if self._yielding is not None:
             interval.interventions += self._yielding.interventions - before
         self._interval = interval
@@ -173,7 +174,7 @@ class CoSimulation:
             self._yielding.release()
         self._loans.release()
         own = self.population.world.take(np.flatnonzero(~self.population.lent))
-        self._simulation.placement.remove(own.ids)
+        self._simulation.spawned.remove(own.ids)
 
     def _decide(self) -> _Interval:
         learned = self.population.world

@@ -3,7 +3,6 @@
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 
 JUNCTION_RADIUS = 60.0
@@ -55,17 +54,17 @@ class Region:
         return np.ones(len(x), np.bool_)
 
 
-def parse_region(text: str | None, network: Network, api: Any) -> Region:
+def parse_region(text: str | None, network: Network) -> Region:
     """The region that `text` describes (see `FORMS`; None: everywhere) in a loaded network.
 
-    `api`: libsumo or a TraCI connection. Raises InputError where the text is malformed, or names a junction or edge
+    Raises InputError where the text is malformed, or names a junction or edge
     that the network does not have, with those that are named most like it.
     """
     if text is None:
         return Region("everywhere")
     kind, _, value = text.partition(":")
     if kind == "junction" and value:
-        return _disc(text, value, api)
+        return _disc(text, value, network)
     if kind == "edges" and value:
         return _surface(text, value, network)
     if kind == "box":
@@ -73,16 +72,16 @@ def parse_region(text: str | None, network: Network, api: Any) -> Region:
     raise InputError(f"--region {text}: not understood; write {FORMS}")
 
 
-def _disc(text: str, value: str, api: Any) -> Region:
+def _disc(text: str, value: str, network: Network) -> Region:
     name, comma, radius_text = value.partition(",radius=")
     radius = _number(radius_text, text) if comma else JUNCTION_RADIUS
     if radius <= 0.0:
         raise InputError(f"--region {text}: the radius must be above 0; write for example radius=80")
-    junctions = [junction for junction in api.junction.getIDList() if not junction.startswith(":")]
-    if name not in junctions:
-        raise InputError(f"--region {text}: the network has no junction '{name}'; {_nearest(name, junctions)}")
-    x, y = api.junction.getPosition(name)
-    return Region(text, disc=(float(x), float(y), radius))
+    if name not in network.junction_positions:
+        near = _nearest(name, network.junction_positions)
+        raise InputError(f"--region {text}: the network has no junction '{name}'; {near}")
+    x, y = network.junction_positions[name]
+    return Region(text, disc=(x, y, radius))
 
 
 def _box(text: str, value: str) -> Region:

@@ -19,8 +19,8 @@ from slrl_sumo.simulation.events import Event, RunSettings, Started, Views
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.simulation.takeover import parse_shares
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
 MOST_AGENTS = 1_000_000
@@ -48,7 +48,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
         decisions, notices = _decisions(settings, begin, session.end)
         takeover = None
         if shares is not None:
-            takeover = Takeover(shares, parse_region(settings.region, session.network, session.api), settings.seed)
+            takeover = Takeover(shares, parse_region(settings.region, session.network), settings.seed)
         selector = settings.selector or usual_selector(bundle)
         api, network = session.api, session.network
         driver = make_driver(selector, bundle, api, network, settings.seed, guard=settings.guard)

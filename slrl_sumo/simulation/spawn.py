@@ -10,8 +10,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.lane_points import LanePoints
-from slrl_sumo.sumo.network import Lane, Network
+from slrl_sumo.sumo.lanes import Lane, LanePoints
+from slrl_sumo.sumo.network import Network
 
 DEFAULT_MIX = np.array([0.5, 0.2, 0.3])
 """Shares of cars, bicycles and pedestrians when the user gives none."""

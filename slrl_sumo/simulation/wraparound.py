@@ -11,7 +11,7 @@ from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.spawn import starting_speed
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 
 CANDIDATES = (24, 384)
 """Entry places that are looked at for each returning road user; more where the first ones are taken."""

@@ -6,8 +6,8 @@ from xml.sax.saxutils import quoteattr
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.options import input_files
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
+from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.sumo.session import SumoSession
 
 

@@ -1,43 +1,19 @@
-"""The road network as SUMO has loaded it: lanes, who may use them, and the surfaces that they make."""
+"""The road network that SUMO has loaded: lanes, their permissions, and the surfaces that they form."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
-from slrl_sumo.sumo.lane_points import LanePoints
-
-MOTOR_CLASSES = frozenset(
-    {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}
-)
-"""SUMO vehicle classes whose lanes are carriageway. "delivery" and "emergency" are not among them: they are often
-allowed on footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import ALL_CLASSES, MOTOR_CLASSES, Lane, LanePoints
 
 _WALKING_AREA = re.compile(r"^:.+_w\d+_\d+$")
 _CROSSING = re.compile(r"^:.+_c\d+_\d+$")
-
-
-@dataclass(frozen=True, slots=True)
-class Lane:
-    """One lane: `shape` is its centre line (k, 2) in m, or the outline where it is a walking area."""
-
-    id: str
-    edge: str
-    shape: NDArray[np.float64]
-    width: float
-    length: float
-    max_speed: float
-    """m/s."""
-    allowed: frozenset[str]
-    """SUMO vehicle classes that may use it."""
-    internal: bool
-    """Part of a junction."""
-    surface: Surface
 
 
 @dataclass(frozen=True)
@@ -48,11 +24,13 @@ class Network:
     junctions: tuple[Area, ...]
     exits: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
     """Lane ends where the network ends: x, y (m), heading outwards (rad), half the lane's width (m), (e, 4)."""
+    junction_positions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """x, y (m) of each junction by its id."""
 
     @cached_property
     def walks(self) -> LanePoints:
-        """Points every 2 m on the lanes outside junctions that admit pedestrians; made once, when somebody asks: in a
-        city they are millions."""
+        """Points every 2 m on the lanes outside junctions that admit pedestrians, made on first use: a city has
+        millions."""
         walkable = [lane for lane in self.lanes if not lane.internal and "pedestrian" in lane.allowed]
         return LanePoints(walkable, spacing=2.0)
 
@@ -64,7 +42,7 @@ class Network:
         return SurfaceShapes(tuple(shape for shape, _ in self.painted()))
 
     def painted(self) -> Iterator[tuple[Area | Ribbon, Lane | None]]:
-        """The shapes of `surfaces` with the lane that each of them is; None for outlines of junctions."""
+        """The shapes of `surfaces`, each with its lane; None for outlines of junctions."""
         for area in sorted(self.junctions, key=lambda a: a.surface == Surface.ROAD, reverse=True):
             yield area, None
         for surface in (Surface.SIDEWALK, Surface.CYCLEWAY, Surface.ROAD, Surface.CROSSING):
@@ -78,20 +56,20 @@ class Network:
 
 
 def is_walking_area(lane_id: str) -> bool:
-    """Whether a lane is a walking area: its shape is the outline."""
+    """Whether a lane is a walking area, so that its shape is an outline."""
     return _WALKING_AREA.match(lane_id) is not None
 
 
-def read_network(api: Any) -> Network:
-    """Read the network through `api` (libsumo or a TraCI connection): about 4 us a lane and call with libsumo."""
+def read_network(api: SumoApi) -> Network:
+    """Read the loaded network: about 4 us a lane and call with libsumo."""
     lanes = []
-    # Few sets of classes, and fewer edges, for many lanes.
+    # Lanes share their sets of classes and the names of their edges, to save memory.
     known: dict[frozenset[str], frozenset[str]] = {}
     edges: dict[str, str] = {}
     for lane_id in api.lane.getIDList():
         allowed, disallowed = api.lane.getAllowed(lane_id), api.lane.getDisallowed(lane_id)
-        # An empty list stands for "all" as well as for "none": the other list tells which.
-        classes = frozenset(allowed) if allowed or disallowed else MOTOR_CLASSES | {"bicycle", "pedestrian"}
+        # An empty list means "all" or "none", depending on the other list.
+        classes = frozenset(allowed) if allowed or disallowed else ALL_CLASSES
         edge = api.lane.getEdgeID(lane_id)
         lanes.append(
             Lane(
@@ -107,8 +85,8 @@ def read_network(api: Any) -> Network:
             )
         )
     junctions = _junctions(api, lanes)
-    # A walking area between carriageways that people walk on is part of the surface that everybody uses: the middle of
-    # a shared space. With sidewalks beside the carriageway it is for people alone.
+    # A walking area between carriageways that admit pedestrians is part of the common surface: the middle of a shared
+    # space. Where sidewalks lie beside the carriageway, a walking area is for pedestrians only.
     shared = _shared_junctions(api, lanes)
     lanes = [
         replace(lane, surface=Surface.ROAD)
@@ -116,11 +94,16 @@ def read_network(api: Any) -> Network:
         else lane
         for lane in lanes
     ]
-    return Network(tuple(lanes), tuple(junctions), _exits(api, lanes))
+    positions = {
+        junction: api.junction.getPosition(junction)
+        for junction in api.junction.getIDList()
+        if not junction.startswith(":")
+    }
+    return Network(tuple(lanes), tuple(junctions), _exits(api, lanes), positions)
 
 
-def _exits(api: Any, lanes: list[Lane]) -> NDArray[np.float64]:
-    """Ends of lanes at junctions from which streets lead to one neighbour only: see Network.exits."""
+def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:
+    """Ends of lanes at junctions that have a single neighbour: see Network.exits."""
     neighbours: dict[str, set[str]] = {}
     between = {edge: (api.edge.getFromJunction(edge), api.edge.getToJunction(edge)) for edge in _edges(lanes)}
     for start, end in between.values():
@@ -151,7 +134,7 @@ def _lane_surface(lane_id: str, classes: frozenset[str]) -> Surface:
     return Surface.CYCLEWAY if "bicycle" in classes else Surface.NONE
 
 
-def _shared_junctions(api: Any, lanes: list[Lane]) -> frozenset[str]:
+def _shared_junctions(api: SumoApi, lanes: list[Lane]) -> frozenset[str]:
     """Junctions of carriageways that admit pedestrians, without any sidewalk."""
     sidewalks = {lane.edge for lane in lanes if not lane.internal and lane.surface == Surface.SIDEWALK}
     mixed = {lane.edge for lane in lanes if lane.surface == Surface.ROAD and "pedestrian" in lane.allowed}
@@ -164,7 +147,7 @@ def _shared_junctions(api: Any, lanes: list[Lane]) -> frozenset[str]:
     return frozenset(shared)
 
 
-def _junctions(api: Any, lanes: list[Lane]) -> list[Area]:
+def _junctions(api: SumoApi, lanes: list[Lane]) -> list[Area]:
     """Junction outlines, with the strongest surface among the lanes that meet there."""
     rank = {Surface.ROAD: 3, Surface.CYCLEWAY: 2, Surface.SIDEWALK: 1}
     by_edge: dict[str, Surface] = {}
@@ -173,7 +156,7 @@ def _junctions(api: Any, lanes: list[Lane]) -> list[Area]:
             by_edge[lane.edge] = lane.surface
     areas = []
     for junction in api.junction.getIDList():
-        # Those inside of junctions have no outline of their own, and traci cannot read an empty one.
+        # Internal junctions have no outline, and traci cannot read an empty one.
         if junction.startswith(":"):
             continue
         outline = np.array(api.junction.getShape(junction), np.float64).reshape(-1, 2)

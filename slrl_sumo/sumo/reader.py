@@ -1,5 +1,6 @@
 """Reading all road users out of SUMO, once per step."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import PersonDomain, SumoApi, VehicleDomain
 
 # Numbers of TraCI variables and commands, the same in libsumo and traci
 # (https://sumo.dlr.de/docs/TraCI/Vehicle_Value_Retrieval.html).
@@ -18,24 +20,23 @@ PERSON_VARIABLES = (POSITION, ANGLE, SPEED, ROAD_ID, LANE_POSITION, TYPE, RIDES_
 EVERYWHERE = 1e7
 """m; wider than any network."""
 INVALID = -1e9
-"""Positions below this mean that SUMO has the vehicle on no lane (it writes -2^30)."""
-
+"""A position below this means that SUMO has the vehicle on no lane (it writes -2^30)."""
 
 _Row = tuple[str, str, tuple[float, float], float, float, str, float]
-"""Id, vType, position, angle, speed, lane or edge, and m along that."""
+"""Id, vType, position, angle, speed, lane or edge, and m along it."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All road users that SUMO has on the network after a step: parallel tuples and arrays of length n.
+    """All road users on the network after a SUMO step: parallel tuples and arrays of length n.
 
-    Vehicles come first, then persons on foot; each in SUMO's order. World frame: centres, m, rad, m/s.
+    Vehicles come first, then persons on foot, each in SUMO's order. World frame: centres, m, rad, m/s.
     """
 
     ids: tuple[str, ...]
     person: NDArray[np.bool_]
     type: NDArray[np.int8]
-    """RoadUserType; everything on wheels that is no bicycle counts as CAR."""
+    """RoadUserType; every vehicle that is no bicycle counts as CAR."""
     x: Floats
     y: Floats
     heading: Floats
@@ -45,7 +46,7 @@ class Snapshot:
     sumo_type: tuple[str, ...]
     """vType id."""
     lane: tuple[str, ...]
-    """Lane id of vehicles, edge id of persons; '' where SUMO maps them nowhere."""
+    """Lane id of vehicles, edge id of persons; '' where SUMO has them on none."""
     lane_position: Floats
     """m from the begin of the lane or edge; 0 where `lane` is ''."""
 
@@ -53,30 +54,31 @@ class Snapshot:
 class Reader:
     """Reads all road users of a simulation with one call.
 
-    libsumo is asked one by one. Over a TraCI connection, where each question is a message, two subscriptions "round" an
-    edge and a lane that reach everywhere bring all vehicles and all persons; for these SUMO looks at every lane of the
-    network in every step, which took 26 ms in a city of 81,000 lanes, and twice the time of the step elsewhere.
-    Subscribing to the road users themselves would mix with a user's own subscriptions in a script: SUMO keeps one per
-    road user, adds the variables together, and cancels all of them at once.
+    With libsumo, every value is one call. Over a TraCI connection, where each call is a message, two context
+    subscriptions with unlimited range, of an edge and of a lane, deliver all vehicles and all persons; for these SUMO
+    visits every lane of the network in every step, which took 26 ms in a city of 81,000 lanes, and twice the time of
+    the step elsewhere. Subscriptions to the road users themselves would mix with those of a user's script: SUMO keeps
+    one per road user, adds the variables together, and cancels all of them at once.
     """
 
-    def __init__(self, api: Any) -> None:
+    def __init__(self, api: SumoApi) -> None:
         self._api = api
         self._subscribes = getattr(api, "__name__", "") != "libsumo"
         self._types: dict[tuple[str, bool], tuple[int, float, float]] = {}
-        # Where no edge is there is nobody to read.
+        # Without edges there are no road users to read.
         self._edge, self._lane = min(api.edge.getIDList(), default=""), min(api.lane.getIDList(), default="")
         self._subscribed = False
 
     def read(self) -> Snapshot:
         """All road users on the network now. Costs about 2 us a road user with libsumo."""
-        of_edge = of_lane = {}
+        of_edge: Mapping[str, Mapping[int, Any]] = {}
+        of_lane = of_edge
         if self._subscribes:
             self._subscribe()
             of_edge = self._api.edge.getContextSubscriptionResults(self._edge)
             of_lane = self._api.lane.getContextSubscriptionResults(self._lane)
-        vehicles = _rows(self._api.vehicle, of_edge, LANE_ID)
-        rows = vehicles + _rows(self._api.person, of_lane, ROAD_ID)
+        vehicles = _vehicles(self._api.vehicle, of_edge)
+        rows = vehicles + _persons(self._api.person, of_lane)
         ids, types, positions, angles, speeds, lanes, lane_positions = (
             tuple(column) for column in (zip(*rows, strict=True) if rows else ((),) * 7)
         )
@@ -95,7 +97,7 @@ class Reader:
             x=x,
             y=y,
             heading=heading,
-            # SUMO reports tiny negative speeds after rounding.
+            # After rounding, SUMO reports tiny negative speeds.
             speed=np.maximum(np.array(speeds, np.float64), 0.0),
             length=length,
             width=width,
@@ -118,7 +120,7 @@ class Reader:
             self._subscribed = True
 
     def _static(self, sumo_type: str, person: bool) -> tuple[int, float, float]:
-        """RoadUserType, length and width (m) of a vType. SUMO gives a vehicle that is changed a type of its own."""
+        """RoadUserType, length and width (m) of a vType. A vehicle with changed parameters gets its own vType."""
         static = self._types.get((sumo_type, person))
         if static is None:
             types = self._api.vehicletype
@@ -130,38 +132,52 @@ class Reader:
         return static
 
 
-def _rows(domain: Any, results: Any, place: int) -> list[_Row]:
-    found = dict(results)
+def _vehicles(domain: VehicleDomain, subscribed: Mapping[str, Mapping[int, Any]]) -> list[_Row]:
+    """The vehicles on the network, without those that teleport or are not inserted yet."""
     rows = []
-    for road_user in domain.getIDList():
-        # Who is on no lane, as somebody moved from outside may be, is in no lane's surroundings either.
-        values = found.get(road_user)
-        row = _asked(domain, road_user, place) if values is None else _told(road_user, values, place)
-        if row is not None:
-            rows.append(row)
+    for vehicle in domain.getIDList():
+        # A vehicle beside all lanes, as moved ones may be, is missing in the context subscription.
+        values = subscribed.get(vehicle)
+        if values is not None:
+            if values[POSITION][0] >= INVALID:
+                rows.append(_subscribed_row(vehicle, values, values[LANE_ID]))
+        elif (position := domain.getPosition(vehicle))[0] >= INVALID:
+            rows.append(
+                (
+                    vehicle,
+                    domain.getTypeID(vehicle),
+                    position,
+                    domain.getAngle(vehicle),
+                    domain.getSpeed(vehicle),
+                    domain.getLaneID(vehicle),
+                    domain.getLanePosition(vehicle),
+                )
+            )
     return rows
 
 
-def _told(road_user: str, values: dict[int, Any], place: int) -> _Row | None:
-    """What a subscription says of a road user; None off the network: teleporting, not yet inserted, or (persons)
-    inside a vehicle."""
-    position = values[POSITION]
-    if position[0] < INVALID or values.get(RIDES_IN):
-        return None
-    return road_user, values[TYPE], position, values[ANGLE], values[SPEED], values[place], values[LANE_POSITION]
+def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) -> list[_Row]:
+    """The persons on foot."""
+    rows = []
+    for person in domain.getIDList():
+        values = subscribed.get(person)
+        if values is not None:
+            if values[POSITION][0] >= INVALID and not values[RIDES_IN]:
+                rows.append(_subscribed_row(person, values, values[ROAD_ID]))
+        elif (position := domain.getPosition(person))[0] >= INVALID and not domain.getVehicle(person):
+            rows.append(
+                (
+                    person,
+                    domain.getTypeID(person),
+                    position,
+                    domain.getAngle(person),
+                    domain.getSpeed(person),
+                    domain.getRoadID(person),
+                    domain.getLanePosition(person),
+                )
+            )
+    return rows
 
 
-def _asked(domain: Any, road_user: str, place: int) -> _Row | None:
-    """What the subscription would say of a road user, asked one by one."""
-    position = domain.getPosition(road_user)
-    if position[0] < INVALID or (place == ROAD_ID and domain.getVehicle(road_user)):
-        return None
-    return (
-        road_user,
-        domain.getTypeID(road_user),
-        position,
-        domain.getAngle(road_user),
-        domain.getSpeed(road_user),
-        domain.getLaneID(road_user) if place == LANE_ID else domain.getRoadID(road_user),
-        domain.getLanePosition(road_user),
-    )
+def _subscribed_row(road_user: str, values: Mapping[int, Any], place: str) -> _Row:
+    return road_user, values[TYPE], values[POSITION], values[ANGLE], values[SPEED], place, values[LANE_POSITION]

@@ -1,4 +1,4 @@
-"""One running SUMO simulation: the only module that imports libsumo."""
+"""Running SUMO simulations: started here with libsumo, or started by a user's script."""
 
 import os
 import shutil
@@ -8,15 +8,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Self
 
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.sumo.command import notices, start_command, sumo_step_length
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, read_network
 from slrl_sumo.sumo.reader import Reader
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.sumo.spawned import SpawnedControl
+from slrl_sumo.sumo.scenario.command import divides_interval, notices, start_command, sumo_step_length
+from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
+
+ATTACHED = "slrl_sumo.attached"
+"""Parameter of the first learned vType while learned road users are attached: every connection can read it."""
 
 
 class SumoSession:
@@ -24,13 +28,13 @@ class SumoSession:
 
     libsumo holds one simulation per process: opening a second session is an error. After `__enter__`:
 
-    - `api`: libsumo; `network`: the lanes and junctions; `reader`: reads all road users; `placement`: adds and moves
-      learned ones;
+    - `api`: libsumo; `network`: lanes and junctions; `reader`: reads all road users; `spawned`: adds and moves learned
+      ones;
     - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
-    - `notices`: what was changed in the scenario, one line each.
+    - `notices`: the changes to the scenario, one line each.
 
-    Raises InputError when SUMO refuses the scenario, with SUMO's own reason; SumoError when it fails later: in `step`,
-    or in any call within the with block.
+    Raises InputError when SUMO refuses the scenario, with SUMO's reason; SumoError when SUMO fails later, in `step` or
+    in any call within the with block.
     """
 
     def __init__(
@@ -52,7 +56,7 @@ class SumoSession:
             raise InputError(
                 "a SUMO simulation is already open in this process; close it first (libsumo holds only one)"
             )
-        self.api: Any = libsumo
+        self.api: SumoApi = libsumo
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
         command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
@@ -61,14 +65,14 @@ class SumoSession:
             try:
                 libsumo.start(command)
             except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-                # Refused while reading routes, SUMO stays half loaded and would block every later session.
+                # After a refusal while reading routes, SUMO stays half loaded and would block every later session.
                 self.close()
                 added = " ".join(f"--{name} {value}" for name, value in self.scenario.added.items())
                 where = f"{self.scenario.config}{f' with --sumo-options {added!r}' if added else ''}"
                 raise InputError(f"{where}: {_sumo_reason(printed, str(error))}") from None
         try:
             self.network: Network = read_network(libsumo)
-            self.placement = SpawnedControl(libsumo, self.network)
+            self.spawned = SpawnedControl(libsumo, self.network)
             self.reader = Reader(libsumo)
         except BaseException:
             self.close()
@@ -78,7 +82,9 @@ class SumoSession:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        refused = isinstance(error, self.api.TraCIException | self.api.FatalTraCIError)
+        import libsumo
+
+        refused = isinstance(error, libsumo.TraCIException | libsumo.FatalTraCIError)
         time = self.time if refused else 0.0
         self.close()
         if refused:
@@ -87,7 +93,7 @@ class SumoSession:
     @property
     def time(self) -> float:
         """Simulation time in s: that of the next step, as libsumo counts."""
-        return float(self.api.simulation.getTime())
+        return self.api.simulation.getTime()
 
     @property
     def end(self) -> float | None:
@@ -95,23 +101,63 @@ class SumoSession:
         return self.scenario.seconds("end")
 
     def step(self) -> None:
-        """One SUMO step. Raises SumoError when SUMO gives up."""
+        """One SUMO step. Raises SumoError when SUMO fails."""
+        import libsumo
+
         time = self.time
         try:
             self.api.simulationStep()
-        except (self.api.TraCIException, self.api.FatalTraCIError) as error:
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise SumoError(f"SUMO stopped at {time:g} s: {' '.join(str(error).split())}") from None
 
     def close(self) -> None:
-        """End the simulation and remove what SUMO wrote on the side."""
+        """End the simulation and remove the files that SUMO wrote into the scratch folder."""
+        import libsumo
+
         try:
-            # Another session may have been opened since this one was closed: it is not ours to end.
-            if self._open and self.api.isLoaded():
-                self.api.close()
+            # After this session was closed, another one may have been opened: that one must stay open.
+            if self._open and libsumo.isLoaded():
+                libsumo.close()
         finally:
             self._open = False
             if self._scratch is not None:
                 shutil.rmtree(self._scratch, ignore_errors=True)
+
+
+class AttachedSession:
+    """A simulation that a user's script has started, seen through `api`: libsumo, traci or a TraCI connection.
+
+    `network`, `reader`, `spawned`, `time` and `step_length` are those of SumoSession. Raises InputError for a step
+    that does not divide the decision interval, and where learned road users are attached already.
+    """
+
+    def __init__(self, api: SumoApi) -> None:
+        self.api = api
+        self.step_length = float(api.simulation.getDeltaT())
+        if not divides_interval(self.step_length):
+            raise InputError(
+                f"the simulation's step of {self.step_length:g} s does not divide the decision interval of "
+                f"{DECISION_INTERVAL:g} s; start SUMO with --step-length 0.4, 0.2 or 0.1"
+            )
+        types = api.vehicletype
+        if LEARNED_TYPES[0] in types.getIDList() and types.getParameter(LEARNED_TYPES[0], ATTACHED):
+            raise InputError("learned road users are attached to this simulation already; leave that context first")
+        self.network = read_network(api)
+        self.spawned = SpawnedControl(api, self.network)
+        self.reader = Reader(api)
+
+    @property
+    def time(self) -> float:
+        """Simulation time of the next step, s."""
+        return float(self.api.simulation.getTime())
+
+    def step(self) -> None:
+        """One SUMO step."""
+        self.api.simulationStep()
+
+    def mark(self, attached: bool) -> None:
+        """Record in the simulation whether learned road users are attached."""
+        self.api.vehicletype.setParameter(LEARNED_TYPES[0], ATTACHED, "yes" if attached else "")
 
 
 def _sumo_reason(printed: IO[bytes], message: str) -> str:

@@ -12,15 +12,18 @@ The rules (measured with libsumo 1.28, see docs/architecture.md):
 - With the sublane model a vehicle that leaves all lanes leaves traces on which SUMO crashes later: see `sublanes`.
 """
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.road_users import loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
 LEARNED_TYPES = tuple(f"learned_{name}" for name in TYPE_NAMES)
@@ -37,7 +40,7 @@ MATCH_THRESHOLD_PERSON = 0.1
 class SpawnedControl:
     """Adds, moves and removes learned road users through `api` (libsumo or a TraCI connection)."""
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._edge_of_person: dict[str, str] = {}
         self._staged: set[str] = set()
@@ -163,6 +166,26 @@ class SpawnedControl:
             self._api.person.appendWalkingStage(road_user, [edge], 1.0)
             self._api.person.removeStage(road_user, 0)
             self._edge_of_person[road_user] = edge
+
+
+def bare_moves(api: SumoApi, learned: WorldState) -> Callable[[], None]:
+    """The `moveToXY` calls for learned road users, to where they are, without any work around them: for benchmarks."""
+    present = loaded_ids(api)
+    x, y = front_from_centre(learned.x, learned.y, learned.heading, learned.length)
+    rows = zip(learned.ids, x.tolist(), y.tolist(), heading_to_sumo(learned.heading).tolist(), strict=True)
+    users = [row for row in rows if row[0] in present]
+    walking = {learned.ids[i] for i in np.flatnonzero(learned.type == RoadUserType.PEDESTRIAN)}
+    vehicles = [user for user in users if user[0] not in walking]
+    persons = [user for user in users if user[0] in walking]
+
+    def move() -> None:
+        vehicle, person = api.vehicle, api.person
+        for user, front_x, front_y, angle in vehicles:
+            vehicle.moveToXY(user, "", -1, front_x, front_y, angle, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD)
+        for user, front_x, front_y, angle in persons:
+            person.moveToXY(user, "", front_x, front_y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
+
+    return move
 
 
 def _pick(ids: tuple[str, ...], mask: NDArray[np.bool_]) -> list[str]:

@@ -8,9 +8,10 @@ and kills the process, perhaps many steps later. `vehicle.moveTo` puts a vehicle
 """
 
 from collections.abc import Sequence
-from typing import Any
 
-from slrl_sumo.sumo.network import Lane, Network
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network import Network
 
 ROOM = 0.5
 """m behind a vehicle that is put onto a lane, so that its rear is on no other one."""
@@ -19,7 +20,7 @@ ROOM = 0.5
 class Sublanes:
     """Clears up after moved vehicles. Does nothing where the sublane model is off."""
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._on = float(api.simulation.getOption("lateral-resolution")) > 0.0
         self._places: dict[str, tuple[str, float]] = {}

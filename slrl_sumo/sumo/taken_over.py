@@ -11,12 +11,12 @@ The rules (measured with libsumo 1.28, see docs/takeover.md):
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.sublanes import Sublanes
 
@@ -53,7 +53,7 @@ class _Walk:
 class TakenOverControl:
     """Road users of the scenario that SUMO has lent to us, through `api` (libsumo or a TraCI connection)."""
 
-    def __init__(self, api: Any, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._modes: dict[str, tuple[int, int]] = {}
         self._walks: dict[str, _Walk] = {}

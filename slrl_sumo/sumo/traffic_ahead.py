@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.sumo.api import SumoApi
 
 LEADER_RANGE = 50.0
 """m within which a leader is looked for."""
@@ -37,7 +37,7 @@ class TrafficAhead:
     """Of that lane, m/s, (n,)."""
 
 
-def traffic_ahead(api: Any, vehicles: Sequence[str]) -> TrafficAhead:
+def traffic_ahead(api: SumoApi, vehicles: Sequence[str]) -> TrafficAhead:
     """Read signals, leaders and limits of vehicles (not persons) through `api` (libsumo or a TraCI connection).
 
     Signals and leaders are known for vehicles with a route, so for those that are taken over; road users that we added

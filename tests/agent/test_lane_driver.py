@@ -357,12 +357,10 @@ def test_what_we_added_goes_on_at_random_the_same_in_every_run() -> None:
                 learned=np.ones(2, np.bool_),
             )
             driver = LaneDriver(libsumo, session.network)
-            session.placement.add(state.ids, state.type, state.x, state.y)
+            session.spawned.add(state.ids, state.type, state.x, state.y)
             places = []
             for _ in range(300):
-                session.placement.move(
-                    state.ids, state.type, state.x, state.y, state.heading, state.speed, state.length
-                )
+                session.spawned.move(state.ids, state.type, state.x, state.y, state.heading, state.speed, state.length)
                 session.step()
                 state = driver.drive(state, DT)
                 places += [(float(state.x[0]), float(state.y[0])), (float(state.x[1]), float(state.y[1]))]

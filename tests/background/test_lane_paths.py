@@ -10,7 +10,8 @@ import pytest
 from slrl_sumo.background.lane_paths import SPACING, Paths, resampled
 from slrl_sumo.background.swept_boxes import STRAIGHTENING, sweep
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.sumo.network import Lane, Network
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network import Network
 
 
 def lane(name: str, shape: list[tuple[float, float]], *, allowed: str = "passenger", length: float = 0.0) -> Lane:

@@ -130,7 +130,7 @@ class Scene:
         # On the sidewalk of another street, so that SUMO does not have it on the edge of the car.
         side = next(lane.shape for lane in session.network.lanes if lane.id == "in2_0").mean(axis=0)
         self.home = float(side[0]), float(side[1]), 0.0
-        session.placement.add(self.ids, self.kinds, np.array([self.home[0]]), np.array([self.home[1]]))
+        session.spawned.add(self.ids, self.kinds, np.array([self.home[0]]), np.array([self.home[1]]))
         self.speeds: list[float] = []
         self.distances: list[float] = []
         self.overlap = False
@@ -141,7 +141,7 @@ class Scene:
         user = self.world(pose, speed)
         if self._yields:
             self.yielding.apply(self.snapshot, user)
-        self.session.placement.move(self.ids, self.kinds, user.x, user.y, user.heading, user.speed, user.length)
+        self.session.spawned.move(self.ids, self.kinds, user.x, user.y, user.heading, user.speed, user.length)
         self.session.step()
         self.snapshot = self.session.reader.read()
         if CAR in self.snapshot.ids:

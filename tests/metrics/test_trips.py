@@ -14,8 +14,8 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import Differences, background_world
 from slrl_sumo.studies.compare.run import Exhaust
 from slrl_sumo.sumo.emissions import emission_rates
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
 

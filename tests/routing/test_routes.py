@@ -395,7 +395,7 @@ def test_who_has_no_route_goes_on_the_same_in_every_run_and_off_the_end(intersec
     _clear("car")
     lanes = {lane.id: lane for lane in intersection.network.lanes}
     start = _seen(intersection, "car")
-    placement = intersection.placement
+    placement = intersection.spawned
     world = replace(start, ids=("learned_car.0",))
     placement.add(world.ids, world.type, world.x, world.y)
     placement.move(world.ids, world.type, world.x, world.y, world.heading, world.speed, world.length)

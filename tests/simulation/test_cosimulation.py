@@ -216,7 +216,7 @@ def test_nobody_is_learned_where_everybody_else_would_have_to_wait(into_the_fast
         driver.max_speed = np.array([24.5, 99.0, 99.0])
         assert fast_lanes(session.network, driver) == {"fast_0"}
         driver.max_speed = np.full(3, 10.0)
-        rule = Takeover(np.ones(3), parse_region(None, session.network, session.api), 1)
+        rule = Takeover(np.ones(3), parse_region(None, session.network), 1)
         simulation = CoSimulation(session, driver, takeover=rule)
         simulation.start()
         taken, back = set(simulation.population.ids), []
@@ -259,7 +259,7 @@ def test_who_is_longer_than_a_driver_can_drive_stays_sumos(into_the_fast_lane: P
         with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:
             driver = _Straight()
             driver.max_length = longest  # SUMO's cars are 5 m long
-            rule = Takeover(np.ones(3), parse_region(None, session.network, session.api), 1)
+            rule = Takeover(np.ones(3), parse_region(None, session.network), 1)
             simulation = CoSimulation(session, driver, takeover=rule)
             simulation.start()
             taken.append(len(simulation.population.ids))

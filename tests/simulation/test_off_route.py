@@ -13,7 +13,7 @@ from slrl_sumo.sumo.session import SumoSession
 def test_lent_cars_that_stray_are_put_on_their_route_and_arrive() -> None:
     with SumoSession(find_scenario("district"), seed=2) as session:
         driver = make_driver("prior", load_bundle("intersection"), session.api, session.network, 2)
-        everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network, session.api), 2)
+        everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 2)
         loop = CoSimulation(session, driver, takeover=everywhere)
         loop.start()
         strayed: set[str] = set()

@@ -18,9 +18,8 @@ def session() -> Iterator[SumoSession]:
 
 
 def _parse(text: str | None, session: SumoSession) -> Region:
-    import libsumo
 
-    return parse_region(text, session.network, libsumo)
+    return parse_region(text, session.network)
 
 
 def _inside(region: Region, x: float, y: float, margin: float = 0.0) -> bool:

@@ -14,7 +14,7 @@ from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 from slrl_sumo.simulation.spawn import DEFAULT_MIX, draw_starts, legal_lanes, parse_mix, starting_points, type_counts
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import front_from_centre, heading_to_sumo, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
@@ -182,9 +182,9 @@ class Wanderers:
 def place(session: SumoSession, kinds: NDArray[np.int8], who: Wanderers, steps: int) -> dict[str, Any]:
     """Wander with road users of ours."""
     ids = tuple(f"learned.{i}" for i in range(len(kinds)))
-    session.placement.add(ids, kinds, who.x, who.y)
+    session.spawned.add(ids, kinds, who.x, who.y)
     for _ in range(steps):
-        session.placement.move(ids, kinds, who.x, who.y, who.heading, who.speed, DEFAULT_LENGTH[kinds])
+        session.spawned.move(ids, kinds, who.x, who.y, who.heading, who.speed, DEFAULT_LENGTH[kinds])
         session.step()
         who.look(session, ids)
         who.wander()
@@ -239,7 +239,7 @@ def naive_cars_over_sidewalks(options: str) -> dict[str, Any]:
     with SumoSession(with_options(find_scenario("intersection"), options.split())) as session:
         kinds, who = np.zeros(32, np.int8), Wanderers(32, CENTRE, 8.0)
         ids = tuple(f"learned.{i}" for i in range(32))
-        session.placement.add(ids, kinds, who.x, who.y)
+        session.spawned.add(ids, kinds, who.x, who.y)
         session.step()
         for _ in range(300):
             x, y = front_from_centre(who.x, who.y, who.heading, DEFAULT_LENGTH[kinds])
@@ -314,9 +314,9 @@ def standing_cars(config: str) -> dict[str, Any]:
         kinds, ids = np.zeros(2, np.int8), ("learned.0", "learned.1")
         x, y = libsumo.simulation.convert2D("in0", 30.0, 2)
         places, still = np.array([x, x + 1.0]), np.zeros(2)
-        session.placement.add(ids, kinds, places, np.full(2, y))
+        session.spawned.add(ids, kinds, places, np.full(2, y))
         for _ in range(1000):
-            session.placement.move(ids, kinds, places, np.full(2, y), still, still, DEFAULT_LENGTH[kinds])
+            session.spawned.move(ids, kinds, places, np.full(2, y), still, still, DEFAULT_LENGTH[kinds])
             session.step()
             if not set(ids) <= set(libsumo.vehicle.getIDList()):
                 return {"gone_at": session.time}
@@ -373,8 +373,8 @@ def car_beside_its_lane(config: str) -> dict[str, Any]:
         for number, (x, y, heading, speed) in enumerate(two_cars(40)):
             centre_x, centre_y = x - 2.5 * np.cos(heading), y - 2.5 * np.sin(heading)
             if number == 0:
-                session.placement.add(ids, kinds, centre_x, centre_y)
-            session.placement.move(ids, kinds, centre_x, centre_y, heading, speed, length)
+                session.spawned.add(ids, kinds, centre_x, centre_y)
+            session.spawned.move(ids, kinds, centre_x, centre_y, heading, speed, length)
             session.step()
             if number:
                 lanes.append(libsumo.vehicle.getLaneID(ids[0]))
@@ -388,7 +388,7 @@ def naive_car_beside_its_lane(config: str) -> dict[str, Any]:
         ids = ("learned.0", "learned.1")
         for number, (x, y, heading, speed) in enumerate(two_cars(40)):
             if number == 0:
-                session.placement.add(ids, np.zeros(2, np.int8), x, y)
+                session.spawned.add(ids, np.zeros(2, np.int8), x, y)
                 session.step()
             for i, angle in enumerate(heading_to_sumo(heading).tolist()):
                 libsumo.vehicle.moveToXY(ids[i], "", -1, float(x[i]), float(y[i]), angle, 2, 5.0)

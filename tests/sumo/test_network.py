@@ -10,7 +10,8 @@ import pytest
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface
-from slrl_sumo.sumo.network import Lane, Network
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -9,8 +9,8 @@ import libsumo
 import pytest
 
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
 Copy = Callable[..., Path]

@@ -31,13 +31,13 @@ class Group:
         self.ids = tuple(f"learned_{kind}.{number}" for number, kind in enumerate(kinds))
         self.x, self.y = np.array(x, np.float64), np.array(y, np.float64)
         self.heading, self.speed = np.zeros(len(kinds)), np.full(len(kinds), 1.0)
-        session.placement.add(self.ids, self.kinds, self.x, self.y)
+        session.spawned.add(self.ids, self.kinds, self.x, self.y)
         self.move()
 
     def move(self) -> None:
         """One SUMO step with everybody moved."""
         length = DEFAULT_LENGTH[self.kinds]
-        self.session.placement.move(self.ids, self.kinds, self.x, self.y, self.heading, self.speed, length)
+        self.session.spawned.move(self.ids, self.kinds, self.x, self.y, self.heading, self.speed, length)
         self.session.step()
 
     def check(self) -> None:
@@ -182,7 +182,7 @@ def test_who_is_removed_is_gone_and_may_come_again(quiet_intersection: str) -> N
         group = Group(session, [0, 1, 2], np.array([98.0, 95.0, 90.0]), np.array([30.0, 40.0, 50.0]))
         group.move()
         group.check()
-        session.placement.remove((*group.ids, "nobody"))
+        session.spawned.remove((*group.ids, "nobody"))
         session.step()
         assert session.reader.read().ids == ()
         again = Group(session, [0, 1, 2], np.array([60.0, 50.0, 40.0]), np.array([98.0, 95.0, 90.0]))

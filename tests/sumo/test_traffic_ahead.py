@@ -16,7 +16,7 @@ def test_taken_over_cars_see_signals_leaders_and_limits_in_the_signalised_scenar
     seen_red = seen_green = seen_leader = 0
     with SumoSession(find_scenario("signalised"), seed=3) as session:
         driver = make_driver("lane", load_bundle("intersection"), session.api, session.network, 3)
-        rule = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network, session.api), 3)
+        rule = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 3)
         loop = CoSimulation(session, driver, takeover=rule)
         loop.start()
         lanes = {lane.id: lane for lane in session.network.lanes}

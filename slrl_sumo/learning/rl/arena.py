@@ -31,7 +31,7 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.spawn import type_counts
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.session import SumoSession
 

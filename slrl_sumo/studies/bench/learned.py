@@ -21,15 +21,14 @@ from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, FINE
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.spawn import parse_mix, type_counts
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Ready, Workload
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.spawned import KEEP_ROUTE_PERSON, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD, MATCH_THRESHOLD_PERSON
+from slrl_sumo.sumo.spawned import bare_moves
 
 WARM_UP = 10
 """Decisions before it counts: the first ones paint the ground and ask SUMO about everybody."""
@@ -120,26 +119,13 @@ def _bare_sumo(session: SumoSession, learned: WorldState, steps: int) -> tuple[f
     """Seconds that moveToXY takes for everybody, to where they are, and the SUMO step after it."""
     # The reader's subscriptions are read in SUMO's step: bare calls have none.
     session.reader.forget()
-    vehicle, person = session.api.vehicle, session.api.person
-    present = {*vehicle.getIDList(), *person.getIDList()}
-    x, y = front_from_centre(learned.x, learned.y, learned.heading, learned.length)
-    angle = heading_to_sumo(learned.heading)
-    walking = learned.type == RoadUserType.PEDESTRIAN
-    users = [
-        user
-        for user in zip(learned.ids, walking.tolist(), x.tolist(), y.tolist(), angle.tolist(), strict=True)
-        if user[0] in present
-    ]
-    drivers, walkers = ([user for user in users if user[1] == walks] for walks in (False, True))
+    move = bare_moves(session.api, learned)
     times = []
     for _ in range(steps):
         begin = perf_counter()
-        for user, _, front_x, front_y, degrees in drivers:
-            vehicle.moveToXY(user, "", -1, front_x, front_y, degrees, KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD)
-        for user, _, front_x, front_y, degrees in walkers:
-            person.moveToXY(user, "", front_x, front_y, degrees, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
+        move()
         middle = perf_counter()
-        session.api.simulationStep()
+        session.step()
         times.append((middle - begin, perf_counter() - middle))
     moves, sumo_steps = (statistics.median(column) for column in zip(*times, strict=True))
     return moves, sumo_steps

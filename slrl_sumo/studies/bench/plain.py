@@ -2,14 +2,22 @@
 
 import statistics
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.spawn import draw_starts, parse_mix, starting_points, type_counts
 from slrl_sumo.studies.bench.measurement_process import Ready, Workload
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.api import StageRecord
+from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.road_users import (
+    arrived_ids,
+    find_route,
+    find_walk,
+    insert_pedestrian,
+    insert_vehicle,
+    loaded_count,
+)
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
@@ -24,7 +32,7 @@ class _Crowd:
     """So many road users of SUMO's own that start where learned ones would; who arrives starts anew."""
 
     def __init__(self, session: SumoSession, work: Workload) -> None:
-        self._api: Any = session.api
+        self._api = session.api
         self._random = np.random.default_rng(work.seed)
         self._points = starting_points(session.network)
         counts, _ = type_counts(work.agents, parse_mix(work.mix), self._points, str(session.scenario.config))
@@ -37,8 +45,7 @@ class _Crowd:
 
     def renew(self) -> None:
         """After a SUMO step: who has arrived starts once more."""
-        simulation = self._api.simulation
-        for user in (*simulation.getArrivedIDList(), *simulation.getArrivedPersonIDList()):
+        for user in sorted(arrived_ids(self._api)):
             if user in self._starts:
                 self._add(user)
 
@@ -47,29 +54,26 @@ class _Crowd:
         points = self._points[kind]
         lane, offset = points.lanes[points.lane[place]], float(points.offset[place])
         if kind == RoadUserType.PEDESTRIAN:
-            self._api.person.add(user, lane.edge, offset, typeID=SUMO_TEMPLATES[kind])
-            for stage in self._walk(lane.edge, points):
-                self._api.person.appendStage(user, stage)
+            walk = self._walk(lane.edge, points)
+            insert_pedestrian(self._api, user, SUMO_TEMPLATES[kind], lane.edge, offset, walk)
             return
         edges = self._drive(lane.edge, points, SUMO_TEMPLATES[kind])
         route = f"{user}:{self._random.integers(2**62)}"
-        self._api.route.add(route, edges)
-        number = lane.id.rsplit("_", 1)[1]
-        self._api.vehicle.add(user, route, SUMO_TEMPLATES[kind], departLane=number, departPos=f"{offset:.2f}")
+        insert_vehicle(self._api, user, route, edges, SUMO_TEMPLATES[kind], lane.id, offset)
 
     def _drive(self, edge: str, points: LanePoints, kind: str) -> tuple[str, ...]:
         for _ in range(ATTEMPTS):
-            edges = self._api.simulation.findRoute(edge, self._somewhere(points), kind).edges
+            edges = find_route(self._api, edge, self._somewhere(points), kind)
             if edges:
-                return tuple(edges)
+                return edges
         return (edge,)
 
-    def _walk(self, edge: str, points: LanePoints) -> tuple[Any, ...]:
+    def _walk(self, edge: str, points: LanePoints) -> tuple[StageRecord, ...]:
         for _ in range(ATTEMPTS):
-            stages = self._api.simulation.findIntermodalRoute(edge, self._somewhere(points), "")
+            stages = find_walk(self._api, edge, self._somewhere(points))
             if stages:
-                return tuple(stages)
-        return (self._api.simulation.Stage(type=2, edges=[edge], arrivalPos=1.0),)
+                return stages
+        return ()
 
     def _somewhere(self, points: LanePoints) -> str:
         return points.lanes[self._random.integers(len(points.lanes))].edge
@@ -91,6 +95,6 @@ def measure_plain(work: Workload, ready: Ready) -> float:
             session.step()
             seconds = perf_counter() - begin
             if number >= WARM_UP_STEPS:
-                rates.append((session.api.vehicle.getIDCount() + session.api.person.getIDCount()) / seconds)
+                rates.append(loaded_count(session.api) / seconds)
             crowd.renew()
     return statistics.median(rates)

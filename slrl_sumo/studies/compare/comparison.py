@@ -27,8 +27,8 @@ from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, p
 from slrl_sumo.studies.compare.tables import distances, rows
 from slrl_sumo.studies.episodes.episode import EpisodeSettings
 from slrl_sumo.studies.episodes.log import log_header
-from slrl_sumo.sumo.command import sumo_step_length
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
+from slrl_sumo.sumo.scenario.command import sumo_step_length
 
 USUAL_SECONDS = 600.0
 """Of a scenario that has no end."""

@@ -22,7 +22,9 @@ from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.record import jumped
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import parse_shares
+from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.emissions import POLLUTANTS, emission_rates
+from slrl_sumo.sumo.road_users import emission_class
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -74,7 +76,7 @@ def play(common: ComparedScenario, run: Run) -> Record:
         api, network = session.api, session.network
         takeover = None
         if learning:
-            region = parse_region(common.region, network, api)
+            region = parse_region(common.region, network)
             takeover = Takeover(parse_shares(common.takeover), region, run.seed)
         driver = make_driver(common.selector, bundle, api, network, run.seed, guard=common.guard)
         loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
@@ -155,7 +157,7 @@ class Exhaust:
     leap in the first step of a decision, and counts that acceleration. So both arms are computed in the same way.
     """
 
-    def __init__(self, api: Any) -> None:
+    def __init__(self, api: SumoApi) -> None:
         self._api = api
         self._class: dict[str, str] = {}
         self._motion: dict[str, list[Floats]] = {}
@@ -166,7 +168,7 @@ class Exhaust:
         for row in rows:
             vehicle = world.ids[row]
             if vehicle not in self._class:
-                self._class[vehicle] = self._api.vehicle.getEmissionClass(vehicle)
+                self._class[vehicle] = emission_class(self._api, vehicle)
             motion = self._motion.setdefault(self._class[vehicle], [])
             motion.append(np.array([world.speed[row], world.acceleration[row]]))
 

@@ -19,7 +19,7 @@ from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.spawn import draw_starts, starting_speed, type_counts
 from slrl_sumo.simulation.wraparound import ROOM
-from slrl_sumo.sumo.lane_points import LanePoints
+from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -12,8 +12,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.studies.episodes.episode import WARM_UP, Episode, EpisodeSettings
-from slrl_sumo.sumo.options import input_files
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.version import __version__
 
 Outcome = tuple[TypeOutcome, ...]

@@ -94,7 +94,7 @@ def test_plot_trajectories_draws_everybody(folder: Path, who: str) -> None:
 
 
 def test_sumo_replays_everybody_where_the_trace_has_them(folder: Path) -> None:
-    call(sys.executable, "-m", "slrl_sumo.sumo.trace_types", "intersection", "types.add.xml", cwd=folder)
+    call(sys.executable, "-m", "slrl_sumo.sumo.scenario.trace_types", "intersection", "types.add.xml", cwd=folder)
     call(
         *(HOME / "bin" / "sumo", "-n", NET, "-a", "types.add.xml", "--device.fcd-replay.files", "trace.xml"),
         # Road users that leave the scene jump to its other side, where no route leads.
@@ -117,7 +117,7 @@ def test_sumo_replays_everybody_where_the_trace_has_them(folder: Path) -> None:
 
 
 def test_types_of_a_trace_are_the_scenarios_and_ours(folder: Path) -> None:
-    call(sys.executable, "-m", "slrl_sumo.sumo.trace_types", "intersection", "all.add.xml", cwd=folder)
+    call(sys.executable, "-m", "slrl_sumo.sumo.scenario.trace_types", "intersection", "all.add.xml", cwd=folder)
     types = {e.get("id"): e for e in etree.parse(str(folder / "all.add.xml")).getroot()}
     used = {e.get("type") for step in etree.parse(str(folder / "trace.xml")).getroot() for e in step}
     assert used <= types.keys()

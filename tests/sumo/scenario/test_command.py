@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.sumo.command import notices, start_command, sumo_step_length
-from slrl_sumo.sumo.options import with_options
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.command import notices, start_command, sumo_step_length
+from slrl_sumo.sumo.scenario.options import with_options
 
 
 def scenario(**options: str) -> Scenario:

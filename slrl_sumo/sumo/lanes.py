@@ -1,35 +1,65 @@
-"""Points sampled along lanes: places to start at, and the lane that lies under a position."""
+"""The lanes of a network, and points sampled along them: places to start at, and the lane under a position."""
 
 from collections.abc import Sequence
 from copy import copy
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats
 
-if TYPE_CHECKING:
-    from slrl_sumo.sumo.network import Lane
-
+MOTOR_CLASSES = frozenset(
+    {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}
+)
+"""SUMO vehicle classes whose lanes are carriageway. "delivery" and "emergency" are not among them: they are often
+allowed on footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
+ALL_CLASSES = MOTOR_CLASSES | {"bicycle", "pedestrian"}
+"""The classes listed for a lane that admits every class."""
 
 LEAF = 64
 """Points in a leaf of the search tree: with scipy's 16 the tree of a city took as much memory as the points."""
 
 
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """One lane of a network."""
+
+    id: str
+    edge: str
+    shape: NDArray[np.float64]
+    """Centre line (k, 2) in m; the outline of a walking area."""
+    width: float
+    """m."""
+    length: float
+    """m, as SUMO counts it: it may differ from that of `shape` (attribute "length" of the network file)."""
+    max_speed: float
+    """m/s."""
+    allowed: frozenset[str]
+    """SUMO vehicle classes that may use it."""
+    internal: bool
+    """Part of a junction."""
+    surface: Surface
+
+    def admits(self, vehicle_class: str) -> bool:
+        """Whether a SUMO vehicle class may use the lane."""
+        return vehicle_class in self.allowed or self.allowed >= ALL_CLASSES
+
+
 class LanePoints:
     """Points along `lanes`, every `spacing` metres, at least half of that from the lane's ends.
 
-    They lie on the centre line, or side by side where a lane is wide enough for several strips of width `strip` (m).
+    Points lie on the centre line, or side by side where a lane is wide enough for several strips of width `strip` (m).
 
     Arrays of length p: `x`, `y` (m), `heading` (rad, the lane's direction), `offset` (m along the lane, in SUMO's
-    measure), `lane` (index into `lanes`). A lane shorter than `spacing` gets its middle.
+    measure), `lane` (index into `lanes`). A lane shorter than `spacing` gets one point in its middle.
     """
 
-    def __init__(self, lanes: "Sequence[Lane]", spacing: float, strip: float = np.inf) -> None:
+    def __init__(self, lanes: Sequence[Lane], spacing: float, strip: float = np.inf) -> None:
         self.lanes = tuple(lanes)
-        # In a city there are millions of points: no array per lane is kept, and nothing twice, not even meanwhile.
+        # In a city there are millions of points: no array per lane is kept, and nothing is held twice.
         places, headings, offsets, counts = bytearray(), bytearray(), bytearray(), []
         for lane in self.lanes:
             sample = _sample(lane, spacing, strip)
@@ -50,7 +80,7 @@ class LanePoints:
         return len(self.x)
 
     def take(self, rows: NDArray[np.intp]) -> "LanePoints":
-        """The points `rows` (integer indices) alone, on the same lanes."""
+        """Only the points `rows` (indices), on the same lanes."""
         some = copy(self)
         some.x, some.y, some.heading, some.offset = (a[rows] for a in (self.x, self.y, self.heading, self.offset))
         some.lane = self.lane[rows]
@@ -70,7 +100,7 @@ class LanePoints:
         return self._max_speed[self.lane[rows]]
 
     def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
-        """Index of the lane whose surface lies under each of n positions, -1 where none does."""
+        """Index of the lane whose surface lies under each of n positions, (n,); -1 where there is none."""
         if self._tree is None:
             return np.full(len(x), -1, np.intp)
         rows, under = self.nearest_lanes(x, y)
@@ -89,7 +119,7 @@ class LanePoints:
         return points, np.asarray(distance) <= reach
 
 
-def _sample(lane: "Lane", spacing: float, strip: float) -> Floats:
+def _sample(lane: Lane, spacing: float, strip: float) -> Floats:
     """Rows x, y, heading, offset of the points on one lane."""
     steps = np.diff(lane.shape, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])

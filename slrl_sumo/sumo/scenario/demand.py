@@ -9,8 +9,8 @@ from typing import IO, cast
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.sumo.options import clock, input_files
-from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.configuration import Scenario
+from slrl_sumo.sumo.scenario.options import clock, input_files
 
 OWN_PREFIX = "learned_"
 """How ids, routes and types of learned road users begin."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.configuration import Scenario
 
 SYNONYMS = {
     "net-file": ("net", "n"),

@@ -1,6 +1,6 @@
 """The vehicle types that a trace names, as a file that SUMO takes with -a: --device.fcd-replay wants to know them.
 
-python -m slrl_sumo.sumo.trace_types SCENARIO OUT.add.xml
+python -m slrl_sumo.sumo.scenario.trace_types SCENARIO OUT.add.xml
 """
 
 import copy
@@ -12,9 +12,9 @@ from lxml import etree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH
-from slrl_sumo.sumo.demand import elements
-from slrl_sumo.sumo.options import input_files
-from slrl_sumo.sumo.scenario import Scenario, find_scenario
+from slrl_sumo.sumo.scenario.configuration import Scenario, find_scenario
+from slrl_sumo.sumo.scenario.demand import elements
+from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
 CLASSES = ("passenger", "passenger", "pedestrian")

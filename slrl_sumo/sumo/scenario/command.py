@@ -4,7 +4,7 @@ from pathlib import Path
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.configuration import Scenario
 
 LOG_OPTIONS = ("log", "message-log", "error-log")
 

@@ -1,0 +1,88 @@
+"""Links: how lanes continue through junctions, with priority and signals."""
+
+from typing import NamedTuple
+
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.network import Network
+
+
+class Link(NamedTuple):
+    """The connection of a lane to a following one, as it is in SUMO's last step."""
+
+    target: str
+    """The lane after the junction, or after an internal lane."""
+    via: str
+    """The internal lane before it; '' where there is none."""
+    has_priority: bool
+    is_open: bool
+    """SUMO would let a vehicle enter now."""
+    state: str
+    """SUMO's letter for the signal or the right of way (https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html)."""
+
+
+class SignalLink(NamedTuple):
+    """A link that a traffic light controls."""
+
+    signal: str
+    """Id of the traffic light."""
+    link_index: int
+    """Of its letter in the state of the traffic light."""
+    start: str
+    """The lane before the junction."""
+    target: str
+    """The lane after it."""
+    via: str
+    """The internal lane between them; '' where there is none."""
+
+
+def read_links(api: SumoApi, lane: str) -> list[Link]:
+    """The links from a lane."""
+    return [Link(link[0], link[4], link[1], link[2], link[5]) for link in api.lane.getLinks(lane)]
+
+
+def signal_links(api: SumoApi) -> list[SignalLink]:
+    """All links that traffic lights control."""
+    return [
+        SignalLink(signal, index, start, target, via)
+        for signal in api.trafficlight.getIDList()
+        for index, links in enumerate(api.trafficlight.getControlledLinks(signal))
+        for start, target, via in links
+    ]
+
+
+def signal_states(api: SumoApi) -> dict[str, str]:
+    """What each traffic light shows now: one letter for each of its links."""
+    return {signal: api.trafficlight.getRedYellowGreenState(signal) for signal in api.trafficlight.getIDList()}
+
+
+def foe_lanes(api: SumoApi, lane: str, target: str) -> tuple[str, ...]:
+    """The lanes outside the junction whose vehicles have priority over the link from `lane` to `target`."""
+    return tuple(foe for foe in dict.fromkeys(api.lane.getFoes(lane, target)) if not foe.startswith(":"))
+
+
+def internal_foe_lanes(api: SumoApi, via: str) -> tuple[str, ...]:
+    """The internal lanes that cross the internal lane `via`."""
+    return tuple(api.lane.getInternalFoes(via))
+
+
+def edge_junctions(api: SumoApi, edge: str) -> tuple[str, str]:
+    """The junctions at the begin and at the end of an edge."""
+    return api.edge.getFromJunction(edge), api.edge.getToJunction(edge)
+
+
+class LaneLinks:
+    """The pairs of target and via of all links between known lanes, read once per lane: they never change."""
+
+    def __init__(self, api: SumoApi, network: Network) -> None:
+        self._api = api
+        self._known = frozenset(lane.id for lane in network.lanes)
+        self._links: dict[str, list[tuple[str, str]]] = {}
+
+    def __call__(self, lane: str) -> list[tuple[str, str]]:
+        """Pairs of lane ids: the following lane, and the internal lane before it ('' where there is none)."""
+        links = self._links.get(lane)
+        if links is None:
+            links = self._links[lane] = [
+                (link[0], link[4]) for link in self._api.lane.getLinks(lane) if link[0] in self._known
+            ]
+        return links

@@ -1,0 +1,194 @@
+"""Reading and inserting single road users: routes, walks, lanes, limits and leaders of vehicles and persons."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.sumo.api import StageRecord, SumoApi
+
+WALKING = 2
+"""Type of a walking stage (https://sumo.dlr.de/docs/TraCI/Person_Value_Retrieval.html)."""
+
+
+def loaded_ids(api: SumoApi) -> frozenset[str]:
+    """Ids of all vehicles and persons in the simulation, teleporting and riding ones included."""
+    return frozenset(api.vehicle.getIDList()) | frozenset(api.person.getIDList())
+
+
+def loaded_count(api: SumoApi) -> int:
+    """Number of vehicles and persons that SUMO has loaded, also of those that have not departed yet."""
+    return api.vehicle.getIDCount() + api.person.getIDCount()
+
+
+def vehicle_ids(api: SumoApi) -> frozenset[str]:
+    """Ids of all vehicles in the simulation."""
+    return frozenset(api.vehicle.getIDList())
+
+
+def arrived_ids(api: SumoApi) -> frozenset[str]:
+    """Ids of the vehicles and persons that arrived in the last step."""
+    return frozenset(api.simulation.getArrivedIDList()) | frozenset(api.simulation.getArrivedPersonIDList())
+
+
+def type_id(api: SumoApi, road_user: str, walks: bool) -> str:
+    """The vType of a road user."""
+    return api.person.getTypeID(road_user) if walks else api.vehicle.getTypeID(road_user)
+
+
+def wanted_speed(api: SumoApi, road_user: str, walks: bool) -> float:
+    """m/s: of a person its walking speed, of a vehicle its lane's limit times its speed factor, at most its own."""
+    return api.person.getMaxSpeed(road_user) if walks else api.vehicle.getAllowedSpeed(road_user)
+
+
+def departure_delay(api: SumoApi, vehicle: str) -> float:
+    """s that a vehicle waited for room on its first lane."""
+    return api.vehicle.getDepartDelay(vehicle)
+
+
+def emission_class(api: SumoApi, vehicle: str) -> str:
+    """SUMO's emission class of a vehicle."""
+    return api.vehicle.getEmissionClass(vehicle)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleParameters:
+    """Parameters of a vehicle's type: m/s², m/s and s."""
+
+    vehicle_class: str
+    accel: float
+    decel: float
+    emergency_decel: float
+    max_speed: float
+    speed_factor: float
+    tau: float
+    """Headway of car-following."""
+
+
+def vehicle_parameters(api: SumoApi, vehicle: str) -> VehicleParameters:
+    """Read the parameters of a vehicle."""
+    domain = api.vehicle
+    return VehicleParameters(
+        vehicle_class=domain.getVehicleClass(vehicle),
+        accel=domain.getAccel(vehicle),
+        decel=domain.getDecel(vehicle),
+        emergency_decel=domain.getEmergencyDecel(vehicle),
+        max_speed=domain.getMaxSpeed(vehicle),
+        speed_factor=domain.getSpeedFactor(vehicle),
+        tau=domain.getTau(vehicle),
+    )
+
+
+class TypeParameters(NamedTuple):
+    """What a vehicle type can do."""
+
+    limits: tuple[float, float, float]
+    """Acceleration, deceleration and emergency deceleration, m/s²."""
+    vehicle_class: str
+
+
+def type_parameters(api: SumoApi, vehicle_type: str) -> TypeParameters:
+    """Read the parameters of a vehicle type."""
+    domain = api.vehicletype
+    limits = domain.getAccel(vehicle_type), domain.getDecel(vehicle_type), domain.getEmergencyDecel(vehicle_type)
+    return TypeParameters(limits, domain.getVehicleClass(vehicle_type))
+
+
+def vehicle_lane(api: SumoApi, vehicle: str) -> str:
+    """The lane under a vehicle; '' where SUMO has it on none."""
+    return api.vehicle.getLaneID(vehicle)
+
+
+def vehicle_road(api: SumoApi, vehicle: str) -> str:
+    """The edge under a vehicle; SUMO goes on naming the last one for a vehicle beside its lane."""
+    return api.vehicle.getRoadID(vehicle)
+
+
+def vehicle_route(api: SumoApi, vehicle: str) -> tuple[tuple[str, ...], int]:
+    """The edges of a vehicle's route and the index of the present one, -1 before the departure."""
+    return tuple(api.vehicle.getRoute(vehicle)), api.vehicle.getRouteIndex(vehicle)
+
+
+def route_id(api: SumoApi, vehicle: str) -> str:
+    """Id of a vehicle's route: it changes when the vehicle is rerouted."""
+    return api.vehicle.getRouteID(vehicle)
+
+
+def vehicle_speed(api: SumoApi, vehicle: str) -> float:
+    """m/s."""
+    return api.vehicle.getSpeed(vehicle)
+
+
+def lane_position(api: SumoApi, vehicle: str) -> float:
+    """m from the begin of a vehicle's lane to its front."""
+    return api.vehicle.getLanePosition(vehicle)
+
+
+def allowed_speed(api: SumoApi, vehicle: str) -> float:
+    """m/s: the limit of a vehicle's lane times its speed factor, at most the speed that the vehicle wants."""
+    return api.vehicle.getAllowedSpeed(vehicle)
+
+
+def vehicles_on_lane(api: SumoApi, lane: str) -> tuple[str, ...]:
+    """Ids of the vehicles on a lane after the last step."""
+    return api.lane.getLastStepVehicleIDs(lane)
+
+
+def leader_of(api: SumoApi, vehicle: str, distance: float) -> tuple[str, float] | None:
+    """SUMO's leader of a vehicle within `distance` m, and the gap to it in m less the minGap of the vehicle."""
+    leader = api.vehicle.getLeader(vehicle, distance)
+    return leader if leader and leader[0] else None
+
+
+def walk_of(api: SumoApi, person: str) -> tuple[tuple[str, ...], float]:
+    """The remaining edges of a person's walk, the present one first, and m along the last one where the walk ends."""
+    return tuple(api.person.getEdges(person, 0)), api.person.getStage(person, 0).arrivalPos
+
+
+def walking_speed(api: SumoApi, person: str) -> float:
+    """m/s at which a person walks."""
+    return api.person.getMaxSpeed(person)
+
+
+def route_ends(api: SumoApi, road_user: str, walks: bool) -> tuple[tuple[str, ...], Floats]:
+    """The edges of a vehicle's route, or the last edge of a person's walk, and where that may end: (k, 2) in m.
+
+    A vehicle's route may end on each lane of its last edge.
+    """
+    if walks:
+        edges, arrival = walk_of(api, road_user)
+        length = api.lane.getLength(edges[-1] + "_0")
+        return edges[-1:], np.array([api.simulation.convert2D(edges[-1], min(max(arrival, 0.0), length), 0)])
+    route, _ = vehicle_route(api, road_user)
+    lanes = range(api.edge.getLaneNumber(route[-1]))
+    return route, np.array([api.lane.getShape(f"{route[-1]}_{i}")[-1] for i in lanes])
+
+
+def find_route(api: SumoApi, start: str, end: str, vehicle_type: str) -> tuple[str, ...]:
+    """The edges of SUMO's fastest route from one edge to another; () where there is none."""
+    return tuple(api.simulation.findRoute(start, end, vehicle_type).edges)
+
+
+def find_walk(api: SumoApi, start: str, end: str) -> tuple[StageRecord, ...]:
+    """The stages of a person's walk from one edge to another; () where there is none."""
+    return tuple(api.simulation.findIntermodalRoute(start, end, ""))
+
+
+def insert_vehicle(
+    api: SumoApi, vehicle: str, route: str, edges: Sequence[str], vehicle_type: str, lane: str, position: float
+) -> None:
+    """Insert a vehicle that SUMO drives along `edges`, at `position` (m) on `lane`, as the new route `route`."""
+    api.route.add(route, edges)
+    lane_index = lane.rsplit("_", 1)[1]
+    api.vehicle.add(vehicle, route, vehicle_type, departLane=lane_index, departPos=f"{position:.2f}")
+
+
+def insert_pedestrian(
+    api: SumoApi, person: str, person_type: str, edge: str, position: float, walk: Sequence[StageRecord]
+) -> None:
+    """Insert a person that SUMO lets walk from `position` (m) on `edge`; without a walk to 1 m behind its begin."""
+    api.person.add(person, edge, position, typeID=person_type)
+    for stage in walk or (api.simulation.Stage(type=WALKING, edges=[edge], arrivalPos=1.0),):
+        api.person.appendStage(person, stage)
