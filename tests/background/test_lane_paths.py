@@ -13,6 +13,9 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
 
+WITHOUT_LINKS: Any = SimpleNamespace(lane=SimpleNamespace(getLinks=lambda _: ()))
+"""An API in which no lane leads on."""
+
 
 def lane(name: str, shape: list[tuple[float, float]], *, allowed: str = "passenger", length: float = 0.0) -> Lane:
     points = np.array(shape, np.float64)
@@ -94,8 +97,7 @@ def test_past_the_end_of_the_way_its_last_point_recurs(paths: Paths) -> None:
 
 
 def test_positions_on_a_lane_are_in_sumos_measure() -> None:
-    paths = Paths(None, Network((lane("long_0", [(0, 0), (40, 0)], length=80.0),), ()))
-    paths._links["long_0"] = []
+    paths = Paths(WITHOUT_LINKS, Network((lane("long_0", [(0, 0), (40, 0)], length=80.0),), ()))
     x, _, room = paths.sample(np.array([paths.row("long_0", (), "passenger")]), np.array([60.0]), 3)
     assert x[0, 0] == pytest.approx(30.0)
     assert room[0] == pytest.approx(10.0)
@@ -105,8 +107,7 @@ def test_the_same_way_is_kept_once_and_the_pool_grows(paths: Paths) -> None:
     row = paths.row("a_0", ("b",), "passenger")
     assert paths.row("a_0", ("b",), "passenger") == row
     assert paths.row("a_0", ("d",), "passenger") != row
-    long = Paths(None, Network((lane("x_0", [(0, 0), (9000, 0)]),), ()))
-    long._links["x_0"] = []
+    long = Paths(WITHOUT_LINKS, Network((lane("x_0", [(0, 0), (9000, 0)]),), ()))
     x, _, _ = long.sample(np.array([long.row("x_0", (), "passenger")]), np.array([8990.0]), 4)
     np.testing.assert_allclose(x[0], 8990.0 + SPACING * np.arange(4))
 
