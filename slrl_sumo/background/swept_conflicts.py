@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep
 from slrl_sumo.scene.compiled import compiled
-from slrl_sumo.scene.geometry import Floats, cos_sin
+from slrl_sumo.scene.geometry import Box, Floats, cos_sin
+from slrl_sumo.scene.kernels import moved, overlap
 from slrl_sumo.scene.state import WorldState
 
 MARGIN = 0.3
@@ -36,9 +37,7 @@ def _predicted(now: Floats, speed: Floats, yaw_rate: Floats, moments: Floats) ->
             half, chord = 0.5 * rate * seconds, speed[i] * seconds
             if half != 0.0:
                 chord *= math.sin(half) / half
-            boxes[i, m, 0] = now[0, i] + chord * math.cos(now[2, i] + half)
-            boxes[i, m, 1] = now[1, i] + chord * math.sin(now[2, i] + half)
-            boxes[i, m, 2] = now[2, i] + 2.0 * half
+            boxes[i, m, 0], boxes[i, m, 1], boxes[i, m, 2] = moved(now[0, i], now[1, i], now[2, i], chord, 2.0 * half)
             boxes[i, m, 3], boxes[i, m, 4] = now[3, i], now[4, i]
     return boxes
 
@@ -132,28 +131,14 @@ def _meetings(
                     continue
                 ours, theirs = swept[2, v, j], boxes[a, m, 2]
                 width = swept[3, v, j] + room
-                if not _overlap(dx, dy, ours, length, width, theirs, their_length, their_width):
+                mine = Box(math.cos(ours), math.sin(ours), length, width)
+                if not overlap(dx, dy, mine, Box(math.cos(theirs), math.sin(theirs), their_length, their_width)):
                     continue
                 if j == 0 and not before:
                     enter[p, m], leave[p, m] = np.inf, -np.inf
                     break
                 enter[p, m] = min(enter[p, m], j * spacing)
                 leave[p, m] = j * spacing
-
-
-@compiled
-def _overlap(
-    dx: float, dy: float, a: float, length_a: float, width_a: float, b: float, length_b: float, width_b: float
-) -> bool:
-    """`boxes_overlap` of a box with heading `a` and another with `b`, (dx, dy) from its centre."""
-    cos_a, sin_a, cos_b, sin_b = math.cos(a), math.sin(a), math.cos(b), math.sin(b)
-    c, s = abs(cos_a * cos_b + sin_a * sin_b), abs(sin_b * cos_a - cos_b * sin_a)
-    return (
-        abs(cos_a * dx + sin_a * dy) <= 0.5 * (length_a + length_b * c + width_b * s)
-        and abs(cos_a * dy - sin_a * dx) <= 0.5 * (width_a + length_b * s + width_b * c)
-        and abs(cos_b * dx + sin_b * dy) <= 0.5 * (length_b + length_a * c + width_a * s)
-        and abs(cos_b * dy - sin_b * dx) <= 0.5 * (width_b + length_a * s + width_a * c)
-    )
 
 
 def speed_along(

@@ -1,12 +1,12 @@
 """The motion of one decision interval."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import moved, wrapped
 from slrl_sumo.scene.state import WorldState
 
 HALT, INTENT = 0.5, 0.15
@@ -48,11 +48,8 @@ def _advance(
     to_x, to_y, to_heading, to_speed, done = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     for i in range(n):
         after = min(max(speed[i] + acceleration[i] * dt, 0.0), top[i])
-        turn = yaw_rate[i] * dt
-        middle, end = heading[i] + 0.5 * turn, heading[i] + turn
-        to_x[i], to_y[i] = x[i] + after * dt * math.cos(middle), y[i] + after * dt * math.sin(middle)
-        # As geometry.wrap_angle.
-        to_heading[i] = end - 2 * math.pi * math.ceil((end - math.pi) / (2 * math.pi))
+        to_x[i], to_y[i], end = moved(x[i], y[i], heading[i], after * dt, yaw_rate[i] * dt)
+        to_heading[i] = wrapped(end)
         to_speed[i], done[i] = after, (after - speed[i]) / dt
     return to_x, to_y, to_heading, to_speed, done
 

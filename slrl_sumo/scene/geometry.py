@@ -1,4 +1,9 @@
-"""Angles, poses and boxes, on arrays."""
+"""Angles, poses and boxes, on arrays.
+
+`wrapped` and `overlap` take single numbers as well: `scene/kernels.py` has them compiled, for inner loops.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -6,10 +11,25 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 
+class Box(NamedTuple):
+    """The shape of a box, or of boxes field by field."""
+
+    cos: Any
+    """Of the heading."""
+    sin: Any
+    length: Any
+    """m, along the heading."""
+    width: Any
+
+
 def wrap_angle(angle: ArrayLike) -> Floats:
-    """Angles in rad brought into (-pi, pi]; those that are there already stay as they are, to the bit."""
-    a = np.asarray(angle, np.float64)
-    return a - 2 * np.pi * np.ceil((a - np.pi) / (2 * np.pi))
+    """Angles in rad brought into (-pi, pi]; those within it are returned unchanged, to the bit."""
+    return np.asarray(wrapped(np.asarray(angle, np.float64)))
+
+
+def wrapped(angle: Any) -> Any:
+    """See `wrap_angle`."""
+    return angle - 2 * np.pi * np.ceil((angle - np.pi) / (2 * np.pi))
 
 
 def cos_sin(angle: ArrayLike) -> tuple[Floats, Floats]:
@@ -61,18 +81,24 @@ def from_ego(ex: ArrayLike, ey: ArrayLike, heading: ArrayLike) -> tuple[Floats, 
 
 
 def boxes_overlap(a: Floats, b: Floats) -> NDArray[np.bool_]:
-    """Whether boxes intersect, pair by pair (separating axes; touching counts as overlap).
+    """Whether boxes intersect, pair by pair; see `overlap`.
 
     `a`, `b`: (n, 5) rows of centre x, centre y (m), heading (rad), length, width (m). Returns (n,).
     """
-    hit = np.ones(len(a), np.bool_)
-    (cos_a, sin_a), (cos_b, sin_b) = cos_sin(a[:, 2]), cos_sin(b[:, 2])
-    dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+    shape_a, shape_b = (Box(*cos_sin(rows[:, 2]), rows[:, 3], rows[:, 4]) for rows in (a, b))
+    return np.asarray(overlap(b[:, 0] - a[:, 0], b[:, 1] - a[:, 1], shape_a, shape_b))
+
+
+def overlap(dx: Any, dy: Any, a: Box, b: Box) -> Any:
+    """Whether box `a` intersects box `b`, whose centre is (dx, dy) m from that of `a`.
+
+    Separating axes; boxes that touch overlap.
+    """
     # Of the turn from one to the other.
-    c, s = np.abs(cos_a * cos_b + sin_a * sin_b), np.abs(sin_b * cos_a - cos_b * sin_a)
-    for p, q, cos_p, sin_p in ((a, b, cos_a, sin_a), (b, a, cos_b, sin_b)):
-        length, width, their_length, their_width = p[:, 3], p[:, 4], q[:, 3], q[:, 4]
-        touching = np.abs(cos_p * dx + sin_p * dy) <= 0.5 * (length + their_length * c + their_width * s)
-        touching &= np.abs(cos_p * dy - sin_p * dx) <= 0.5 * (width + their_length * s + their_width * c)
-        hit &= touching
-    return hit
+    c, s = abs(a.cos * b.cos + a.sin * b.sin), abs(b.sin * a.cos - b.cos * a.sin)
+    return (
+        (abs(a.cos * dx + a.sin * dy) <= 0.5 * (a.length + b.length * c + b.width * s))
+        & (abs(a.cos * dy - a.sin * dx) <= 0.5 * (a.width + b.length * s + b.width * c))
+        & (abs(b.cos * dx + b.sin * dy) <= 0.5 * (b.length + a.length * c + a.width * s))
+        & (abs(b.cos * dy - b.sin * dx) <= 0.5 * (b.width + a.length * s + a.width * c))
+    )

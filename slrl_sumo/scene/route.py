@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import wrapped
 
 SPACING = 1.0
 """m between the points of a path."""
@@ -139,8 +140,8 @@ def _on_path(
                     before, after = max(k - 1, 0), min(k + 1, POINTS - 1)
                     directions[k], known[k] = math.atan2(ys[after] - ys[before], xs[after] - xs[before]), True
             share = min(max(ahead / length, 0.0), 1.0)
-            turn = _wrapped(directions[begin + 1] - directions[begin])
-            heading[i, j] = _wrapped(directions[begin] + share * turn)
+            turn = wrapped(directions[begin + 1] - directions[begin])
+            heading[i, j] = wrapped(directions[begin] + share * turn)
     return along, aside, heading
 
 
@@ -233,9 +234,3 @@ def _smooth(x: Floats, y: Floats) -> bool:
         smooth &= (along > 0.0) & (4.0 * along * along > 3.0 * before * after)
         smooth &= max(before, after) <= LONGEST * LONGEST
     return smooth
-
-
-@compiled
-def _wrapped(angle: float) -> float:
-    """As `wrap_angle`."""
-    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.contacts import close_pairs
-from slrl_sumo.scene.geometry import Floats, cos_sin, wrap_angle
+from slrl_sumo.scene.geometry import Box, Floats, wrap_angle
+from slrl_sumo.scene.kernels import moved, overlap
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -111,58 +112,45 @@ def danger(world: WorldState, n: int) -> Floats:
     HORIZON. Only what lies ahead counts: who is run into from behind has nothing to mend.
     """
     seconds = np.arange(HORIZON, 0.0, -DECISION_INTERVAL)
-    size = np.hypot(world.length, world.width)
-    now = np.column_stack([world.x, world.y, *cos_sin(world.heading), world.speed, size])
-    first = _first_meeting(now, _led_on(world, seconds), n)
+    columns = (world.x, world.y, world.heading, world.speed, world.yaw_rate, world.length, world.width)
+    first = _first_conflict(np.column_stack(columns), seconds, n)
     after = np.append(seconds, HORIZON + DECISION_INTERVAL)[first]
     return np.asarray(-(1.0 - (after - DECISION_INTERVAL) / HORIZON))
 
 
 @compiled
-def _first_meeting(now: Floats, boxes: Floats, n: int) -> NDArray[np.intp]:
-    """The last of `boxes` (s, m, 5), which go back in time, in which each of the first `n` road users meets somebody
-    ahead, (n,); -1 for nobody. `now` (m, 6): x, y, cosine and sine of the heading, speed, diagonal."""
+def _first_conflict(now: Floats, seconds: Floats, n: int) -> NDArray[np.intp]:
+    """The last of `seconds` (s,), which decrease, at which each of the first `n` road users conflicts with a road user
+    ahead, (n,); -1 for none. `now` (m, 7): x, y, heading, speed, yaw rate, length and width."""
+    boxes = np.empty((len(seconds), len(now), 4))
+    for step in range(len(seconds)):
+        for i in range(len(now)):
+            s = seconds[step]
+            x, y, heading = moved(now[i, 0], now[i, 1], now[i, 2], now[i, 3] * s, now[i, 4] * s)
+            boxes[step, i, 0], boxes[step, i, 1] = x, y
+            boxes[step, i, 2], boxes[step, i, 3] = math.cos(heading), math.sin(heading)
     first = np.full(n, -1)
     for i in range(n):
-        if not now[i, 4] > SLOW:
+        if not now[i, 3] > SLOW:
             continue
+        cos, sin, corner = math.cos(now[i, 2]), math.sin(now[i, 2]), math.hypot(now[i, 5], now[i, 6])
         for j in range(len(now)):
             dx, dy = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
             apart = math.sqrt(dx * dx + dy * dy)
-            if j == i or not apart < REACH or not now[i, 2] * dx + now[i, 3] * dy > 0.0:
+            if j == i or not apart < REACH or not cos * dx + sin * dy > 0.0:
                 continue
-            # Who cannot come near within the horizon need not be looked at box by box.
-            if not apart - 0.5 * (now[i, 5] + now[j, 5]) - 2.0 * MARGIN < (now[i, 4] + now[j, 4]) * HORIZON:
+            # Pairs that cannot come near within the horizon need no comparison of boxes.
+            reach = 0.5 * (corner + math.hypot(now[j, 5], now[j, 6])) + 2.0 * MARGIN
+            if not apart - reach < (now[i, 3] + now[j, 3]) * HORIZON:
                 continue
             for step in range(len(boxes) - 1, first[i], -1):
-                if _overlap(boxes[step, i], boxes[step, j]):
+                a, b = boxes[step, i], boxes[step, j]
+                mine = Box(a[2], a[3], now[i, 5] + MARGIN, now[i, 6] + MARGIN)
+                theirs = Box(b[2], b[3], now[j, 5] + MARGIN, now[j, 6] + MARGIN)
+                if overlap(b[0] - a[0], b[1] - a[1], mine, theirs):
                     first[i] = step
                     break
     return first
-
-
-@compiled
-def _overlap(a: Floats, b: Floats) -> bool:
-    """`boxes_overlap` of one pair."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    cos_a, sin_a, cos_b, sin_b = math.cos(a[2]), math.sin(a[2]), math.cos(b[2]), math.sin(b[2])
-    c, s = abs(cos_a * cos_b + sin_a * sin_b), abs(sin_b * cos_a - cos_b * sin_a)
-    return bool(
-        abs(cos_a * dx + sin_a * dy) <= 0.5 * (a[3] + b[3] * c + b[4] * s)
-        and abs(cos_a * dy - sin_a * dx) <= 0.5 * (a[4] + b[3] * s + b[4] * c)
-        and abs(cos_b * dx + sin_b * dy) <= 0.5 * (b[3] + a[3] * c + a[4] * s)
-        and abs(cos_b * dy - sin_b * dx) <= 0.5 * (b[4] + a[3] * s + a[4] * c)
-    )
-
-
-def _led_on(world: WorldState, seconds: Floats) -> Floats:
-    """Boxes (s, m, 5), half of MARGIN larger on all sides, after some seconds (s,) at constant speed and yaw rate."""
-    boxes = np.empty((len(seconds), len(world), 5))
-    turn, way = world.yaw_rate * seconds[:, None], world.speed * seconds[:, None]
-    c, s = cos_sin(world.heading + 0.5 * turn)
-    boxes[..., 0], boxes[..., 1], boxes[..., 2] = world.x + way * c, world.y + way * s, world.heading + turn
-    boxes[..., 3], boxes[..., 4] = world.length + MARGIN, world.width + MARGIN
-    return boxes
 
 
 def speed_kept(speed: Floats, desired: Floats) -> Floats:
