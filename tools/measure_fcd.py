@@ -17,8 +17,9 @@ from time import perf_counter, process_time
 
 import numpy as np
 
+from slrl_sumo.formats.fcd.columns import SUFFIXES, Places
 from slrl_sumo.formats.fcd.read import read_fcd
-from slrl_sumo.formats.fcd.write import SUFFIXES, FcdWriter, Places
+from slrl_sumo.formats.fcd.write import FcdWriter
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 

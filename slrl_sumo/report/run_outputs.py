@@ -15,7 +15,8 @@ from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.errors import InputError, SlrlError
-from slrl_sumo.formats.fcd.write import check_fcd_path, open_fcd
+from slrl_sumo.formats.fcd.columns import check_fcd_path
+from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.output_files import check_writable, write_json
 from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.scene.state import WorldState
 

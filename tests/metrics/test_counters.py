@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.scene.state import WorldState

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.write import Places
+from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
 from slrl_sumo.metrics.conflicts import ttc_conflicts

@@ -12,8 +12,8 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS, Places, figures, learned_modes
 from slrl_sumo.formats.fcd.steps import FcdStep, is_fcd, steps_of_rows
-from slrl_sumo.formats.fcd.write import CSV_COLUMNS, OWN_COLUMNS, Places, figures, learned_modes
 from slrl_sumo.scene.state import WorldState
 
 _DOUBLES = ("timestep_time", "vehicle_x", "vehicle_y")

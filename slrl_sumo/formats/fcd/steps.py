@@ -10,7 +10,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.write import OWN_COLUMNS
+from slrl_sumo.formats.fcd.columns import OWN_COLUMNS
 
 if TYPE_CHECKING:
     import _csv

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.steps import FcdRow, FcdStep, csv_steps, xml_steps
-from slrl_sumo.formats.fcd.write import check_fcd_path
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
 _BICYCLE = re.compile("bike|cycl")

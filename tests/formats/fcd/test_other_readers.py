@@ -15,7 +15,7 @@ import sumo
 import sumolib
 from lxml import etree
 
-from slrl_sumo.formats.fcd.write import CSV_COLUMNS
+from slrl_sumo.formats.fcd.columns import CSV_COLUMNS
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.simulation.isolated_run import run_contained
 from slrl_sumo.sumo.scenario import find_scenario

@@ -10,11 +10,12 @@ import pytest
 import sumo
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd import write as fcd_write
+from slrl_sumo.formats.fcd import columns as fcd_columns
+from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.formats.fcd.parquet import ROW_GROUP, SCHEMA, ParquetWriter
 from slrl_sumo.formats.fcd.read import read_fcd
 from slrl_sumo.formats.fcd.table import read_table
-from slrl_sumo.formats.fcd.write import Places, open_fcd
+from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.report import run_outputs as outputs
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import RunSettings
@@ -171,7 +172,7 @@ def test_without_pyarrow_one_line_before_the_simulation(tmp_path: Path, monkeypa
     def no_simulation(*_: object) -> None:
         raise AssertionError("SUMO has been started")
 
-    monkeypatch.setattr(fcd_write, "find_spec", lambda name: None)
+    monkeypatch.setattr(fcd_columns, "find_spec", lambda name: None)
     monkeypatch.setattr(outputs, "run_contained", no_simulation)
     path = tmp_path / "t.parquet"
     with pytest.raises(InputError, match=r"Parquet needs pyarrow.*pip install 'slrl-sumo\[parquet\]'"):

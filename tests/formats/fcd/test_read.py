@@ -9,8 +9,9 @@ import sumo
 from lxml import etree
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, Places
 from slrl_sumo.formats.fcd.read import read_fcd
-from slrl_sumo.formats.fcd.write import CSV_COLUMNS, Places, open_fcd
+from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH

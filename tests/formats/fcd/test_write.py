@@ -11,7 +11,8 @@ import sumolib
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.write import CSV_COLUMNS, FcdWriter, Places, open_fcd
+from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, Places
+from slrl_sumo.formats.fcd.write import FcdWriter, open_fcd
 from slrl_sumo.scene.state import WorldState, empty_world
 
 HOME = Path(sumo.SUMO_HOME)

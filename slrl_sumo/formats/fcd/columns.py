@@ -1,0 +1,83 @@
+"""What a row of an FCD file holds, in any format (https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html)."""
+
+import os
+from dataclasses import dataclass
+from importlib.util import find_spec
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.scene.state import WorldState
+
+SUFFIXES = (".xml.gz", ".xml", ".csv", ".parquet")
+"""What the name of an FCD file may end in; it decides the format."""
+
+CSV_COLUMNS = (
+    *("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"),
+    *("vehicle_speed", "vehicle_pos", "vehicle_lane", "vehicle_edge", "vehicle_slope"),
+)
+"""Columns of SUMO 1.28's own CSV and Parquet. Persons use the same columns: they have an edge and no lane."""
+OWN_COLUMNS = ("mode", "learned")
+"""Columns that follow them: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0.
+SUMO's schema of the XML has no place for either."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """What FCD says about the road users of a WorldState beside their motion; parallel to it."""
+
+    sumo_type: tuple[str, ...]
+    """SUMO vehicle type id of each."""
+    lane: tuple[str, ...]
+    """Lane id of a vehicle, edge id of a person; '' where SUMO maps the road user nowhere."""
+    lane_position: Floats
+    """m from the start of the lane or edge, (n,); without meaning where `lane` is ''."""
+    person: NDArray[np.bool_]
+    """True for SUMO's persons, False for its vehicles, (n,)."""
+
+
+def check_fcd_path(path: str | os.PathLike[str]) -> str:
+    """The suffix (one of SUFFIXES) of an FCD file's name; InputError where there is none, or pyarrow is missing."""
+    for suffix in SUFFIXES:
+        if os.fspath(path).lower().endswith(suffix):
+            if suffix == ".parquet" and find_spec("pyarrow") is None:
+                raise InputError(
+                    f"{os.fspath(path)}: Parquet needs pyarrow, which is not installed; "
+                    "pip install 'slrl-sumo[parquet]', or name a .csv"
+                )
+            return suffix
+    raise InputError(f"{os.fspath(path)}: FCD files end in .xml, .xml.gz, .csv or .parquet; give it one of these names")
+
+
+def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """x, y (m, of front bumpers), angle (degrees), speed (m/s) and position on the lane (m) as FCD has them, (n,) each.
+
+    Raises ValueError where one is not finite.
+    """
+    x, y = front_from_centre(world.x, world.y, world.heading, world.length)
+    position = places.lane_position
+    if not np.isfinite(position).all():
+        position = np.where(np.array(places.lane) == "", 0.0, position)
+    numbers = np.stack([x, y, world.speed, position])
+    angle = np.round(heading_to_sumo(world.heading), 2) % 360.0  # 359.996 would print as 360.00
+    if not (np.isfinite(numbers).all() and np.isfinite(angle).all()):
+        raise ValueError(f"world at {time} s: positions, headings and speeds must be finite")
+    numbers = np.round(numbers, 3)
+    numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
+    x, y, speed, position = numbers + 0.0  # no "-0.000"
+    return x, y, angle, speed, position
+
+
+def learned_modes(world: WorldState, modes: NDArray[np.integer] | None) -> tuple[list[int], list[int] | list[str]]:
+    """Rows of the learned road users, and their modes; '' where they have none.
+
+    Raises ValueError where there are not as many `modes` as learned road users.
+    """
+    learned: list[int] = np.flatnonzero(world.learned).tolist()
+    if modes is None:
+        return learned, [""] * len(learned)
+    if len(modes) != len(learned):
+        raise ValueError(f"{len(modes)} modes for {len(learned)} learned road users")
+    return learned, modes.tolist()
