@@ -8,12 +8,16 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import sumo
 import torch
+from builders import make_bundle
 
 from slrl_sumo.agent import driver  # noqa: F401 (imports what is compiled)
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.compiled import first_time
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -61,6 +65,22 @@ def game() -> Path:
 def shipped_bundle() -> ModelBundle:
     """The bundle that runs use unless told otherwise."""
     return load_bundle("intersection")
+
+
+@pytest.fixture
+def bundle() -> ModelBundle:
+    """A bundle of random weights; a test may change them."""
+    return make_bundle()
+
+
+@pytest.fixture
+def seen() -> Observation:
+    """Observations of 300 road users of all types."""
+    random = np.random.default_rng(1)
+    vector = random.normal(2.0, 3.0, (300, len(FEATURES))).astype(np.float32)
+    vector[:, 0] = random.uniform(0.0, 12.0, 300)
+    vector[:50, 0] = 0.0
+    return Observation(vector=vector, image=None, type=(np.arange(300) % 3).astype(np.int8))
 
 
 @pytest.fixture

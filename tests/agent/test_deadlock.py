@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.agent.deadlock import DESPERATE, HELD, IDLE, SOON, SPREAD, DeadlockTimer, going
 from slrl_sumo.lookahead.leaders import Leaders
@@ -17,21 +18,7 @@ ABLE = Capability(np.zeros((3, 2, 2)), np.broadcast_to(STOPPING, (3, len(STOPPIN
 
 
 def _car(time: float, speed: float = 0.0) -> WorldState:
-    none = np.zeros(1)
-    return WorldState(
-        time=time,
-        ids=("one",),
-        type=np.zeros(1, np.int8),
-        x=none,
-        y=none,
-        heading=none,
-        speed=np.array([speed]),
-        acceleration=none,
-        yaw_rate=none,
-        length=np.full(1, 5.0),
-        width=np.full(1, 1.8),
-        learned=np.ones(1, np.bool_),
-    )
+    return make_world(speed=speed, ids=("one",), time=time)
 
 
 def _prospects(gap: float = np.inf, stop: float = np.inf, closed: bool = False) -> RouteContext:

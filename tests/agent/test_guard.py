@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import make_routes
 from numpy.typing import NDArray
 
 from slrl_sumo.agent import driver
@@ -33,7 +34,7 @@ def left(
     for mode, values in enumerate(modes):
         for column, value in values.items():
             ahead[0, mode, column] = value
-    route = replace(RouteAhead.unknown(1), known=np.array([known]), closed=np.array([closed]))
+    route = make_routes(0.0, known=known, closed=closed)
     touched = np.zeros((1, len(modes)))
     touched[0, : len(touching)] = touching
     allowed = allowed_modes(ahead, np.array([kind], np.int8), route, touched)
@@ -95,7 +96,7 @@ def test_at_least_one_mode_is_left_to_everybody_and_each_is_judged_alone() -> No
     ahead = (random.random((n, 20, 9)) * (random.random((n, 20, 9)) < 0.6) * 8.0).astype(np.float32)
     ahead[..., :2] = np.minimum(ahead[..., :2], 1.0)
     kind = random.integers(0, 3, n).astype(np.int8)
-    route = replace(RouteAhead.unknown(n), known=random.random(n) < 0.8, closed=random.random(n) < 0.5)
+    route = make_routes(np.zeros((n, 1)), known=random.random(n) < 0.8, closed=random.random(n) < 0.5)
     touching = random.integers(0, 9, (n, 20)) / 8.0 * (random.random((n, 20)) < 0.3)
     allowed = allowed_modes(ahead, kind, route, touching)
     assert allowed.any(axis=1).all()

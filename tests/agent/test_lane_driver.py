@@ -9,6 +9,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.agent.lane_driver import LaneDriver
 from slrl_sumo.scene.geometry import boxes_overlap, wrap_angle
@@ -23,21 +24,9 @@ DT = 0.4
 
 
 def _world(snapshot: Snapshot, rows: list[int], time: float) -> WorldState:
-    none = np.zeros(len(rows))
-    return WorldState(
-        time=time,
-        ids=tuple(snapshot.ids[i] for i in rows),
-        type=snapshot.type[rows],
-        x=snapshot.x[rows],
-        y=snapshot.y[rows],
-        heading=snapshot.heading[rows],
-        speed=snapshot.speed[rows],
-        acceleration=none,
-        yaw_rate=none,
-        length=snapshot.length[rows],
-        width=snapshot.width[rows],
-        learned=np.ones(len(rows), np.bool_),
-    )
+    names = ("type", "x", "y", "heading", "speed", "length", "width")
+    columns = {name: getattr(snapshot, name)[rows] for name in names}
+    return make_world(**columns, ids=[snapshot.ids[i] for i in rows], time=time)
 
 
 class Ride:
@@ -339,22 +328,16 @@ def test_what_we_added_goes_on_at_random_the_same_in_every_run() -> None:
             lane = next(i for i in session.network.lanes if "passenger" in i.allowed and i.length > 60.0)
             start, end = lane.shape[0], lane.shape[-1]
             heading = math.atan2(end[1] - start[1], end[0] - start[0])
-            kinds = np.array([0, 2], np.int8)
             walk = next(i for i in session.network.lanes if "pedestrian" in i.allowed and i.length > 60.0)
             middle = walk.shape.mean(axis=0)
-            state = WorldState(
-                time=session.time,
+            state = make_world(
+                [start[0] + 10.0 * math.cos(heading), middle[0]],
+                [start[1] + 10.0 * math.sin(heading), middle[1]],
+                [heading, 0.0],
+                [5.0, 1.0],
+                type=[RoadUserType.CAR, RoadUserType.PEDESTRIAN],
                 ids=("learned_car.0", "learned_pedestrian.0"),
-                type=kinds,
-                x=np.array([start[0] + 10.0 * math.cos(heading), middle[0]]),
-                y=np.array([start[1] + 10.0 * math.sin(heading), middle[1]]),
-                heading=np.array([heading, 0.0]),
-                speed=np.array([5.0, 1.0]),
-                acceleration=np.zeros(2),
-                yaw_rate=np.zeros(2),
-                length=np.array([5.0, 0.215]),
-                width=np.array([1.8, 0.478]),
-                learned=np.ones(2, np.bool_),
+                time=session.time,
             )
             driver = LaneDriver(libsumo, session.network)
             session.spawned.add(state.ids, state.type, state.x, state.y)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep, sweep
@@ -15,12 +16,7 @@ SIZE = np.array([[5.0, 1.8]])
 
 
 def somebody(x: float, y: float, heading: float = 0.0, speed: float = 0.0, **changes: float) -> WorldState:
-    values = {"yaw_rate": 0.0, "length": 0.4, "width": 0.4} | changes
-    return WorldState(
-        time=0.0, ids=("learned",), type=np.array([2], np.int8), x=np.array([x]), y=np.array([y]),
-        heading=np.array([heading]), speed=np.array([speed]), acceleration=np.zeros(1),
-        learned=np.ones(1, np.bool_), **{k: np.array([v]) for k, v in values.items()},
-    )  # fmt: skip
+    return make_world(x, y, heading, speed, **{"type": 2, "length": 0.4, "width": 0.4, "ids": ("learned",), **changes})
 
 
 def straight_on() -> Sweep:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_world
 from numpy.typing import NDArray
 
 from netgen.scenario import scenario_files
@@ -13,7 +14,7 @@ from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.yielding import MOMENTS, STOP_SHORT, Yielding, safe_speeds
 from slrl_sumo.scene.geometry import boxes_overlap
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -153,12 +154,7 @@ class Scene:
             self.distances.append(self.y - float(self.snapshot.y[row]) - 0.5 * float(self.snapshot.length[row]))
 
     def world(self, pose: Pose, speed: float) -> WorldState:
-        x, y, heading = (np.array([value]) for value in pose)
-        return WorldState(
-            time=0.0, ids=self.ids, type=self.kinds, x=x, y=y, heading=heading, speed=np.array([speed]),
-            acceleration=np.zeros(1), yaw_rate=np.zeros(1), length=DEFAULT_LENGTH[self.kinds],
-            width=DEFAULT_WIDTH[self.kinds], learned=np.ones(1, np.bool_),
-        )  # fmt: skip
+        return make_world(*pose, speed, type=self.kinds, ids=self.ids)
 
     def stand(self, pose: Pose, seconds: float) -> None:
         # A person can only be brought to another edge after it has departed.

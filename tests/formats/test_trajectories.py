@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder, load_trajectories, track_names
@@ -31,22 +32,7 @@ def make(**changes: Any) -> Trajectories:
 
 
 def world(time: float, **x_of: float) -> WorldState:
-    n = len(x_of)
-    zero = np.zeros(n)
-    return WorldState(
-        time=time,
-        ids=tuple(x_of),
-        type=np.full(n, 1, np.int8),
-        x=np.array(list(x_of.values()), np.float64),
-        y=zero + 5,
-        heading=zero + 0.5,
-        speed=zero,
-        acceleration=zero,
-        yaw_rate=zero,
-        length=zero + 1.7,
-        width=zero + 0.6,
-        learned=np.ones(n, np.bool_),
-    )
+    return make_world(list(x_of.values()), 5.0, 0.5, type=1, length=1.7, width=0.6, ids=tuple(x_of), time=time)
 
 
 def test_kinematics_are_backward_differences_within_tracks() -> None:

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
 from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.advance import advance
-from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH
+from slrl_sumo.scene.types import DECISION_INTERVAL
 
 TOP = np.array([9.0, 5.0, 1.6])
 CURVATURE = np.array([0.08, 0.12, 0.3])
@@ -25,19 +25,14 @@ def made_traffic(seed: int, per_type: int = 72, steps: int = 60) -> Trajectories
     stops, stands = number % 4 == 3, number % 12 == 7
     cruise = np.where(stands, 0.0, TOP[kind] * random.uniform(0.4, 1.0, n))
     stop_at = random.integers(8, 20, n)
-    world = WorldState(
-        time=0.0,
-        ids=tuple(f"{seed}-{i}" for i in range(n)),
+    world = make_world(
+        random.uniform(0, 200, n),
+        random.uniform(0, 200, n),
+        random.uniform(-np.pi, np.pi, n),
+        cruise,
         type=kind,
-        x=random.uniform(0, 200, n),
-        y=random.uniform(0, 200, n),
-        heading=random.uniform(-np.pi, np.pi, n),
-        speed=cruise.copy(),
-        acceleration=np.zeros(n),
-        yaw_rate=np.zeros(n),
-        length=DEFAULT_LENGTH[kind],
-        width=DEFAULT_WIDTH[kind],
-        learned=np.zeros(n, np.bool_),
+        ids=[f"{seed}-{i}" for i in range(n)],
+        learned=False,
     )
     builder = TrajectoryBuilder(source=f"made traffic {seed}", licence="CC0-1.0")
     hard = 0.25 * TOP[kind]

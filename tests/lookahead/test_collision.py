@@ -1,10 +1,10 @@
 """Who is met on courses, against a look at every box."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_crowd
 from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.collision import MARGIN, REACH, STANDING, Boxes, meeting, sizes
@@ -48,8 +48,8 @@ def every_box(
 
 
 @pytest.mark.parametrize("extent", [15.0, 60.0])
-def test_circles_leave_out_nobody_who_is_met(crowd: Callable[..., WorldState], extent: float) -> None:
-    world = crowd(24, 3, extent)
+def test_circles_leave_out_nobody_who_is_met(extent: float) -> None:
+    world = make_crowd(24, 3, extent)
     # Some of all, in another order.
     rows = np.random.default_rng(7).permutation(24)[:17]
     on = drawn_courses(world, 4)
@@ -65,9 +65,9 @@ def test_circles_leave_out_nobody_who_is_met(crowd: Callable[..., WorldState], e
     assert (meeting(mine, np.zeros(17, np.bool_), theirs, world, rows) > found).any()
 
 
-def test_who_is_excused_at_first_may_be_to_blame_later(crowd: Callable[..., WorldState]) -> None:
+def test_who_is_excused_at_first_may_be_to_blame_later() -> None:
     """It is hit from behind after one interval, and drives into who stands ahead after five."""
-    world = replace(crowd(3, 1, 1.0), x=np.array([0.0, -5.0, 12.0]), y=np.zeros(3), type=np.zeros(3, np.int8))
+    world = replace(make_crowd(3, 1, 1.0), x=np.array([0.0, -5.0, 12.0]), y=np.zeros(3), type=np.zeros(3, np.int8))
     world = replace(world, length=np.full(3, 5.0), width=np.full(3, 1.8))
     every = 1.5 * np.arange(1, STEPS + 1)
     x, one, zero = np.stack([every, every - 5.0, np.full(STEPS, 12.0)]), np.ones((3, STEPS)), np.zeros((3, STEPS))
@@ -79,10 +79,10 @@ def test_who_is_excused_at_first_may_be_to_blame_later(crowd: Callable[..., Worl
     assert meeting(mine, np.zeros(1, np.bool_), theirs, world, rows).tolist() == [[1.0]]
 
 
-def test_nobody_to_meet(crowd: Callable[..., WorldState]) -> None:
-    world = crowd(3, 5, 50.0)
+def test_nobody_to_meet() -> None:
+    world = make_crowd(3, 5, 50.0)
     far = replace(world, x=np.array([0.0, 200.0, 400.0]))
-    for some, n in ((far, 3), (world.take(np.array([1])), 1), (crowd(0, 1, 1.0), 0)):
+    for some, n in ((far, 3), (world.take(np.array([1])), 1), (make_crowd(0, 1, 1.0), 0)):
         on = drawn_courses(some, 6)
         alone = meeting(on, np.zeros(n, np.bool_), along_a_mode(some, on), some, np.arange(n))
         assert not alone.any()

@@ -1,9 +1,9 @@
 """Where everybody is expected: on paths by interpolation, beside them as `advance` does."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from builders import ALONG, make_crowd, make_routes
 
 from slrl_sumo.lookahead.collision import MARGIN
 from slrl_sumo.lookahead.forecast import Kept, boxes, bring_to_paths, paths_kept
@@ -24,7 +24,7 @@ def routed(users: WorldState, n: int) -> RouteAhead:
     x = users.x[:n, None] + SPACING * np.cumsum(np.cos(heading), axis=1)
     y = users.y[:n, None] + SPACING * np.cumsum(np.sin(heading), axis=1)
     stop = np.random.default_rng(3).uniform(-1.0, 30.0, n)
-    return replace(RouteAhead.unknown(n), known=np.ones(n, np.bool_), x=x, y=y, stop=stop)
+    return make_routes(x, y, stop=stop)
 
 
 def shifted(route: RouteAhead, along: Floats, shift: Floats) -> tuple[Floats, ...]:
@@ -38,19 +38,17 @@ def shifted(route: RouteAhead, along: Floats, shift: Floats) -> tuple[Floats, ..
     return x - shift * np.sin(heading), y + shift * np.cos(heading), np.cos(heading), np.sin(heading)
 
 
-def test_vehicles_on_their_path_keep_to_it(crowd: Callable[..., WorldState]) -> None:
-    car = replace(crowd(5, 1, 1.0), type=np.array([0, 0, 1, 2, 0], np.int8), x=np.zeros(5))
+def test_vehicles_on_their_path_keep_to_it() -> None:
+    car = replace(make_crowd(5, 1, 1.0), type=np.array([0, 0, 1, 2, 0], np.int8), x=np.zeros(5))
     # On it, beside it but along it, beside it and askew, on foot, without a route.
     car = replace(car, y=np.array([0.2, -3.0, 3.0, 0.0, 0.0]), heading=np.array([1.0, 0.3, -0.4, 0.0, 0.0]))
-    x = np.tile(SPACING * (np.arange(POINTS) - HERE), (5, 1))
-    known = np.array([True, True, True, True, False])
-    kept = paths_kept(replace(RouteAhead.unknown(5), known=known, x=x), car)
+    kept = paths_kept(make_routes(np.tile(ALONG, (5, 1)), known=[True, True, True, True, False]), car)
     assert kept.keeps.tolist() == [True, True, False, False, False]
     np.testing.assert_allclose(kept.beside[:2], [0.2, -3.0])
 
 
-def test_courses_along_paths_are_those_of_the_path(crowd: Callable[..., WorldState]) -> None:
-    users = crowd(12, 2, 80.0)
+def test_courses_along_paths_are_those_of_the_path() -> None:
+    users = make_crowd(12, 2, 80.0)
     route, rows = routed(users, 12), np.array([7, 0, 3, 11, 4])
     keeps, beside = np.arange(12) % 4 != 0, np.linspace(-2.0, 2.0, 12)
     acceleration, yaw_rate = np.random.default_rng(4).normal(0.0, 1.5, (2, 5, 6))
@@ -69,8 +67,8 @@ def test_courses_along_paths_are_those_of_the_path(crowd: Callable[..., WorldSta
     np.testing.assert_array_equal(found.speed, free.speed)
 
 
-def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines(crowd: Callable[..., WorldState]) -> None:
-    world = crowd(20, 5, 80.0)
+def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines() -> None:
+    world = make_crowd(20, 5, 80.0)
     route = routed(world, 12)
     keeps, beside = np.arange(12) % 3 != 0, np.linspace(-2.0, 2.0, 12)
     found = boxes(world, Kept(route, keeps, beside), MARGIN)

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import ALONG, make_routes, make_world
 
 from slrl_sumo.lookahead.leaders import ALIKE, NEAREST, SIDE_GAP, STANDING, Leaders, leaders
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-
-S = SPACING * (np.arange(POINTS) - HERE)
 
 Box = tuple[float, float, float, float, float, float]
 """x, y, heading, speed, length, width."""
@@ -20,27 +19,11 @@ EGO: Box = (0.0, 0.0, 0.0, 8.0, 5.0, 1.8)
 
 def world(*boxes: Box) -> WorldState:
     x, y, heading, speed, length, width = np.array(boxes, np.float64).T
-    n = len(boxes)
-    return WorldState(
-        time=0.0,
-        ids=tuple(str(i) for i in range(n)),
-        type=np.zeros(n, np.int8),
-        x=x,
-        y=y,
-        heading=heading,
-        speed=speed,
-        acceleration=np.zeros(n),
-        yaw_rate=np.zeros(n),
-        length=length,
-        width=width,
-        learned=np.ones(n, np.bool_),
-    )
+    return make_world(x, y, heading, speed, length=length, width=width)
 
 
 def eastwards(*y: float) -> RouteAhead:
-    n = len(y)
-    known = np.ones(n, np.bool_)
-    return replace(RouteAhead.unknown(n), known=known, x=np.tile(S, (n, 1)), y=np.tile(np.array(y)[:, None], POINTS))
+    return make_routes(ALONG, np.array(y)[:, None])
 
 
 def of_one(*others: Box) -> list[float]:
@@ -97,7 +80,7 @@ def test_people_wait_behind_others_and_walk_round_those_who_come(heading: float,
 
 def test_gaps_are_along_the_path() -> None:
     # 15 m eastwards, then north; the leader is 10 m up there.
-    x, y = np.minimum(S, 15.0), np.maximum(S - 15.0, 0.0)
+    x, y = np.minimum(ALONG, 15.0), np.maximum(ALONG - 15.0, 0.0)
     route = replace(eastwards(0.0), x=x[None], y=y[None])
     found = leaders(route, world(EGO, (15.0, 10.0, 0.5 * np.pi, 3.0, 5.0, 1.8), (25.0, 0.0, 0.0, 3.0, 5.0, 1.8)))
     assert (found.gap[0], found.speed[0]) == (pytest.approx(20.0), pytest.approx(3.0))
@@ -120,13 +103,13 @@ def crooked(n: int, rng: np.random.Generator, share: float) -> RouteAhead:
     """Paths through a place of 60 m x 60 m, with a `share` of sharp corners, some of which turn right round; winding,
     and their points not quite as far apart as they should be."""
     turns = np.where(rng.random((n, POINTS)) < share, rng.choice([-3.1, -1.6, -0.8, 0.8, 1.6, 3.1], (n, POINTS)), 0.0)
-    turns += rng.normal(0.0, 0.15, (n, 1)) * np.sin(rng.uniform(0.1, 0.5, (n, 1)) * S)
+    turns += rng.normal(0.0, 0.15, (n, 1)) * np.sin(rng.uniform(0.1, 0.5, (n, 1)) * ALONG)
     heading = rng.uniform(-np.pi, np.pi, (n, 1)) + turns.cumsum(axis=1)
     step = SPACING * rng.uniform(0.9, 1.49, (n, 1))
     x, y = (step * np.cos(heading)).cumsum(axis=1), (step * np.sin(heading)).cumsum(axis=1)
     place = rng.uniform(0.0, 60.0, (2, n, 1))
     x, y = x - x[:, HERE, None] + place[0], y - y[:, HERE, None] + place[1]
-    return replace(RouteAhead.unknown(n), known=rng.random(n) < 0.9, x=x, y=y)
+    return make_routes(x, y, known=rng.random(n) < 0.9)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.08])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import ALONG, make_routes, make_world
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
@@ -30,11 +31,10 @@ from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.scene.route import POINTS, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-S = SPACING * (np.arange(POINTS, dtype=np.float64) - HERE)
 ABLE = Capability(np.ones((3, 2, len(SPEEDS))), np.broadcast_to(STOPPING**2 / 4.0, (3, len(STOPPING))))
 """Everybody brakes with 2 m/s²."""
 
@@ -44,22 +44,7 @@ ROAD = RoadMap(
 
 
 def _cars(x: list[float], y: list[float], speed: list[float]) -> WorldState:
-    n = len(x)
-    none = np.zeros(n)
-    return WorldState(
-        time=0.0,
-        ids=tuple(str(i) for i in range(n)),
-        type=np.zeros(n, np.int8),
-        x=np.array(x),
-        y=np.array(y),
-        heading=none,
-        speed=np.array(speed),
-        acceleration=none,
-        yaw_rate=none,
-        length=np.full(n, 5.0),
-        width=np.full(n, 1.8),
-        learned=np.ones(n, np.bool_),
-    )
+    return make_world(x, y, speed=speed)
 
 
 def test_who_stands_ahead_is_met_unless_the_mode_brakes_enough(shipped_bundle: ModelBundle) -> None:
@@ -106,7 +91,7 @@ def test_speeds_and_turns_are_those_of_advance(shipped_bundle: ModelBundle) -> N
         for _ in range(HELD):
             state = advance(state, acceleration, yaw_rate, shipped_bundle.max_speed[:1], DECISION_INTERVAL)
         np.testing.assert_allclose(ahead.speed[0, mode], state.speed[0])
-        np.testing.assert_allclose(np.cos(ahead.turn[0, mode]), np.cos(state.heading[0]))
+        np.testing.assert_allclose(np.cos(ahead.turn[0, mode]), np.cos(state.heading[0]), atol=1e-6)  # float32
 
 
 def test_rows_are_looked_at_wherever_they_stand(shipped_bundle: ModelBundle) -> None:
@@ -124,9 +109,7 @@ def test_rows_are_looked_at_wherever_they_stand(shipped_bundle: ModelBundle) -> 
 def _prospects(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: float) -> RouteContext:
     """Of road users whose places on one path along the x axis are at `x`; all the same otherwise."""
     n = len(x)
-    known = np.ones(n, np.bool_)
-    route = replace(RouteAhead.unknown(n), known=known, x=np.array(x)[:, None] + S, desired=np.full(n, 8.0))
-    route = replace(route, **{name: np.full(n, value) for name, value in columns.items()})
+    route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
     return RouteContext(route, Leaders(np.full(n, gap), np.full(n, leading)), ABLE)
 
 
@@ -177,7 +160,7 @@ def test_the_way_back_is_to_the_path_wherever_it_points(shipped_bundle: ModelBun
     world, context = _cars([0.0], [1.0], [6.0]), _prospects(0.0)
     _, along = _on_route(shipped_bundle, world, context)
     turned = replace(world, x=np.array([-1.0]), y=np.zeros(1), heading=np.array([0.5 * np.pi]))
-    route = replace(context.route, x=np.zeros((1, POINTS)), y=np.array([S]))
+    route = replace(context.route, x=np.zeros((1, POINTS)), y=np.array([ALONG]))
     _, north = _on_route(shipped_bundle, turned, replace(context, route=route))
     # The heading itself is a feature, so that modes differ a little.
     assert north.aside[0] == pytest.approx(along.aside[0], abs=0.3)
@@ -264,7 +247,7 @@ def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBund
     # 8 m eastwards, then to the left, where somebody stands; straight on there is nobody.
     world = _cars([0.0, 8.0], [0.0, 12.0], [7.0, 0.0])
     context = _prospects(0.0)
-    x, y = np.minimum(S, 8.0)[None], np.maximum(S - 8.0, 0.0)[None]
+    x, y = np.minimum(ALONG, 8.0)[None], np.maximum(ALONG - 8.0, 0.0)[None]
     context = replace(context, route=replace(context.route, x=x, y=y))
     ahead, _ = _on_route(shipped_bundle, world, context)
     quick, slow = ahead.speed[0] > 6.0, ahead.speed[0] < 1.0
@@ -280,7 +263,7 @@ def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBund
 def test_who_goes_on_straight_touches_who_stands_beyond_the_corner(shipped_bundle: ModelBundle) -> None:
     # 6 m eastwards, then to the left; somebody stands straight ahead, where the path does not lead.
     world = _cars([0.0, 12.0], [0.0, 0.0], [7.0, 0.0])
-    x, y = np.minimum(S, 6.0)[None], np.maximum(S - 6.0, 0.0)[None]
+    x, y = np.minimum(ALONG, 6.0)[None], np.maximum(ALONG - 6.0, 0.0)[None]
     context = _prospects(0.0)
     context = replace(context, route=replace(context.route, x=x, y=y))
     rows = np.array([0])

@@ -1,23 +1,19 @@
 """ModeRollouts of all modes at once against `advance`."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
+from builders import make_crowd
 
 from slrl_sumo.lookahead.mode_rollout import HELD, STEPS, roll_out
 from slrl_sumo.scene.advance import advance, halting
-from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 MODES = 6
 
 
 @pytest.mark.parametrize("halts", [False, True])
-def test_courses_are_those_of_advance_one_interval_after_the_other(
-    crowd: Callable[..., WorldState], halts: bool
-) -> None:
-    users = crowd(40, 1, 100.0)
+def test_courses_are_those_of_advance_one_interval_after_the_other(halts: bool) -> None:
+    users = make_crowd(40, 1, 100.0)
     acceleration, yaw_rate = np.random.default_rng(2).normal(0.0, 1.5, (2, len(users), MODES))
     top = np.full(len(users), 9.0)
     found = roll_out(users, acceleration, yaw_rate, top, halting=halts)
@@ -37,6 +33,6 @@ def test_courses_are_those_of_advance_one_interval_after_the_other(
     assert (found.speed == 9.0).any()
 
 
-def test_nobody_has_no_courses(crowd: Callable[..., WorldState]) -> None:
-    empty, nothing = crowd(0, 5, 50.0), np.zeros((0, MODES))
+def test_nobody_has_no_courses() -> None:
+    empty, nothing = make_crowd(0, 5, 50.0), np.zeros((0, MODES))
     assert roll_out(empty, nothing, nothing, np.zeros(0), halting=True).x.shape == (0, STEPS, MODES)

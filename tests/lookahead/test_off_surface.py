@@ -1,16 +1,15 @@
 """ModeRollouts off the own surface, against a look at every place."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from builders import ALONG, make_crowd, make_routes
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Surface, SurfaceShapes
 from slrl_sumo.lookahead.mode_rollout import STEPS, roll_out
 from slrl_sumo.lookahead.off_surface import NEAR, off_surface
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
-from slrl_sumo.scene.state import WorldState
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 GROUND = RoadMap(
@@ -18,15 +17,13 @@ GROUND = RoadMap(
 )
 
 
-def test_places_off_the_own_surface_are_counted(crowd: Callable[..., WorldState]) -> None:
-    world = crowd(40, 1, 60.0)
+def test_places_off_the_own_surface_are_counted() -> None:
+    world = make_crowd(40, 1, 60.0)
     rows = np.random.default_rng(2).permutation(40)[:30]
     me = world.take(rows)
     acceleration, yaw_rate = np.random.default_rng(3).normal(0.0, 1.0, (2, 30, 5))
     free = roll_out(me, acceleration, yaw_rate, np.full(30, 12.0), halting=True)
-    along = SPACING * (np.arange(POINTS) - HERE)
-    route = replace(RouteAhead.unknown(40), x=world.x[:, None] + along, y=np.tile(world.y[:, None], POINTS))
-    route = replace(route, known=np.arange(40) % 3 != 0)
+    route = make_routes(world.x[:, None] + ALONG, world.y[:, None], known=np.arange(40) % 3 != 0)
     # Without routes all intervals count, and the ground alone.
     for known, given in ((np.zeros(40, np.bool_), None), (route.known, route)):
         found = off_surface(free, me.type, GROUND, rows, given)
@@ -47,22 +44,20 @@ def test_places_off_the_own_surface_are_counted(crowd: Callable[..., WorldState]
     assert off_surface(free, me.type, GROUND, rows, None).shape == (30, 5)
 
 
-def test_nobody_is_off_the_surface(crowd: Callable[..., WorldState]) -> None:
-    nobody, none = crowd(0, 1, 1.0), np.zeros((0, 5))
+def test_nobody_is_off_the_surface() -> None:
+    nobody, none = make_crowd(0, 1, 1.0), np.zeros((0, 5))
     free = roll_out(nobody, none, none, np.zeros(0), halting=True)
     assert off_surface(free, nobody.type, GROUND, np.zeros(0, np.intp), RouteAhead.unknown(0)).shape == (0, 5)
     assert free.x.shape == (0, STEPS, 5)
 
 
-def test_courses_that_are_no_numbers_are_off_the_surface_but_for_who_has_a_path(
-    crowd: Callable[..., WorldState],
-) -> None:
-    users = replace(crowd(4, 1, 1.0), type=np.zeros(4, np.int8), x=np.full(4, 10.0), y=np.full(4, 10.0))
+def test_courses_that_are_no_numbers_are_off_the_surface_but_for_who_has_a_path() -> None:
+    users = replace(make_crowd(4, 1, 1.0), type=np.zeros(4, np.int8), x=np.full(4, 10.0), y=np.full(4, 10.0))
     users = replace(users, speed=np.array([1.0, np.nan, np.inf, np.nan]))
     still = np.zeros((4, 2))
     free = roll_out(users, still, still, np.full(4, np.inf), halting=False)
     # Paths whose last points lie where there is no ground; the last road user has none.
     known, path = np.array([True, True, True, False]), np.full((4, POINTS), 15.0)
     path[:, -1] = -15.0
-    route = replace(RouteAhead.unknown(4), known=known, x=path, y=path)
+    route = make_routes(path, path, known=known)
     assert off_surface(free, users.type, GROUND, np.arange(4), route).tolist() == [[0.0] * 2] * 3 + [[1.0] * 2]

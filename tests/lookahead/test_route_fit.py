@@ -1,9 +1,7 @@
 """Speeds that leave room to stop, against numpy's interpolation of what the models can do."""
 
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
+from builders import make_crowd, straight_routes
 
 from slrl_sumo.lookahead.leaders import Leaders
 from slrl_sumo.lookahead.mode_rollout import roll_out
@@ -19,7 +17,6 @@ from slrl_sumo.lookahead.route_fit import (
     ways_left,
 )
 from slrl_sumo.models.capability import STOPPING, Capability
-from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
@@ -27,22 +24,18 @@ from slrl_sumo.scene.types import DECISION_INTERVAL
 def drawn_prospects(users: WorldState) -> RouteContext:
     """Paths straight ahead, with lines and leaders near, far and nowhere."""
     rng, n = np.random.default_rng(2), len(users)
-    along = SPACING * (np.arange(POINTS) - HERE)
     stop = rng.choice([-1.0, 0.5, 3.0, 12.0, 33.0, 1e3, np.inf], n)
-    x, y = (
-        users.x[:, None] + along * np.cos(users.heading)[:, None],
-        users.y[:, None] + along * np.sin(users.heading)[:, None],
-    )
     desired = rng.uniform(5.0, 60.0, n)
-    route = replace(RouteAhead.unknown(n), known=np.ones(n, np.bool_), x=x, y=y, desired=desired, stop=stop)
+    poses = zip(users.x, users.y, users.heading, strict=True)
+    route = straight_routes(*poses, desired=desired, stop=stop)
     gap = rng.choice([0.0, 2.0, 20.0, np.inf], n)
     # What is needed to a stand rises unevenly with speed, and differs from type to type.
     stopping = np.cumsum(rng.uniform(0.01, 0.5, (3, len(STOPPING))), axis=1)
     return RouteContext(route, Leaders(gap, rng.uniform(0.0, 8.0, n)), Capability(np.ones((3, 2, 1)), stopping))
 
 
-def test_allowed_speeds_leave_room_to_stop(crowd: Callable[..., WorldState]) -> None:
-    users = crowd(200, 1, 100.0)
+def test_allowed_speeds_leave_room_to_stop() -> None:
+    users = make_crowd(200, 1, 100.0)
     context = drawn_prospects(users)
     stop, room = ways_left(context, users, np.arange(200))
     assert np.array_equal(stop, context.route.stop - SPARE)
@@ -55,8 +48,8 @@ def test_allowed_speeds_leave_room_to_stop(crowd: Callable[..., WorldState]) -> 
     assert (found == 0.0).any()
 
 
-def test_strains_are_those_of_the_way_to_a_stand(crowd: Callable[..., WorldState]) -> None:
-    users = crowd(60, 3, 100.0)
+def test_strains_are_those_of_the_way_to_a_stand() -> None:
+    users = make_crowd(60, 3, 100.0)
     context, rows = drawn_prospects(users), np.random.default_rng(4).permutation(60)[:40]
     me = users.take(rows)
     acceleration, yaw_rate = np.random.default_rng(5).normal(0.0, 1.0, (2, 40, 6))

@@ -38,5 +38,5 @@ def test_nothing_is_compiled_twice() -> None:
     kinds: dict[str, list[str]] = json.loads(done.stdout.splitlines()[-1])
     assert {name: seen for name, seen in kinds.items() if len(seen) > 1} == {}
     # They were there: of the motion, the lookahead, the images and the background.
-    used = ("world.advance._advance", "simulation.meeting._meeting", "perception.strokes.draw_views")
-    assert [len(kinds[f"slrl_sumo.{name}"]) for name in (*used, "sumo.meetings._meetings")] == [1, 1, 1, 1]
+    used = ("scene.advance._advance", "lookahead.collision._meeting", "perception.line_raster.draw_views")
+    assert [len(kinds[f"slrl_sumo.{name}"]) for name in (*used, "background.swept_conflicts._meetings")] == [1, 1, 1, 1]

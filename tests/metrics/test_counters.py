@@ -3,22 +3,17 @@
 from dataclasses import replace
 
 import numpy as np
+from builders import make_world
 
 from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.events import Decision, Step
 
 
 def cars(ids: tuple[str, ...], x: list[float], speed: list[float], learned: list[bool]) -> WorldState:
-    n = len(ids)
-    return WorldState(
-        time=0.0, ids=ids, type=np.full(n, RoadUserType.CAR, np.int8), x=np.array(x), y=np.zeros(n),
-        heading=np.zeros(n), speed=np.array(speed), acceleration=np.zeros(n), yaw_rate=np.zeros(n),
-        length=np.full(n, 4.0), width=np.full(n, 2.0), learned=np.array(learned),
-    )  # fmt: skip
+    return make_world(x, speed=speed, ids=ids, length=4.0, width=2.0, learned=learned)
 
 
 def decision(world: WorldState, surface: list[Surface]) -> Decision:

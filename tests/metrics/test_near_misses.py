@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.metrics.near_misses import Conflict, ConflictFinder
-from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
 
 CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
 
@@ -15,28 +15,21 @@ Way = tuple[RoadUserType, float, float, float, float]
 def look(ways: list[Way], seconds: float, stop: float = np.inf) -> list[Conflict]:
     """What is found while all go straight ahead; the first one stands from `stop` on (s)."""
     finder = ConflictFinder()
-    kind = np.array([way[0] for way in ways], np.int8)
-    x, y, heading, speed = np.array([way[1:] for way in ways]).T
-    none = np.zeros(len(ways))
+    kind, x, y, heading, speed = np.array(ways, np.float64).T
     for step in range(round(seconds / 0.4) + 1):
         time = 0.4 * step
         gone = np.full(len(ways), time)
         gone[0] = min(time, stop)
         now = speed.copy()
         now[0] *= time < stop
-        world = WorldState(
-            time=time,
-            ids=tuple(map(str, range(len(ways)))),
+        world = make_world(
+            x + gone * speed * np.cos(heading),
+            y + gone * speed * np.sin(heading),
+            heading,
+            now,
             type=kind,
-            x=x + gone * speed * np.cos(heading),
-            y=y + gone * speed * np.sin(heading),
-            heading=heading,
-            speed=now,
-            acceleration=none,
-            yaw_rate=none,
-            length=DEFAULT_LENGTH[kind],
-            width=DEFAULT_WIDTH[kind],
-            learned=none > 0,
+            learned=False,
+            time=time,
         )
         finder.look(world, np.arange(len(ways)) + 10)
     return finder.conflicts()

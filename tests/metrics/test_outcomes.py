@@ -4,12 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome, mean_survival, survival_counts
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
 from slrl_sumo.simulation.run import run
 
@@ -18,23 +19,8 @@ CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
 
 def world(users: Mapping[str, tuple[RoadUserType, float, float]]) -> WorldState:
     """Road users in a row, heading along +x: type, x (m) and speed (m/s) of each."""
-    n = len(users)
-    kinds = np.array([kind for kind, _, _ in users.values()], np.int8)
-    none = np.zeros(n)
-    return WorldState(
-        time=0.0,
-        ids=tuple(users),
-        type=kinds,
-        x=np.array([x for _, x, _ in users.values()], np.float64),
-        y=none,
-        heading=none,
-        speed=np.array([speed for _, _, speed in users.values()], np.float64),
-        acceleration=none,
-        yaw_rate=none,
-        length=DEFAULT_LENGTH[kinds],
-        width=DEFAULT_WIDTH[kinds],
-        learned=np.zeros(n, np.bool_),
-    )
+    kind, x, speed = np.array(list(users.values()), np.float64).reshape(-1, 3).T
+    return make_world(x, speed=speed, type=kind, ids=tuple(users), learned=False)
 
 
 def walkers(*places: float) -> WorldState:

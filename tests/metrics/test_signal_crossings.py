@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from netgen.scenario import write_scenario
 from netgen.specs import DemandSpec, IntersectionSpec
@@ -190,14 +191,7 @@ def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(mad
 
         def at(metres: float) -> WorldState:
             x, y = a + metres * along
-            one = np.ones(1)
-            return WorldState(
-                session.time,
-                ("somebody",),
-                np.array([RoadUserType.PEDESTRIAN], np.int8),
-                *(x * one, y * one, 0.0 * one, one, 0.0 * one, 0.0 * one, 0.2 * one, 0.5 * one),
-                learned=np.ones(1, np.bool_),
-            )
+            return make_world(x, y, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
 
         def go(metres: float) -> list[str]:
             return [p.aspect for p in passages.look(at(metres), ("somebody",))]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from builders import ALONG, make_routes, make_world
 
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import (
@@ -33,57 +34,33 @@ from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-S = SPACING * (np.arange(POINTS) - HERE)
 CAR, BICYCLE, PEDESTRIAN = (int(kind) for kind in RoadUserType)
 
 
 def users(*rows: tuple[int, float]) -> WorldState:
     """Types and speeds; all at the origin."""
     kind, speed = zip(*rows, strict=True)
-    n = len(kind)
-    none = np.zeros(n)
-    return WorldState(
-        time=0.0,
-        ids=tuple(str(i) for i in range(n)),
-        type=np.array(kind, np.int8),
-        x=none,
-        y=none,
-        heading=none,
-        speed=np.array(speed, np.float64),
-        acceleration=none,
-        yaw_rate=none,
-        length=np.full(n, 5.0),
-        width=np.full(n, 1.8),
-        learned=np.ones(n, np.bool_),
-    )
+    return make_world(speed=speed, type=kind, length=5.0, width=1.8)
 
 
 def routes(*points: tuple[Floats, Floats], desired: float = 13.0) -> RouteAhead:
     x, y = (np.array(column) for column in zip(*points, strict=True))
-    n = len(points)
-    return replace(
-        RouteAhead.unknown(n),
-        known=np.ones(n, np.bool_),
-        x=x,
-        y=y,
-        desired=np.full(n, desired),
-        stop=np.arange(n * 1.0),
-    )
+    return make_routes(x, y, desired=desired, stop=np.arange(len(points)))
 
 
 def corner(turn: float, after: float = 15.0) -> tuple[Floats, Floats]:
     """Eastwards, and `after` m on by `turn` to the left."""
-    beyond = np.maximum(S - after, 0.0)
-    return np.minimum(S, after) + beyond * np.cos(turn), beyond * np.sin(turn)
+    beyond = np.maximum(ALONG - after, 0.0)
+    return np.minimum(ALONG, after) + beyond * np.cos(turn), beyond * np.sin(turn)
 
 
 def circle(radius: float) -> tuple[Floats, Floats]:
     """Eastwards through the origin; radius > 0: to the left."""
-    return radius * np.sin(S / radius), radius - radius * np.cos(S / radius)
+    return radius * np.sin(ALONG / radius), radius - radius * np.cos(ALONG / radius)
 
 
 def straight(heading: float) -> tuple[Floats, Floats]:
-    return S * np.cos(heading), S * np.sin(heading)
+    return ALONG * np.cos(heading), ALONG * np.sin(heading)
 
 
 def curvature(route: RouteAhead) -> Floats:
@@ -291,8 +268,8 @@ def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
 @pytest.mark.parametrize("kind", [CAR, BICYCLE])
 def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
     # Straight on for 20 m, then a circle of 10 m to the left, for 6 m/s at most; it looks 1 m sharp before.
-    beyond = np.maximum(S - 20.0, 0.0)
-    x, y = np.minimum(S, 20.0) + 10.0 * np.sin(beyond / 10.0), 10.0 - 10.0 * np.cos(beyond / 10.0)
+    beyond = np.maximum(ALONG - 20.0, 0.0)
+    x, y = np.minimum(ALONG, 20.0) + 10.0 * np.sin(beyond / 10.0), 10.0 - 10.0 * np.cos(beyond / 10.0)
     limits = able(0.5, 0.5)
     speeds = np.array([2.0, 8.0])
     after = fitted(routes((x, y), (x, y), desired=25.0), users(*((kind, v) for v in speeds)), limits)

@@ -1,5 +1,6 @@
 import numpy as np
 import torch
+from builders import make_world
 from torch.nn import functional
 
 from slrl_sumo.models.bundle import ModelBundle, tensors
@@ -7,7 +8,6 @@ from slrl_sumo.models.displacement import SPEED, displacement, new_speed
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import to_ego
-from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 
@@ -78,21 +78,7 @@ def test_displacement_is_the_motion_of_advance() -> None:
     n = 500
     speed, acceleration = random.uniform(0, 10, n), random.uniform(-30, 30, n)  # both ends of the speed range are hit
     yaw_rate, heading, limit = random.uniform(-2, 2, n), random.uniform(-3, 3, n), random.uniform(4, 12, n)
-    zero = np.zeros(n)
-    world = WorldState(
-        time=0.0,
-        ids=tuple(map(str, range(n))),
-        type=np.zeros(n, np.int8),
-        x=zero + 5,
-        y=zero - 3,
-        heading=heading,
-        speed=speed,
-        acceleration=zero,
-        yaw_rate=zero,
-        length=zero + 4,
-        width=zero + 2,
-        learned=zero > 1,
-    )
+    world = make_world(5.0, -3.0, heading, speed)
     moved = advance(world, acceleration, yaw_rate, limit, DECISION_INTERVAL)
     expected = np.stack(to_ego(moved.x - world.x, moved.y - world.y, heading), -1)
     v, a, w, most = (torch.from_numpy(z) for z in (speed, acceleration, yaw_rate, limit))

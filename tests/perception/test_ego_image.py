@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_crowd, straight_routes
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import Area, Ribbon, RoadMap, Surface, SurfaceShapes
@@ -157,8 +158,8 @@ def rotated(
 
 
 @pytest.mark.parametrize("angle", [0.3, np.pi / 2, 2.0, np.pi, -1.1])
-def test_a_turned_world_looks_the_same(crowd: Worlds, street: SurfaceShapes, angle: float) -> None:
-    world = crowd(3, 60, 100.0)
+def test_a_turned_world_looks_the_same(street: SurfaceShapes, angle: float) -> None:
+    world = make_crowd(60, 3, 100.0, -50.0)
     before = ego_images(world, everyone(world), RoadMap(street)).astype(float)
     roadmap, turned = rotated(street, world, angle, np.array([211.3, -77.7]))
     after = ego_images(turned, everyone(turned), roadmap).astype(float)
@@ -169,8 +170,8 @@ def test_a_turned_world_looks_the_same(crowd: Worlds, street: SurfaceShapes, ang
     assert np.mean(difference > 130) < 0.005
 
 
-def test_images_do_not_depend_on_tiles(crowd: Worlds, street: SurfaceShapes) -> None:
-    world = crowd(4, 150, 300.0)  # over nine cores
+def test_images_do_not_depend_on_tiles(street: SurfaceShapes) -> None:
+    world = make_crowd(150, 4, 300.0, -150.0)  # over nine cores
     tiled = ego_images(world, everyone(world), RoadMap(street))
     whole = ego_images(world, everyone(world), RoadMap(street, core=2048.0))
     assert np.mean(tiled != whole) < 1e-3
@@ -197,33 +198,33 @@ def test_ground_in_the_next_tile_is_seen(place: Worlds) -> None:
         assert (seen[:, 15:34] == BLACK).all()
 
 
-def test_a_view_is_the_same_alone_and_among_others(crowd: Worlds, street: SurfaceShapes) -> None:
+def test_a_view_is_the_same_alone_and_among_others(street: SurfaceShapes) -> None:
     # Crowded, so that lines leave every view at every side: none may show in the view above or below.
     roadmap = RoadMap(street)
-    world = crowd(5, 300, 60.0)
+    world = make_crowd(300, 5, 60.0, -30.0)
     together = ego_images(world, everyone(world), roadmap)
     apart = np.stack([image(world, roadmap, row) for row in everyone(world)])
     assert np.array_equal(together, apart)
 
 
 @pytest.mark.parametrize("width", [0.3, 2.5, 20.0])
-def test_wide_boxes_do_not_leak_either(crowd: Worlds, place: Worlds, width: float) -> None:
-    base = crowd(6, 120, 60.0)
+def test_wide_boxes_do_not_leak_either(place: Worlds, width: float) -> None:
+    base = make_crowd(120, 6, 60.0, -30.0)
     rows = np.column_stack([np.zeros(120), base.x, base.y, base.heading])
     world = place(rows, np.full(120, 14.0), np.full(120, width))
     together = ego_images(world, everyone(world), GROUNDLESS)
     assert np.array_equal(together, np.stack([image(world, GROUNDLESS, row) for row in everyone(world)]))
 
 
-def test_batches_do_not_matter(crowd: Worlds, street: SurfaceShapes, monkeypatch: pytest.MonkeyPatch) -> None:
-    world, roadmap = crowd(7, 40, 60.0), RoadMap(street)
+def test_batches_do_not_matter(street: SurfaceShapes, monkeypatch: pytest.MonkeyPatch) -> None:
+    world, roadmap = make_crowd(40, 7, 60.0, -30.0), RoadMap(street)
     at_once = ego_images(world, everyone(world), roadmap)
     monkeypatch.setattr(raster, "VIEWS_AT_ONCE", 7)
     assert np.array_equal(ego_images(world, everyone(world), roadmap), at_once)
 
 
-def test_the_order_of_the_world_does_not_matter(crowd: Worlds, street: SurfaceShapes) -> None:
-    world, roadmap = crowd(8, 100, 60.0), RoadMap(street)
+def test_the_order_of_the_world_does_not_matter(street: SurfaceShapes) -> None:
+    world, roadmap = make_crowd(100, 8, 60.0, -30.0), RoadMap(street)
     order = np.random.default_rng(0).permutation(100)
     assert np.array_equal(ego_images(world.take(order), everyone(world), roadmap), ego_images(world, order, roadmap))
 
@@ -239,12 +240,10 @@ def test_alone_and_nobody(place: Worlds, street: SurfaceShapes) -> None:
 
 @pytest.mark.parametrize("heading", [0.0, 1.2, -2.7])
 @pytest.mark.parametrize("aside", [4.0, -6.0])
-def test_the_path_lies_ahead_in_magenta_a_metre_wide(
-    place: Worlds, routed: Routes, heading: float, aside: float
-) -> None:
+def test_the_path_lies_ahead_in_magenta_a_metre_wide(place: Worlds, heading: float, aside: float) -> None:
     x, y = 50.0 - aside * np.sin(heading), -20.0 + aside * np.cos(heading)
     world = place([(PEDESTRIAN, 50.0, -20.0, heading)])
-    seen = image(world, GROUNDLESS, route=routed((x, y, heading)))
+    seen = image(world, GROUNDLESS, route=straight_routes((x, y, heading)))
     # Red and blue are the path's alone: the pedestrian is green.
     assert np.array_equal(seen[:, :, 0], seen[:, :, 2])
     assert not seen[seen[:, :, 0] > 0][:, 1].any()
@@ -256,10 +255,12 @@ def test_the_path_lies_ahead_in_magenta_a_metre_wide(
     assert image(world, GROUNDLESS)[:, :, [0, 2]].max() == 0
 
 
-def test_the_path_turns_where_the_route_does(place: Worlds, routed: Routes) -> None:
+def test_the_path_turns_where_the_route_does(
+    place: Worlds,
+) -> None:
     world = place([(PEDESTRIAN, 0.0, 0.0, 0.0)])
     left, right = (
-        image(world, GROUNDLESS, route=routed((0.0, 0.0, 0.0), turn=turn, after=15))[:, :, 2]
+        image(world, GROUNDLESS, route=straight_routes((0.0, 0.0, 0.0), turn=turn, after=15))[:, :, 2]
         for turn in (np.pi / 2, -np.pi / 2)
     )
     for seen, beside in ((left, slice(0, 9)), (right, slice(11, 20))):
@@ -269,12 +270,10 @@ def test_the_path_turns_where_the_route_does(place: Worlds, routed: Routes) -> N
         assert seen[9:11, 9:22].max(axis=0).min() >= 127
 
 
-def test_road_users_lie_on_the_path_and_the_path_on_the_ground(
-    place: Worlds, routed: Routes, street: SurfaceShapes
-) -> None:
+def test_road_users_lie_on_the_path_and_the_path_on_the_ground(place: Worlds, street: SurfaceShapes) -> None:
     users = [(CAR, 100.0, 0.0, 0.0), (PEDESTRIAN, 115.0, 0.0, 0.0), (CAR, 125.0, 0.0, 0.0)]
     world = place(users, np.array([5.0, 3.0, 5.0]), np.full(3, 2.4))
-    with_path = image(world, RoadMap(street), route=routed((100.0, 0.0, 0.0)))
+    with_path = image(world, RoadMap(street), route=straight_routes((100.0, 0.0, 0.0)))
     without = image(world, RoadMap(street))
     for col in range(12, 20):  # magenta on the white road, blended with it at the border
         assert [255, 0, 255] in with_path[9:11, col].tolist()
@@ -287,7 +286,9 @@ def test_road_users_lie_on_the_path_and_the_path_on_the_ground(
     assert np.array_equal(with_path[[*range(8), *range(12, 20)]], without[[*range(8), *range(12, 20)]])
 
 
-def test_with_a_route_crossings_and_cycle_lanes_have_their_own_colours(place: Worlds, routed: Routes) -> None:
+def test_with_a_route_crossings_and_cycle_lanes_have_their_own_colours(
+    place: Worlds,
+) -> None:
     squares = tuple(
         Area(surface, np.array([(x, -2.0), (x + 4, -2.0), (x + 4, 2.0), (x, 2.0)]))
         for x, surface in (
@@ -298,7 +299,7 @@ def test_with_a_route_crossings_and_cycle_lanes_have_their_own_colours(place: Wo
         )
     )
     roadmap, world = RoadMap(SurfaceShapes(squares)), place([(PEDESTRIAN, 0, 0, 0)])
-    for route in (routed((0.0, 9.0, 0.0)), RouteAhead.unknown(1)):
+    for route in (straight_routes((0.0, 9.0, 0.0)), RouteAhead.unknown(1)):
         seen = image(world, roadmap, route=route)
         colours = [seen[10, 8 + x].tolist() for x in (6, 12, 18, 24, 30)]
         assert colours == [WHITE, [160, 160, 160], [0, 255, 255], YELLOW, BLACK]
@@ -317,10 +318,8 @@ def wild_routes(world: WorldState, seed: int) -> RouteAhead:
     return replace(route, known=rng.random(n) < 0.67)
 
 
-def test_a_path_is_the_same_alone_and_among_others(
-    crowd: Worlds, street: SurfaceShapes, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    world, roadmap = crowd(9, 120, 60.0), RoadMap(street)
+def test_a_path_is_the_same_alone_and_among_others(street: SurfaceShapes, monkeypatch: pytest.MonkeyPatch) -> None:
+    world, roadmap = make_crowd(120, 9, 60.0, -30.0), RoadMap(street)
     route = wild_routes(world, 1)
     together = ego_images(world, everyone(world), roadmap, route)
     apart = [image(world, roadmap, row, route.take(np.array([row]))) for row in everyone(world)]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from builders import make_crowd
 
 from slrl_sumo.perception.features import FEATURES, features
 from slrl_sumo.scene.state import WorldState
@@ -36,9 +37,9 @@ def test_columns(place: Callable[..., WorldState]) -> None:
 
 
 @pytest.mark.parametrize(("n", "side"), [(2, 10.0), (60, 40.0), (300, 120.0)])
-def test_counts_agree_with_brute_force(crowd: Callable[..., WorldState], n: int, side: float) -> None:
+def test_counts_agree_with_brute_force(n: int, side: float) -> None:
     for seed in range(4):
-        world = crowd(seed, n, side)
+        world = make_crowd(n, seed, side, -side / 2)
         rows = np.random.default_rng(seed).permutation(n)[: max(1, n // 2)]
         assert features(world, rows)[:, 6:].tolist() == [counts(world, row) for row in rows]
 
@@ -74,8 +75,8 @@ def test_background_traffic_counts_as_well(place: Callable[..., WorldState]) -> 
     assert features(world, np.array([0]))[0, 9] == 1
 
 
-def test_scenes_do_not_see_each_other(crowd: Callable[..., WorldState]) -> None:
-    world, scene = crowd(4, 90, 30.0), np.random.default_rng(4).integers(0, 3, 90)
+def test_scenes_do_not_see_each_other() -> None:
+    world, scene = make_crowd(90, 4, 30.0, -15.0), np.random.default_rng(4).integers(0, 3, 90)
     found = features(world, np.arange(90), scene)
     for one in range(3):
         rows = np.flatnonzero(scene == one)
@@ -91,12 +92,12 @@ def test_alone_and_nobody(place: Callable[..., WorldState]) -> None:
     assert features(place([]), np.zeros(0, np.intp)).shape == (0, 12)
 
 
-def test_the_order_of_the_world_does_not_matter(crowd: Callable[..., WorldState]) -> None:
-    world = crowd(9, 80, 50.0)
+def test_the_order_of_the_world_does_not_matter() -> None:
+    world = make_crowd(80, 9, 50.0, -25.0)
     order = np.random.default_rng(0).permutation(80)
     assert np.array_equal(features(world.take(order), np.arange(80)), features(world, order))
 
 
-def test_who_is_not_there_has_no_vector(crowd: Callable[..., WorldState]) -> None:
+def test_who_is_not_there_has_no_vector() -> None:
     with pytest.raises(IndexError, match="index 5"):
-        features(crowd(1, 5, 10.0), np.array([0, 5]))
+        features(make_crowd(5, 1, 10.0, -5.0), np.array([0, 5]))

@@ -1,20 +1,17 @@
 """Observations are the vector and the image of the same road users."""
 
-from collections.abc import Callable
-
 import numpy as np
+from builders import make_crowd, straight_routes
 
 from slrl_sumo.ground.road_map import RoadMap, SurfaceShapes
 from slrl_sumo.perception.ego_image import ego_images
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.observation import Way, observe
 from slrl_sumo.perception.route_features import route_features
-from slrl_sumo.scene.route import RouteAhead
-from slrl_sumo.scene.state import WorldState
 
 
-def test_rows_belong_together(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:
-    world, roadmap, rows = crowd(1, 30, 40.0), RoadMap(street), np.array([7, 3, 29])
+def test_rows_belong_together(street: SurfaceShapes) -> None:
+    world, roadmap, rows = make_crowd(30, 1, 40.0, -20.0), RoadMap(street), np.array([7, 3, 29])
     seen = observe(world, rows, roadmap)
     assert len(seen) == 3
     assert seen.type.tolist() == world.type[rows].tolist()
@@ -23,28 +20,26 @@ def test_rows_belong_together(crowd: Callable[..., WorldState], street: SurfaceS
     assert np.array_equal(seen.image, ego_images(world, rows, roadmap))
 
 
-def test_who_does_not_look_gets_no_image(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:
-    world, roadmap, rows = crowd(1, 30, 40.0), RoadMap(street), np.arange(30)
+def test_who_does_not_look_gets_no_image(street: SurfaceShapes) -> None:
+    world, roadmap, rows = make_crowd(30, 1, 40.0, -20.0), RoadMap(street), np.arange(30)
     blind = observe(world, rows, roadmap, with_image=False)
     assert blind.image is None
     assert np.array_equal(blind.vector, observe(world, rows, roadmap).vector)
     assert roadmap.resident_bytes > 0
 
 
-def test_nobody(crowd: Callable[..., WorldState], street: SurfaceShapes) -> None:
-    seen = observe(crowd(1, 30, 40.0), np.zeros(0, np.intp), RoadMap(street))
+def test_nobody(street: SurfaceShapes) -> None:
+    seen = observe(make_crowd(30, 1, 40.0, -20.0), np.zeros(0, np.intp), RoadMap(street))
     assert len(seen) == 0
     assert seen.vector.shape == (0, 12)
     assert seen.image is not None
     assert seen.image.shape == (0, 20, 40, 3)
 
 
-def test_who_knows_the_way_sees_it_as_numbers_and_in_the_image(
-    crowd: Callable[..., WorldState], routed: Callable[..., RouteAhead], street: SurfaceShapes
-) -> None:
-    world, roadmap, rows = crowd(1, 30, 40.0), RoadMap(street), np.array([7, 3, 29])
+def test_who_knows_the_way_sees_it_as_numbers_and_in_the_image(street: SurfaceShapes) -> None:
+    world, roadmap, rows = make_crowd(30, 1, 40.0, -20.0), RoadMap(street), np.array([7, 3, 29])
     places = [(float(world.x[row]), float(world.y[row]), float(world.heading[row])) for row in rows]
-    way = Way(routed(*places, stop=9.0), np.array([3.0, 4.0, 5.0]), np.array([1.0, 0.0, 2.0]))
+    way = Way(straight_routes(*places, stop=9.0), np.array([3.0, 4.0, 5.0]), np.array([1.0, 0.0, 2.0]))
     seen = observe(world, rows, roadmap, way=way)
     assert seen.image is not None
     assert seen.route is not None

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import straight_routes
 from numpy.typing import NDArray
 
 from slrl_sumo.perception.route_features import ROUTE_FEATURES, route_features
@@ -26,10 +27,12 @@ def told(world: WorldState, route: RouteAhead, **leader: Any) -> list[dict[str, 
     return [dict(zip(ROUTE_FEATURES, row.tolist(), strict=True)) for row in table]
 
 
-def test_every_column_in_its_unit(place: Worlds, routed: Routes) -> None:
+def test_every_column_in_its_unit(
+    place: Worlds,
+) -> None:
     # 1 m to the left of a straight path, turned 0.1 rad to the left of it.
     world = place([(0, 30.0, 6.0, 0.1)])
-    route = routed((30.0, 5.0, 0.0), stop=25.0, line=30.0, signal=3, desired=13.0, left=44.0)
+    route = straight_routes((30.0, 5.0, 0.0), stop=25.0, line=30.0, signal=3, desired=13.0, left=44.0)
     assert told(world, route, gap=[12.0], speed=[5.0])[0] == pytest.approx(
         {
             "known": 1.0,
@@ -52,43 +55,45 @@ def test_every_column_in_its_unit(place: Worlds, routed: Routes) -> None:
 
 
 @pytest.mark.parametrize(("signal", "shown"), [(0, []), (1, ["green"]), (2, ["yellow"]), (3, ["red"])])
-def test_one_signal_is_shown_at_most(place: Worlds, routed: Routes, signal: int, shown: list[str]) -> None:
-    (row,) = told(place([(0, 0, 0, 0)]), routed((0, 0, 0), signal=signal))
+def test_one_signal_is_shown_at_most(place: Worlds, signal: int, shown: list[str]) -> None:
+    (row,) = told(place([(0, 0, 0, 0)]), straight_routes((0, 0, 0), signal=signal))
     assert [name for name in ("green", "yellow", "red") if row[name]] == shown
     assert all(row[name] == 1.0 for name in shown)
 
 
 @pytest.mark.parametrize("heading", [0.0, 2.0, np.pi - 0.05, -3.1])
 @pytest.mark.parametrize("turn", [np.pi / 2, -np.pi / 2, 0.5, -2.5])
-def test_the_next_turn_and_its_distance_in_any_direction(
-    place: Worlds, routed: Routes, heading: float, turn: float
-) -> None:
-    (row,) = told(place([(0, 7.0, -3.0, heading)]), routed((7.0, -3.0, heading), turn=turn, after=13))
+def test_the_next_turn_and_its_distance_in_any_direction(place: Worlds, heading: float, turn: float) -> None:
+    (row,) = told(place([(0, 7.0, -3.0, heading)]), straight_routes((7.0, -3.0, heading), turn=turn, after=13))
     assert row["turn_distance"] == pytest.approx(1.3)
     assert row["turn"] == pytest.approx(turn, abs=1e-4)
     assert row["askew"] == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 1.0, 2.0, -0.7, -2.9, np.pi])
-def test_straight_back_is_to_the_left(place: Worlds, routed: Routes, heading: float) -> None:
+def test_straight_back_is_to_the_left(place: Worlds, heading: float) -> None:
     for turn in (np.pi, -np.pi):
-        (row,) = told(place([(0, 7.0, -3.0, heading)]), routed((7.0, -3.0, heading), turn=turn, after=30))
+        (row,) = told(place([(0, 7.0, -3.0, heading)]), straight_routes((7.0, -3.0, heading), turn=turn, after=30))
         assert (row["turn"], row["turn_distance"]) == (pytest.approx(np.pi), pytest.approx(3.0))
 
 
-def test_turns_that_lie_behind_or_are_slight_do_not_count(place: Worlds, routed: Routes) -> None:
-    behind = routed((0.0, 0.0, 0.0))
+def test_turns_that_lie_behind_or_are_slight_do_not_count(
+    place: Worlds,
+) -> None:
+    behind = straight_routes((0.0, 0.0, 0.0))
     # The path came from the right, round a corner 4 m behind.
     x, y = behind.x.copy(), behind.y.copy()
     x[0, :4], y[0, :4] = -4.0, [-4.0, -3.0, -2.0, -1.0]
-    for route, turned in ((replace(behind, x=x, y=y), 0.0), (routed((0, 0, 0), turn=0.25, after=10), 0.25)):
+    for route, turned in ((replace(behind, x=x, y=y), 0.0), (straight_routes((0, 0, 0), turn=0.25, after=10), 0.25)):
         (row,) = told(place([(0, 0, 0, 0)]), route)
         assert row["turn_distance"] == pytest.approx(4.0)
         assert row["turn"] == pytest.approx(turned, abs=1e-5)
 
 
-def test_what_is_far_is_all_alike(place: Worlds, routed: Routes) -> None:
-    far = routed((0, 0, 0), stop=np.inf, line=61.0, left=4000.0)
+def test_what_is_far_is_all_alike(
+    place: Worlds,
+) -> None:
+    far = straight_routes((0, 0, 0), stop=np.inf, line=61.0, left=4000.0)
     (row,) = told(place([(0, 0.0, 40.0, 0.0)]), far, gap=[np.inf], speed=[80.0])
     assert [row[name] for name in ("stop", "line", "left", "leader_gap", "leader_speed")] == [6.0] * 5
     assert row["aside"] == 5.0
@@ -96,9 +101,11 @@ def test_what_is_far_is_all_alike(place: Worlds, routed: Routes) -> None:
     assert row["aside"] == -5.0
 
 
-def test_without_a_route_all_is_zero(place: Worlds, routed: Routes) -> None:
+def test_without_a_route_all_is_zero(
+    place: Worlds,
+) -> None:
     world = place([(0, 3.0, 2.0, 0.3), (1, 0.0, 0.5, 0.0), (2, 9.0, 9.0, 1.0)])
-    whole = routed((0, 0, 0), (0, 0, 0), (9, 9, 0), stop=5.0, signal=2)
+    whole = straight_routes((0, 0, 0), (0, 0, 0), (9, 9, 0), stop=5.0, signal=2)
     route = replace(whole, known=np.array([False, True, False]), left=np.full(3, np.nan))
     table = told(world, replace(route, left=np.array([np.nan, 20.0, np.nan])))
     assert not any(table[0].values())
@@ -108,9 +115,11 @@ def test_without_a_route_all_is_zero(place: Worlds, routed: Routes) -> None:
     assert not nobody.any()
 
 
-def test_routes_belong_to_the_rows_that_are_asked_for(place: Worlds, routed: Routes) -> None:
+def test_routes_belong_to_the_rows_that_are_asked_for(
+    place: Worlds,
+) -> None:
     world = place([(0, 0.0, 1.0, 0.0), (0, 50.0, 3.0, 0.0), (0, 90.0, -2.0, 0.0)])
-    route = routed((90.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    route = straight_routes((90.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     table = route_features(world, np.array([2, 0]), route, np.array([10.0, 20.0]), np.zeros(2))
     np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("aside")], [-2.0, 1.0], atol=1e-6)
     np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("leader_gap")], [1.0, 2.0], atol=1e-6)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import Places
@@ -28,19 +29,15 @@ def world(frame: int, learned: int = 2) -> WorldState:
     """Four cars on a road along x: two learned ones at 10 m/s, 20 m apart; SUMO's own at 4 m/s before them, which the
     first one comes near, and one beside it."""
     x = np.array([20.0, 0.0, 60.0, 0.0]) + 0.4 * frame * np.array([10.0, 10.0, 4.0, 8.0])
-    return WorldState(
-        time=0.4 * frame,
+    return make_world(
+        x,
+        [0.0, 0.0, 0.0, 3.0],
+        speed=[10.0, 10.0, 4.0, 8.0],
         ids=("a", "b", "c", "d"),
-        type=np.zeros(4, np.int8),
-        x=x,
-        y=np.array([0.0, 0.0, 0.0, 3.0]),
-        heading=np.zeros(4),
-        speed=np.array([10.0, 10.0, 4.0, 8.0]),
-        acceleration=np.zeros(4),
-        yaw_rate=np.zeros(4),
-        length=np.full(4, 4.0),
-        width=np.full(4, 2.0),
+        length=4.0,
+        width=2.0,
         learned=np.arange(4) < learned,
+        time=0.4 * frame,
     )
 
 

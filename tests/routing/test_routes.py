@@ -9,6 +9,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.routing.pedestrian_tracker import KERB
 from slrl_sumo.routing.right_of_way import STOP_LINE
@@ -54,21 +55,10 @@ def _seen(session: SumoSession, *ids: str) -> WorldState:
     snapshot = session.reader.read()
     order = [snapshot.ids.index(i) for i in ids]
     order += [i for i in range(len(snapshot.ids)) if i not in order]
-    none = np.zeros(len(order))
-    return WorldState(
-        time=session.time,
-        ids=tuple(snapshot.ids[i] for i in order),
-        type=snapshot.type[order],
-        x=snapshot.x[order],
-        y=snapshot.y[order],
-        heading=snapshot.heading[order],
-        speed=snapshot.speed[order],
-        acceleration=none,
-        yaw_rate=none,
-        length=snapshot.length[order],
-        width=snapshot.width[order],
-        learned=np.ones(len(order), np.bool_),
-    )
+    columns = {
+        name: getattr(snapshot, name)[order] for name in ("type", "x", "y", "heading", "speed", "length", "width")
+    }
+    return make_world(**columns, ids=[snapshot.ids[i] for i in order], time=session.time)
 
 
 def _car(session: SumoSession, name: str, edges: tuple[str, ...], lane: int, left: float, speed: float) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.scene.advance import HALT, INTENT, advance, halting
 from slrl_sumo.scene.state import WorldState, empty_world
@@ -12,21 +13,7 @@ DT = 0.4
 
 
 def one(speed: float = 0.0, heading: float = 0.0, x: float = 0.0, y: float = 0.0) -> WorldState:
-    number = np.array
-    return WorldState(
-        time=10.0,
-        ids=("u",),
-        type=np.zeros(1, np.int8),
-        x=number([x]),
-        y=number([y]),
-        heading=number([heading]),
-        speed=number([speed]),
-        acceleration=number([7.0]),
-        yaw_rate=number([7.0]),
-        length=number([5.0]),
-        width=number([1.8]),
-        learned=np.ones(1, np.bool_),
-    )
+    return make_world(x, y, heading, speed, acceleration=7.0, yaw_rate=7.0, ids=("u",), time=10.0)
 
 
 def move(state: WorldState, acceleration: float = 0.0, yaw_rate: float = 0.0, max_speed: float = 50.0) -> WorldState:

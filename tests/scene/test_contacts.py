@@ -4,6 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from builders import make_world
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.contacts import close_pairs, colliding_pairs, overlapping_pairs
@@ -14,23 +15,8 @@ Floats = NDArray[np.float64]
 
 def world(rows: list[tuple[float, float, float, float, float]] | Floats) -> WorldState:
     """Rows of x, y, heading, length, width."""
-    columns = np.array(rows, np.float64).reshape(-1, 5).T
-    n = columns.shape[1]
-    none = np.zeros(n)
-    return WorldState(
-        time=0.0,
-        ids=tuple(f"u{i}" for i in range(n)),
-        type=np.zeros(n, np.int8),
-        x=columns[0],
-        y=columns[1],
-        heading=columns[2],
-        speed=none,
-        acceleration=none,
-        yaw_rate=none,
-        length=columns[3],
-        width=columns[4],
-        learned=np.ones(n, np.bool_),
-    )
+    x, y, heading, length, width = np.array(rows, np.float64).reshape(-1, 5).T
+    return make_world(x, y, heading, length=length, width=width)
 
 
 def corners(row: Floats) -> Floats:

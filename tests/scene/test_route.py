@@ -4,36 +4,34 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import ALONG, make_routes
 
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, POINTS, SPACING, RouteAhead, on_path
-
-S = SPACING * (np.arange(POINTS) - HERE)
-"""m along the path of each of its points."""
+from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, POINTS, RouteAhead, on_path
 
 
 def paths(*points: tuple[Floats, Floats]) -> RouteAhead:
     x, y = (np.array(column) for column in zip(*points, strict=True))
-    return replace(RouteAhead.unknown(len(points)), known=np.ones(len(points), np.bool_), x=x, y=y)
+    return make_routes(x, y)
 
 
 def straight(heading: float, x: float = 0.0, y: float = 0.0) -> tuple[Floats, Floats]:
-    return x + S * np.cos(heading), y + S * np.sin(heading)
+    return x + ALONG * np.cos(heading), y + ALONG * np.sin(heading)
 
 
 def circle(radius: float) -> tuple[Floats, Floats]:
     """Eastwards through the origin; radius > 0: to the left."""
-    return radius * np.sin(S / radius), radius - radius * np.cos(S / radius)
+    return radius * np.sin(ALONG / radius), radius - radius * np.cos(ALONG / radius)
 
 
 def corner(turn: float, after: float = 10.0) -> tuple[Floats, Floats]:
     """Eastwards, and `after` m on by `turn` to the left."""
-    beyond = np.maximum(S - after, 0.0)
-    return np.minimum(S, after) + beyond * np.cos(turn), beyond * np.sin(turn)
+    beyond = np.maximum(ALONG - after, 0.0)
+    return np.minimum(ALONG, after) + beyond * np.cos(turn), beyond * np.sin(turn)
 
 
 def test_the_points_reach_as_far_as_they_say() -> None:
-    assert (S[0], S[HERE], S[-1]) == (-BEHIND, 0.0, AHEAD)
+    assert (ALONG[0], ALONG[HERE], ALONG[-1]) == (-BEHIND, 0.0, AHEAD)
 
 
 def test_beside_a_straight_path_and_beyond_its_ends() -> None:
@@ -88,7 +86,7 @@ def test_directions_at_points_are_those_from_the_one_before_to_the_one_after() -
     _, aside, headings = on_path(route, route.x, route.y)
     assert aside == pytest.approx(0.0, abs=1e-9)
     assert headings[0] == pytest.approx(-2.5)
-    assert headings[1, 1:-1] == pytest.approx(S[1:-1] / 20.0, abs=1e-6)
+    assert headings[1, 1:-1] == pytest.approx(ALONG[1:-1] / 20.0, abs=1e-6)
 
 
 def test_places_are_beside_the_piece_at_the_nearest_of_all_points() -> None:
@@ -105,7 +103,7 @@ def test_places_are_beside_the_piece_at_the_nearest_of_all_points() -> None:
         begin = nearest if onward else nearest - 1
         piece = path[begin + 1] - path[begin]
         seen = (place - path[begin]) * piece.conjugate() / abs(piece)
-        assert along[i, j] == pytest.approx(S[begin] + seen.real)
+        assert along[i, j] == pytest.approx(ALONG[begin] + seen.real)
         assert aside[i, j] == pytest.approx(seen.imag)
         ends = np.angle(path[[begin + 1, min(begin + 2, POINTS - 1)]] - path[[max(begin - 1, 0), begin]])
         turn = np.angle(np.exp(1j * (ends[1] - ends[0])))

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_world
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.contacts import close_pairs, overlapping_pairs
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.spawn import DEFAULT_MIX, draw_starts, legal_lanes, parse_mix, starting_points, type_counts
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
@@ -29,21 +30,7 @@ def network(config: str) -> Network:
 
 
 def boxes(kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats) -> WorldState:
-    none = np.zeros(len(kinds))
-    return WorldState(
-        time=0.0,
-        ids=tuple(f"u{i}" for i in range(len(kinds))),
-        type=kinds,
-        x=x,
-        y=y,
-        heading=heading,
-        speed=none,
-        acceleration=none,
-        yaw_rate=none,
-        length=DEFAULT_LENGTH[kinds],
-        width=DEFAULT_WIDTH[kinds],
-        learned=np.ones(len(kinds), np.bool_),
-    )
+    return make_world(x, y, heading, type=kinds)
 
 
 @pytest.mark.parametrize(

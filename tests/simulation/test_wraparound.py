@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from builders import make_world
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
@@ -11,7 +12,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.contacts import overlapping_pairs
 from slrl_sumo.scene.geometry import from_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState, empty_world
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.spawn import starting_points
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.lanes import LanePoints
@@ -29,23 +30,9 @@ def scene(name: str) -> tuple[RoadMap, tuple[LanePoints, ...]]:
 
 def world(rows: list[Row], length: float | None = None) -> WorldState:
     """Rows of type, x, y, heading, speed."""
-    columns = np.array(rows, np.float64).reshape(-1, 5)
-    kinds = columns[:, 0].astype(np.int8)
-    n = len(kinds)
-    return WorldState(
-        time=0.0,
-        ids=tuple(f"{length}{i}" for i in range(n)),
-        type=kinds,
-        x=columns[:, 1].copy(),
-        y=columns[:, 2].copy(),
-        heading=columns[:, 3].copy(),
-        speed=columns[:, 4].copy(),
-        acceleration=np.full(n, 0.5),
-        yaw_rate=np.zeros(n),
-        length=DEFAULT_LENGTH[kinds] if length is None else np.full(n, length),
-        width=DEFAULT_WIDTH[kinds],
-        learned=np.ones(n, np.bool_),
-    )
+    kind, x, y, heading, speed = np.array(rows, np.float64).reshape(-1, 5).T
+    ids = [f"{length}{i}" for i in range(len(rows))]
+    return make_world(x, y, heading, speed, type=kind, acceleration=0.5, length=length, ids=ids)
 
 
 def test_who_is_on_the_ground_or_near_it_stays() -> None:

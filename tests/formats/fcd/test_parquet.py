@@ -8,6 +8,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import sumo
+from builders import make_world
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd import columns as fcd_columns
@@ -26,20 +27,16 @@ HOME = Path(sumo.SUMO_HOME)
 def scene(time: float, n: int = 6) -> tuple[WorldState, Places]:
     """Cars and, every third, persons; every fourth is on no lane, every second is learned."""
     i = np.arange(n)
-    none = np.zeros(n)
-    world = WorldState(
-        time=time,
-        ids=tuple(f"u{k}" for k in i),
-        type=np.where(i % 3 == 2, 2, 0).astype(np.int8),
-        x=10.0 * i + time,
-        y=100.0 - i,
-        heading=none,
+    world = make_world(
+        10.0 * i + time,
+        100.0 - i,
         speed=1.0 + i,
-        acceleration=none,
-        yaw_rate=none,
-        length=none + 5.0,
-        width=none + 1.8,
+        type=np.where(i % 3 == 2, 2, 0),
+        length=5.0,
+        width=1.8,
         learned=i % 2 == 0,
+        ids=[f"u{k}" for k in i],
+        time=time,
     )
     places = Places(
         sumo_type=("some",) * n,

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sumo
+from builders import make_world
 from lxml import etree
 
 from slrl_sumo.errors import InputError
@@ -49,21 +50,7 @@ def worlds(n: int, steps: int) -> list[tuple[WorldState, Places]]:
     for k in range(steps):
         x, y = x + rng.normal(0, 2, n), y + rng.normal(0, 2, n)
         heading = np.mod(heading + rng.normal(0, 0.5, n) + np.pi, 2 * np.pi) - np.pi
-        zero = np.zeros(n)
-        world = WorldState(
-            time=7.2 + 0.4 * k,
-            ids=tuple(f"a{i}" for i in range(n)),
-            type=kind.astype(np.int8),
-            x=x,
-            y=y,
-            heading=heading,
-            speed=zero,
-            acceleration=zero,
-            yaw_rate=zero,
-            length=DEFAULT_LENGTH[kind],
-            width=DEFAULT_WIDTH[kind],
-            learned=zero > 0,
-        )
+        world = make_world(x, y, heading, type=kind, ids=[f"a{i}" for i in range(n)], learned=False, time=7.2 + 0.4 * k)
         out.append((world, places))
     return out
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import sumo
 import sumolib
+from builders import make_world
 from lxml import etree
 
 from slrl_sumo.errors import InputError
@@ -22,19 +23,15 @@ def scene(time: float, n: int = 6) -> tuple[WorldState, Places]:
     """Road users of all types along a line; every third is a person, every fourth has no lane."""
     i = np.arange(n)
     kind = (i % 3).astype(np.int8)
-    world = WorldState(
-        time=time,
-        ids=tuple(f"u{k}" for k in i),
+    world = make_world(
+        10.0 * i + time,
+        100.0 - i,
+        0.3 * i - 1,
+        1.0 + i,
         type=kind,
-        x=10.0 * i + time,
-        y=100.0 - i,
-        heading=0.3 * i - 1,
-        speed=1.0 + i,
-        acceleration=np.zeros(n),
-        yaw_rate=np.zeros(n),
-        length=np.array([5.0, 1.6, 0.215])[kind],
-        width=np.array([1.8, 0.65, 0.478])[kind],
         learned=i % 2 == 0,
+        ids=[f"u{k}" for k in i],
+        time=time,
     )
     places = Places(
         sumo_type=tuple(("passenger", "bicycle", "pedestrian")[k] for k in kind),

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.learning.rl import rewards
@@ -15,22 +16,7 @@ CAR, BICYCLE, PEDESTRIAN = RoadUserType
 
 
 def _at(x: list[float]) -> WorldState:
-    n = len(x)
-    none = np.zeros(n)
-    return WorldState(
-        time=0.0,
-        ids=tuple(str(i) for i in range(n)),
-        type=np.full(n, PEDESTRIAN, np.int8),
-        x=np.array(x),
-        y=none,
-        heading=none,
-        speed=none,
-        acceleration=none,
-        yaw_rate=none,
-        length=np.full(n, 0.2),
-        width=np.full(n, 0.4),
-        learned=np.ones(n, np.bool_),
-    )
+    return make_world(x, type=PEDESTRIAN)
 
 
 def test_close_counts_everybody_within_a_metre_but_only_for_the_learned() -> None:
