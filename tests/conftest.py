@@ -1,12 +1,17 @@
-"""What tests of several packages need: the command line as a process, a bundle, scenarios of people who know nothing of
-this package."""
+"""What tests of several packages need: the command line, bundles, scenarios; and the check that no files are left."""
 
+import fcntl
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 
 import numpy as np
 import pytest
@@ -15,6 +20,7 @@ import torch
 from builders import make_bundle
 
 from slrl_sumo.agent import driver  # noqa: F401 (imports what is compiled)
+from slrl_sumo.cli import main
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
@@ -24,6 +30,31 @@ from slrl_sumo.sumo.scenario import find_scenario
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 CopyScenario = Callable[..., Path]
 
+GRACE = 20.0
+"""s that processes of the last tests have to remove their temporary files."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give all tests a temporary folder of their own, except for pytest's folders, which stay where they were."""
+    if not hasattr(config, "workerinput"):  # worker processes inherit it
+        os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", tempfile.gettempdir())
+        os.environ["TMPDIR"] = tempfile.tempdir = tempfile.mkdtemp(prefix="t_")
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]:
+    """Fail where anything is left in the temporary folder of the tests."""
+    yield
+    if hasattr(session.config, "workerinput"):
+        return
+    folder, end = Path(tempfile.gettempdir()), time.monotonic() + GRACE
+    while (left := sorted(path.name for path in folder.iterdir())) and time.monotonic() < end:
+        time.sleep(0.5)
+    shutil.rmtree(folder, ignore_errors=True)
+    if left:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        print(f"\nERROR: left in the temporary folder: {', '.join(left)}")
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _one_thread() -> None:
@@ -32,17 +63,19 @@ def _one_thread() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _compiled() -> None:
-    """The inner loops, once on a new machine: the first run says so, and takes longer."""
-    if first_time():
-        command = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--agents", "16", "--steps", "3"]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        assert "note: the inner loops are being compiled" in done.stderr
-        assert "compiled" not in subprocess.run(command, capture_output=True, text=True, check=True).stderr
+def _compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The kernels are compiled once on a new machine, by one of the worker processes: the first run says so."""
+    with open(tmp_path_factory.getbasetemp().parent / "kernels.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if first_time():
+            command = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--agents", "16", "--steps", "3"]
+            done = subprocess.run(command, capture_output=True, text=True, check=True)
+            assert "note: the inner loops are being compiled" in done.stderr
+            assert "compiled" not in subprocess.run(command, capture_output=True, text=True, check=True).stderr
 
 
 @pytest.fixture(scope="session")
-def cli() -> Cli:
+def cli_process() -> Cli:
     """Runs `slrl-sumo` with the given words as a process of its own; a crash is a return code below 0."""
 
     def call(*words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
@@ -53,6 +86,47 @@ def cli() -> Cli:
         )
 
     return call
+
+
+@pytest.fixture(scope="session")
+def cli() -> Cli:
+    """Runs `slrl-sumo` with the given words inside this process, which saves seconds of imports; a bug raises.
+
+    Everything is caught that the process and those that it starts print, C++ code included.
+    """
+
+    def call(*words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        command = ["slrl-sumo", *map(str, words)]
+        code: object = 0
+        with pytest.MonkeyPatch.context() as patch, TemporaryFile("w+") as out, TemporaryFile("w+") as err:
+            patch.setattr(sys, "argv", command)
+            patch.setenv("COLUMNS", "200")
+            patch.chdir(Path.cwd() if cwd is None else cwd)
+            with _printing_to(out, err):
+                try:
+                    main()
+                except SystemExit as end:
+                    code = end.code
+            return subprocess.CompletedProcess(command, int(code or 0), out.read(), err.read())
+
+    return call
+
+
+@contextmanager
+def _printing_to(*files: IO[str]) -> Iterator[None]:
+    """Send the standard output and error of this process and of those that it starts to two files."""
+    saved = [os.dup(number) for number in (1, 2)]
+    try:
+        for number, file in enumerate(files, start=1):
+            os.dup2(file.fileno(), number)
+        with redirect_stdout(files[0]), redirect_stderr(files[1]):
+            yield
+    finally:
+        for number, (file, before) in enumerate(zip(files, saved, strict=True), start=1):
+            file.flush()
+            os.dup2(before, number)
+            os.close(before)
+            file.seek(0)
 
 
 @pytest.fixture(scope="session")

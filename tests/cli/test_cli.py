@@ -262,8 +262,8 @@ def refused(done: subprocess.CompletedProcess[str], words: str, folder: Path) ->
 
 
 @pytest.mark.parametrize("what", SMOKE)
-def test_wrong_input_gets_one_line_and_exit_code_1(cli: Cli, tmp_path: Path, what: str) -> None:
-    refused(cli(*WRONG[what][0], cwd=tmp_path), WRONG[what][1], tmp_path)
+def test_wrong_input_gets_one_line_and_exit_code_1(cli_process: Cli, tmp_path: Path, what: str) -> None:
+    refused(cli_process(*WRONG[what][0], cwd=tmp_path), WRONG[what][1], tmp_path)
 
 
 @pytest.mark.slow
