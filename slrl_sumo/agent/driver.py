@@ -137,7 +137,7 @@ class ModelDriver:
         """See Driver."""
         if self._routes is None:
             return np.zeros(len(learned), np.bool_)
-        return self._routes.astray(learned.ids)
+        return self._routes.off_route(learned.ids)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""

@@ -1,7 +1,7 @@
-"""The driver `lane`: follows its own lane and route as SUMO's vehicles do, roughly. A baseline, and a stand-in.
+"""The driver `lane`: each road user follows its lane and route, roughly as in SUMO. A baseline without models.
 
-Speeds are Krauss' safe speeds with regard to SUMO's leader, signals, priority, lane limits, and whatever box lies on
-the way; all within the acceleration and deceleration of the vehicle's type. Persons walk along the edges of their walk.
+Speeds are Krauss' safe speeds with regard to SUMO's leader, signals, priority, lane limits, and all boxes on the path,
+within the acceleration and deceleration of the vehicle's type. Persons walk along the edges of their walk.
 """
 
 import math
@@ -30,15 +30,15 @@ SLANT = 0.3
 SIDEWAYS_ACCELERATION = 1.0
 """m/s² with which a move across the lane ends."""
 OFF_END = 12.0
-"""m beyond the end of its way that a road user without a destination goes on."""
-IMPATIENCE = 6.0
-"""s after which a vehicle that stands for another one that stands too, not ahead in its lane, goes on."""
+"""m beyond the end of its path that a road user without destination continues."""
+STANDSTILL_TIME = 6.0
+"""s after which a vehicle goes on that stands because of another standing vehicle that is not ahead in its lane."""
 
 
 class LaneDriver:
-    """Drives road users through `api` (libsumo or a TraCI connection): those taken over, and those that we added.
+    """Drives taken-over and spawned road users.
 
-    Road users that we added (ids `learned_…`) have no route: they go on at random at junctions, the same in every run.
+    Spawned road users (ids `learned_…`) have no route: at junctions they continue at random, equally in every run.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
@@ -51,8 +51,8 @@ class LaneDriver:
     def drive(self, learned: WorldState, dt: float, others: WorldState | None = None) -> WorldState:
         """The state of n road users `dt` s later.
 
-        `others`: the rest of the world, which SUMO's leader does not tell of (persons, vehicles across the way). Speeds
-        are the distance that centres cover, over time.
+        `others`: the rest of the world, which SUMO's leaders do not cover (persons, crossing vehicles). Speeds are the
+        distances between centres over time.
         """
         self._speed_limits.renew()
         self._pedestrians.renew()
@@ -62,12 +62,12 @@ class LaneDriver:
             x[i], y[i], heading[i] = self._pedestrians.step(learned.ids[i], x[i], y[i], heading[i], dt)
         rows = np.flatnonzero(~walking)
         world = learned if others is None else learned.join(others)
-        drives = [self._vehicles.known(learned, i) for i in rows.tolist()]
-        for i, drive in zip(rows.tolist(), drives, strict=True):
-            self._vehicles.choose_lane(learned.ids[i], drive, world, i)
-        held = self._obstacles(world, rows, drives, dt)
-        for i, drive, (safe, standing) in zip(rows.tolist(), drives, held, strict=True):
-            x[i], y[i], heading[i] = self._advance(learned, i, drive, safe, standing, dt)
+        tracks = [self._vehicles.planned(learned, i) for i in rows.tolist()]
+        for i, track in zip(rows.tolist(), tracks, strict=True):
+            self._vehicles.choose_lane(learned.ids[i], track, world, i)
+        obstacles = self._obstacles(world, rows, tracks, dt)
+        for i, track, (safe, standing) in zip(rows.tolist(), tracks, obstacles, strict=True):
+            x[i], y[i], heading[i] = self._advance(learned, i, track, safe, standing, dt)
         speed = np.hypot(x - learned.x, y - learned.y) / dt
         return replace(
             learned,
@@ -81,68 +81,68 @@ class LaneDriver:
         )
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Who of n driven road users has so little way left that SUMO should finish the trip, (n,)."""
+        """Which of n driven road users are so near their destination that SUMO should finish the trip, (n,)."""
         return near_end(self._vehicles, self._pedestrians, ids)
 
     def forget(self, ids: tuple[str, ...]) -> None:
-        """Drop what is known of road users that are no longer driven."""
+        """Drop the tracks of road users that are no longer driven."""
         self._vehicles.forget(ids)
         self._pedestrians.forget(ids)
 
     def _obstacles(
-        self, world: WorldState, rows: NDArray[np.intp], drives: list[VehicleTrack], dt: float
+        self, world: WorldState, rows: NDArray[np.intp], tracks: list[VehicleTrack], dt: float
     ) -> list[tuple[float, bool]]:
-        """For each drive the speed that what lies on its way allows, and whether that is something that stands."""
-        if not drives:
+        """For each track the speed (m/s) that road users on its path allow, and whether the decisive one stands."""
+        if not tracks:
             return []
-        look = max(d.speed * (dt + 0.5) + d.speed**2 / (2.0 * d.decel) + 8.0 for d in drives)
+        look = max(d.speed * (dt + 0.5) + d.speed**2 / (2.0 * d.decel) + 8.0 for d in tracks)
         ahead = SPACING * np.arange(int(look / SPACING) + 2)
         approach = Approach(
             rows=rows,
-            path_x=np.array([np.interp(d.s + ahead, d.way.line.s, d.way.line.x) for d in drives]),
-            path_y=np.array([np.interp(d.s + ahead, d.way.line.s, d.way.line.y) for d in drives]),
-            room=np.array([d.way.line.end - d.s for d in drives]),
-            speed=np.array([d.speed for d in drives]),
-            limits=np.array([[d.accel, d.decel, d.emergency] for d in drives]),
-            heedless=np.array([world.time < d.free_until for d in drives]),
+            path_x=np.array([np.interp(d.s + ahead, d.path.line.s, d.path.line.x) for d in tracks]),
+            path_y=np.array([np.interp(d.s + ahead, d.path.line.s, d.path.line.y) for d in tracks]),
+            room=np.array([d.path.line.end - d.s for d in tracks]),
+            speed=np.array([d.speed for d in tracks]),
+            limits=np.array([[d.accel, d.decel, d.emergency] for d in tracks]),
+            ignores_standing=np.array([world.time < d.ignores_standing_until for d in tracks]),
         )
         safe, standing = slowed(approach, world, dt)
         return list(zip(safe.tolist(), standing.tolist(), strict=True))
 
     def _advance(
-        self, state: WorldState, i: int, drive: VehicleTrack, safe: float, standing: bool, dt: float
+        self, state: WorldState, i: int, track: VehicleTrack, safe: float, standing: bool, dt: float
     ) -> tuple[float, float, float]:
-        """VehicleTrack on for `dt` s; the new centre and heading."""
+        """Move along the path for `dt` s; returns the new centre and heading."""
         road_user, length = state.ids[i], float(state.length[i])
-        calm = self._speed_limits.calm(drive, dt)
-        hard = min(safe, self._speed_limits.behind(road_user, drive, dt))
-        low = drive.speed - drive.decel * dt
-        speed = min(drive.speed + drive.accel * dt, max(calm, low))
-        speed = max(min(speed, max(hard, drive.speed - drive.emergency * dt)), 0.0)
-        drive.held = safe < min(calm, drive.speed + drive.accel * dt)
-        drive.stood = drive.stood + dt if speed < 0.1 else 0.0
-        if standing and safe < 0.5 and drive.stood > IMPATIENCE + 4.0 * random.Random(road_user).random():
-            drive.free_until, drive.stood = state.time + 5.0, 0.0
-        # What we added has no destination: at the end of the network it drives off, and is looped.
+        allowed = self._speed_limits.allowed_speed(track, dt)
+        following = min(safe, self._speed_limits.following_speed(road_user, track, dt))
+        low = track.speed - track.decel * dt
+        speed = min(track.speed + track.accel * dt, max(allowed, low))
+        speed = max(min(speed, max(following, track.speed - track.emergency * dt)), 0.0)
+        track.obstructed = safe < min(allowed, track.speed + track.accel * dt)
+        track.standing_time = track.standing_time + dt if speed < 0.1 else 0.0
+        if standing and safe < 0.5 and track.standing_time > STANDSTILL_TIME + 4.0 * random.Random(road_user).random():
+            track.ignores_standing_until, track.standing_time = state.time + 5.0, 0.0
+        # Spawned vehicles have no destination: they leave the network at its end, and are reinserted.
         beyond = OFF_END if road_user.startswith("learned_") else 0.0
-        drive.speed = speed = min(speed, max(drive.way.end + beyond - drive.s, 0.0) / dt)
-        drive.s += speed * dt
-        self._blend(drive, dt)
-        line = drive.way.line
-        front_x, front_y, direction = line.at(drive.s)
-        rear_x, rear_y, _ = line.at(drive.s - length)
+        track.speed = speed = min(speed, max(track.path.end + beyond - track.s, 0.0) / dt)
+        track.s += speed * dt
+        self._centre(track, dt)
+        line = track.path.line
+        front_x, front_y, direction = line.at(track.s)
+        rear_x, rear_y, _ = line.at(track.s - length)
         front_x, front_y = (
-            front_x - drive.beside * math.sin(direction),
-            front_y + drive.beside * math.cos(direction),
+            front_x - track.lateral_offset * math.sin(direction),
+            front_y + track.lateral_offset * math.cos(direction),
         )
-        heading = math.atan2(line.at(drive.s)[1] - rear_y, line.at(drive.s)[0] - rear_x)
-        heading += math.atan2(drive.slide, max(speed, 0.5))
-        drive.x, drive.y = front_x - 0.5 * length * math.cos(heading), front_y - 0.5 * length * math.sin(heading)
-        return drive.x, drive.y, heading
+        heading = math.atan2(line.at(track.s)[1] - rear_y, line.at(track.s)[0] - rear_x)
+        heading += math.atan2(track.lateral_speed, max(speed, 0.5))
+        track.x, track.y = front_x - 0.5 * length * math.cos(heading), front_y - 0.5 * length * math.sin(heading)
+        return track.x, track.y, heading
 
-    def _blend(self, drive: VehicleTrack, dt: float) -> None:
-        """Move towards the middle of the lane, slowly enough not to slide."""
-        most = min(SIDEWAYS, SLANT * drive.speed, math.sqrt(2.0 * SIDEWAYS_ACCELERATION * abs(drive.beside)))
-        most = min(most, abs(drive.beside) / dt, abs(drive.slide) + 2.0 * SIDEWAYS_ACCELERATION * dt)
-        drive.slide = -math.copysign(most, drive.beside)
-        drive.beside += drive.slide * dt
+    def _centre(self, track: VehicleTrack, dt: float) -> None:
+        """Move towards the middle of the lane, slowly enough not to move sideways visibly."""
+        most = min(SIDEWAYS, SLANT * track.speed, math.sqrt(2.0 * SIDEWAYS_ACCELERATION * abs(track.lateral_offset)))
+        most = min(most, abs(track.lateral_offset) / dt, abs(track.lateral_speed) + 2.0 * SIDEWAYS_ACCELERATION * dt)
+        track.lateral_speed = -math.copysign(most, track.lateral_offset)
+        track.lateral_offset += track.lateral_speed * dt

@@ -1,4 +1,4 @@
-"""What lies on the ways of driven vehicles, whether SUMO has it on their lane or not."""
+"""Road users on the paths of driven vehicles, also those that SUMO has on other lanes or on none."""
 
 from dataclasses import dataclass, replace
 
@@ -21,7 +21,7 @@ GRAZE = 0.4
 
 @dataclass(frozen=True)
 class Approach:
-    """The ways of n driven vehicles, as `sweeps.sweep` wants them."""
+    """The paths of n driven vehicles, as `swept_boxes.sweep` takes them."""
 
     rows: NDArray[np.intp]
     """Their rows in the world, (n,)."""
@@ -29,18 +29,18 @@ class Approach:
     """Points ahead every `SPACING` m, (n, k), the first beside the front."""
     path_y: Floats
     room: Floats
-    """m to the end of the way, (n,)."""
+    """m to the end of the path, (n,)."""
     speed: Floats
     limits: Floats
     """Acceleration, deceleration, emergency deceleration, (n, 3), m/s²."""
-    heedless: NDArray[np.bool_]
-    """Who does not mind vehicles that stand, (n,)."""
+    ignores_standing: NDArray[np.bool_]
+    """Vehicles that standing vehicles do not stop, (n,)."""
 
 
 def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, NDArray[np.bool_]]:
-    """Speeds (n,) that what lies on the ways allows (m/s, inf where nothing does), and where that is who stands, (n,).
+    """Speeds that road users on the paths allow, m/s (inf on free paths), and where the decisive one stands, (n,) each.
 
-    Persons are predicted as in `yielding`, vehicles are looked at where they are now.
+    Persons are predicted as in `yielding`; vehicles count where they are now.
     """
     rows, n = approach.rows, len(approach.rows)
     length, heading = world.length[rows], world.heading[rows]
@@ -54,17 +54,17 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
     near[np.arange(n), rows] = False
     walks = world.type == RoadUserType.PEDESTRIAN
     stands = (world.speed < STANDING) & ~walks
-    near &= ~(approach.heedless[:, None] & stands[None, :])
-    # Behind us is nobody whom we could meet.
+    near &= ~(approach.ignores_standing[:, None] & stands[None, :])
+    # Road users behind a vehicle are no obstacles.
     c, s = cos_sin(heading[:, None])
     near &= -(c * dx + s * dy) > -0.5 * length[:, None] - spread
     safe, standing = np.full(n, np.inf), np.zeros(n, np.bool_)
     boxes = predicted(world, MOMENTS)
-    # Who waits to turn is grazed by those who go straight on, in SUMO's networks as they are.
+    # In SUMO's networks, vehicles that go straight on graze those that wait to turn.
     boxes[~walks, :, 3:] -= GRAZE
     narrow = replace(ahead, width=np.maximum(ahead.width - 2.0 * MARGIN - GRAZE, 0.3))
-    for whom, mine in ((walks, ahead), (~walks, narrow)):
-        vehicle, other = np.nonzero(near & whom)
+    for others, mine in ((walks, ahead), (~walks, narrow)):
+        vehicle, other = np.nonzero(near & others)
         close = approaching(approach.path_x, approach.path_y, size, vehicle, boxes, other)
         vehicle, other = vehicle[close], other[close]
         if not len(vehicle):

@@ -1,1 +1,1 @@
-"""Where road users are going: tracked vehicles and pedestrians, lane graph, walk graph, right of way."""
+"""Routes of road users: tracks of vehicles and pedestrians, lane graph, walk graph, right of way, speed limits."""

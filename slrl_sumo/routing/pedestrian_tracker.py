@@ -1,4 +1,4 @@
-"""How the driver `lane` moves persons: along the edges of their walk, at their own pace."""
+"""Tracks of pedestrians: their paths along the edges of their walks, and their speeds."""
 
 import math
 import random
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.walk_graph import CrossingEntry, WalkPath, Walkways
+from slrl_sumo.routing.walk_graph import CrossingEntry, WalkGraph, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.links import read_links
@@ -14,147 +14,150 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.road_users import walk_of, walking_speed
 
 AIM = 1.0
-"""m along the walk to the point that a person heads for."""
+"""m along the path to the point that a person heads for."""
 CLEARANCE = 0.3
-"""m kept from the edge of what can be walked on."""
-KERB = 0.6
+"""m kept from the edge of the walkable strip."""
+WAITING_DISTANCE = 0.6
 """m before a crossing at which persons wait for its signal."""
-ASTRAY = 4.0
-"""m beside its walk beyond which a person that goes where it wants is somewhere else on it, or on another one."""
-STRAYED = 0.5
-"""m from where it was moved to: somebody else moved the person, and its walk is looked for anew."""
+OFF_PATH = 4.0
+"""m beside its path beyond which an observed person is somewhere else on it, or on another path."""
+DISPLACED = 0.5
+"""m from the planned position: the person was moved by SUMO or a user's script, and its path is found anew."""
+SPAWNED_SPEED = 1.3
+"""m/s of spawned pedestrians."""
 
 
 @dataclass(slots=True)
 class PedestrianTrack:
-    """What is known of one person."""
+    """One person on its path."""
 
-    walk: WalkPath | None
+    path: WalkPath | None
+    """None where no path is known: the person stands."""
     s: float
-    beside: float
-    """m to the left of the walk's line that the person keeps."""
-    pace: float
+    """m along the path."""
+    lateral_offset: float
+    """m to the left of the path that the person keeps."""
+    speed: float
+    """m/s at which it walks."""
     x: float
+    """Centre at the last update, m."""
     y: float
 
 
 class PedestrianTracker:
-    """Persons under way, through `api` (libsumo or a TraCI connection)."""
+    """The tracks of the learned pedestrians of a simulation, by id."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
-        self._ways = Walkways(api, network)
+        self._graph = WalkGraph(api, network)
         self._network = network
         self._pedestrians: dict[str, PedestrianTrack] = {}
-        self._reds: dict[tuple[str, str], bool | None] = {}
+        self._red: dict[tuple[str, str], bool | None] = {}
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
-        self._reds.clear()
+        self._red.clear()
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
-        """Where a person at a position (m) with a heading (rad) is `dt` s later."""
-        stroll = self._pedestrians.get(person)
-        moved = math.inf if stroll is None else math.hypot(x - stroll.x, y - stroll.y)
-        if stroll is None or moved > STRAYED or (person.startswith("learned_") and _is_out(stroll)):
-            stroll = self._pedestrians[person] = self._begin(person, x, y, heading)
-        if stroll.walk is not None:
-            x, y, heading = self._onward(stroll, stroll.walk, x, y, heading, dt)
-        stroll.x, stroll.y = x, y
+        """Position (m) and heading (rad) `dt` s later of a person that walks along its path."""
+        track = self._pedestrians.get(person)
+        moved = math.inf if track is None else math.hypot(x - track.x, y - track.y)
+        if track is None or moved > DISPLACED or (person.startswith("learned_") and _is_at_end(track)):
+            track = self._pedestrians[person] = self._begin(person, x, y, heading)
+        if track.path is not None:
+            x, y, heading = self._advance(track, track.path, x, y, heading, dt)
+        track.x, track.y = x, y
         return x, y, heading
 
-    def followed(self, person: str, x: float, y: float, heading: float) -> PedestrianTrack:
-        """What is known of a person that goes where it wants, at a position (m), with a heading (rad)."""
-        stroll = self._pedestrians.get(person)
-        if stroll is not None and (walk := stroll.walk) is not None:
-            place, _, distance = walk.line.place(x, y, stroll.s - 2.0, stroll.s + 4.0)
-            if distance > ASTRAY:
-                # The walk is asked for once, when a person of the scenario is taken over: later it is cut.
-                place, _ = walk.line.nearest(x, y, stroll.s - 2.0)
-            stroll.s = place
-        if stroll is None or (
-            person.startswith("learned_") and (_is_out(stroll) or math.hypot(x - stroll.x, y - stroll.y) > ASTRAY)
+    def observed(self, person: str, x: float, y: float, heading: float) -> PedestrianTrack:
+        """The track of a person that moves freely, at a position (m) with a heading (rad)."""
+        track = self._pedestrians.get(person)
+        if track is not None and (path := track.path) is not None:
+            s, _, distance = path.line.place(x, y, track.s - 2.0, track.s + 4.0)
+            if distance > OFF_PATH:
+                # The walk of a person of the scenario is read once, when it is taken over: after that SUMO has a part.
+                s, _ = path.line.nearest(x, y, track.s - 2.0)
+            track.s = s
+        if track is None or (
+            person.startswith("learned_") and (_is_at_end(track) or math.hypot(x - track.x, y - track.y) > OFF_PATH)
         ):
-            stroll = self._pedestrians[person] = self._begin(person, x, y, heading)
-        stroll.x, stroll.y = x, y
-        return stroll
+            track = self._pedestrians[person] = self._begin(person, x, y, heading)
+        track.x, track.y = x, y
+        return track
 
-    def stop(self, stroll: PedestrianTrack) -> tuple[float, float, bool]:
-        """m to where a person must stop (inf: nowhere), m to the next crossing with a signal, and whether that is
-        red."""
-        for kerb in stroll.walk.kerbs if stroll.walk is not None else ():
-            if kerb.s > stroll.s:
-                red = self._red(kerb)
+    def next_signal(self, track: PedestrianTrack) -> tuple[float, float, bool]:
+        """m to where a person must stop (inf: nowhere), m to the next signalised crossing, and whether that is red."""
+        for entry in track.path.crossings if track.path is not None else ():
+            if entry.s > track.s:
+                red = self._is_red(entry)
                 if red is None:
                     break
-                return (kerb.s - KERB - stroll.s if red else math.inf), kerb.s - stroll.s, red
+                return (entry.s - WAITING_DISTANCE - track.s if red else math.inf), entry.s - track.s, red
         return math.inf, math.inf, False
 
-    def left(self, person: str) -> float:
-        """m that a person still has to walk on edges; inf for one not known, or who walks without destination."""
-        stroll = self._pedestrians.get(person)
-        if stroll is None or person.startswith("learned_"):
+    def remaining_distance(self, person: str) -> float:
+        """m that a person still has to walk on edges; inf without a track, and for spawned pedestrians."""
+        track = self._pedestrians.get(person)
+        if track is None or person.startswith("learned_"):
             return math.inf
-        return stroll.walk.leave - stroll.s if stroll.walk is not None else 0.0
+        return track.path.last_edge_end - track.s if track.path is not None else 0.0
 
     def forget(self, ids: tuple[str, ...]) -> None:
-        """Drop what is known of persons."""
+        """Drop the tracks of persons."""
         for person in ids:
             self._pedestrians.pop(person, None)
 
     def _begin(self, person: str, x: float, y: float, heading: float) -> PedestrianTrack:
         if person.startswith("learned_"):
-            walk = self._wander(person, x, y, heading)
-            pace = 1.3
+            path, speed = self._random_path(person, x, y, heading), SPAWNED_SPEED
         else:
-            # Asked before the walk is cut to the edge under the person (see `TakenOverControl.move`).
-            walk = self._ways.walk(*walk_of(self._api, person))
-            pace = walking_speed(self._api, person)
-        if walk is None:
-            return PedestrianTrack(None, 0.0, 0.0, pace, x, y)
-        s, beside = walk.line.nearest(x, y, end=walk.first)
-        room = max(walk.half_width - CLEARANCE, 0.0)
-        return PedestrianTrack(walk, s, min(max(beside, -room), room), pace, x, y)
+            # Read before the walk is cut to the edge under the person (see `TakenOverControl.move`).
+            path, speed = self._graph.path(*walk_of(self._api, person)), walking_speed(self._api, person)
+        if path is None:
+            return PedestrianTrack(None, 0.0, 0.0, speed, x, y)
+        s, offset = path.line.nearest(x, y, end=path.second_edge_end)
+        room = max(path.half_width - CLEARANCE, 0.0)
+        return PedestrianTrack(path, s, min(max(offset, -room), room), speed, x, y)
 
-    def _wander(self, person: str, x: float, y: float, heading: float) -> WalkPath | None:
-        under = self._network.walks
-        if not len(under):
+    def _random_path(self, person: str, x: float, y: float, heading: float) -> WalkPath | None:
+        walks = self._network.walks
+        if not len(walks):
             return None
-        point = int(under.nearest(np.array([x]), np.array([y]))[0, 0])
-        forward = abs(float(wrap_angle(under.heading[point] - heading))) < 0.5 * math.pi
-        edge = under.lanes[under.lane[point]].edge
-        return self._ways.wandering(edge, forward, random.Random(f"{person}:{edge}"))
+        point = int(walks.nearest(np.array([x]), np.array([y]))[0, 0])
+        forward = abs(float(wrap_angle(walks.heading[point] - heading))) < 0.5 * math.pi
+        edge = walks.lanes[walks.lane[point]].edge
+        return self._graph.random_path(edge, forward, random.Random(f"{person}:{edge}"))
 
-    def _onward(
-        self, stroll: PedestrianTrack, walk: WalkPath, x: float, y: float, heading: float, dt: float
+    def _advance(
+        self, track: PedestrianTrack, path: WalkPath, x: float, y: float, heading: float, dt: float
     ) -> tuple[float, float, float]:
-        line = walk.line
-        room = min(stroll.pace * dt, line.end - stroll.s)
-        for kerb in walk.kerbs:
-            if kerb.s - KERB - stroll.pace * dt < stroll.s < kerb.s and self._red(kerb):
-                room = min(room, max(kerb.s - KERB - stroll.s, 0.0))
-        if room <= 0.01:
+        line = path.line
+        distance = min(track.speed * dt, line.end - track.s)
+        for entry in path.crossings:
+            if entry.s - WAITING_DISTANCE - track.speed * dt < track.s < entry.s and self._is_red(entry):
+                distance = min(distance, max(entry.s - WAITING_DISTANCE - track.s, 0.0))
+        if distance <= 0.01:
             return x, y, heading
-        aim_x, aim_y, direction = line.at(min(stroll.s + max(AIM, 2.0 * room), line.end + AIM))
-        aim_x -= stroll.beside * math.sin(direction)
-        aim_y += stroll.beside * math.cos(direction)
+        aim_x, aim_y, direction = line.at(min(track.s + max(AIM, 2.0 * distance), line.end + AIM))
+        aim_x -= track.lateral_offset * math.sin(direction)
+        aim_y += track.lateral_offset * math.cos(direction)
         heading = math.atan2(aim_y - y, aim_x - x)
-        x, y = x + room * math.cos(heading), y + room * math.sin(heading)
-        reached, _ = line.nearest(x, y, begin=stroll.s, end=stroll.s + 4.0 * room + AIM)
-        # Where the line turns back on itself the nearest place can stand still: go on with it.
-        stroll.s = max(reached, stroll.s + 0.2 * room)
+        x, y = x + distance * math.cos(heading), y + distance * math.sin(heading)
+        reached, _ = line.nearest(x, y, begin=track.s, end=track.s + 4.0 * distance + AIM)
+        # Where the line turns back on itself, the nearest place can stand still: advance at least a part.
+        track.s = max(reached, track.s + 0.2 * distance)
         return x, y, heading
 
-    def _red(self, kerb: CrossingEntry) -> bool | None:
+    def _is_red(self, entry: CrossingEntry) -> bool | None:
         """Whether the signal at a crossing is red; None where there is none."""
-        key = (kerb.lane, kerb.crossing)
-        if key not in self._reds:
-            shown = [link.state for link in read_links(self._api, kerb.lane) if link.target == kerb.crossing]
-            signal = any(state in "gGyYru" for state in shown)
-            self._reds[key] = any(state in "ru" for state in shown) if signal else None
-        return self._reds[key]
+        key = (entry.lane, entry.crossing)
+        if key not in self._red:
+            states = [link.state for link in read_links(self._api, entry.lane) if link.target == entry.crossing]
+            signal = any(state in "gGyYru" for state in states)
+            self._red[key] = any(state in "ru" for state in states) if signal else None
+        return self._red[key]
 
 
-def _is_out(stroll: PedestrianTrack) -> bool:
-    """Whether a walk without destination is at its end: it is drawn anew there."""
-    return stroll.walk is not None and stroll.walk.line.end - stroll.s < 2.0 * AIM
+def _is_at_end(track: PedestrianTrack) -> bool:
+    """Whether a random path is nearly walked: it is drawn anew then."""
+    return track.path is not None and track.path.line.end - track.s < 2.0 * AIM

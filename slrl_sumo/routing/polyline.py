@@ -1,4 +1,4 @@
-"""Lines that are driven and walked on: polylines, and what lies where along them."""
+"""Polylines of paths: positions along them, and places nearest to a position."""
 
 import math
 from bisect import bisect_right
@@ -14,7 +14,7 @@ from slrl_sumo.scene.geometry import Floats
 
 @dataclass(frozen=True)
 class Polyline:
-    """A polyline that is at least one piece long; `s` is m along it. Lists, for their single items are what is read."""
+    """A polyline of at least one segment; `s` is m along it. Lists, because single items are read."""
 
     x: list[float]
     y: list[float]
@@ -26,7 +26,7 @@ class Polyline:
         return self.s[-1]
 
     def at(self, s: float) -> tuple[float, float, float]:
-        """Position (m) and direction (rad) at `s`; straight on before the first and after the last point."""
+        """Position (m) and direction (rad) at `s`; the line is extended straight beyond its ends."""
         i = min(max(bisect_right(self.s, s) - 1, 0), len(self.s) - 2)
         dx, dy = self.x[i + 1] - self.x[i], self.y[i + 1] - self.y[i]
         share = (s - self.s[i]) / (self.s[i + 1] - self.s[i])
@@ -38,17 +38,17 @@ class Polyline:
         return np.array([self.x, self.y, self.s])
 
     def nearest(self, x: float, y: float, begin: float = -math.inf, end: float = math.inf) -> tuple[float, float]:
-        """Where on the line, between `begin` and `end`, a position is nearest: m along it, and m to the left of it."""
+        """The place between `begin` and `end` that is nearest to a position: m along the line, and m to its left."""
         return self.place(x, y, begin, end)[:2]
 
     def place(self, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
-        """As `nearest`, and m from there to the position (inf where nothing of the line lies between)."""
+        """As `nearest`, with the distance (m) of the position; inf where no part of the line lies between."""
         return _place(self.points, x, y, begin, end)
 
     def draw(self, begin: float, spacing: float, beside: float, x: Floats, y: Floats, row: int) -> None:
         """Write points every `spacing` m from `begin` on, `beside` m to the left of the line, to a row of x and y.
 
-        Beyond its ends the line goes straight on.
+        The line is extended straight beyond its ends.
         """
         _draw(self.points, begin, spacing, beside, x, y, row)
 
@@ -59,9 +59,9 @@ class Polyline:
 
 
 def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[float]]:
-    """A line, and how far along it each of the given points lies. Points closer than 5 cm become one.
+    """A line, and m along it of each of the given points. Points closer than 5 cm become one.
 
-    Lanes meet in a point that both have; two equal points would have no direction between them.
+    Successive lanes share a point; there is no direction between equal points.
     """
     x: list[float] = []
     y: list[float] = []
@@ -75,7 +75,7 @@ def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[
             s.append(s[-1] + step if s else 0.0)
         along.append(s[-1])
     if len(x) == 1:
-        # No extent: any direction will do.
+        # Without extent, any direction serves.
         x, y, s = [x[0], x[0] + 0.1], [y[0], y[0]], [0.0, 0.1]
     return Polyline(x, y, s), along
 
@@ -84,8 +84,8 @@ def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[
 def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
     xs, ys, s = points[0], points[1], points[2]
     least, found, left = math.inf, max(s[0], begin), 0.0
-    # Only pieces of which something lies between.
-    for i in range(_piece(s, begin), len(s) - 1):
+    # Only segments that lie partly between `begin` and `end`.
+    for i in range(_segment(s, begin), len(s) - 1):
         if s[i] > end or s[i + 1] < begin:
             break
         dx, dy, step = xs[i + 1] - xs[i], ys[i + 1] - ys[i], s[i + 1] - s[i]
@@ -101,7 +101,7 @@ def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tupl
 @compiled
 def _draw(points: Floats, begin: float, spacing: float, beside: float, x: Floats, y: Floats, row: int) -> None:
     xs, ys, s, many = points[0], points[1], points[2], x.shape[1]
-    i = _piece(s, begin)
+    i = _segment(s, begin)
     for k in range(many):
         along = begin + k * spacing
         while i < len(s) - 2 and s[i + 1] <= along:
@@ -120,8 +120,8 @@ def _draw(points: Floats, begin: float, spacing: float, beside: float, x: Floats
 
 
 @compiled
-def _piece(s: Floats, along: float) -> int:
-    """The last piece that begins before `along`, else the first one."""
+def _segment(s: Floats, along: float) -> int:
+    """Index of the last segment that begins before `along`, else of the first one."""
     low, high = 0, len(s) - 1
     while high - low > 1:
         middle = (low + high) // 2

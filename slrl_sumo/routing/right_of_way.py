@@ -1,4 +1,4 @@
-"""Signals and priority at the places where the ways of vehicles enter junctions."""
+"""Signals and priority where the paths of vehicles enter junctions."""
 
 import math
 from typing import Literal
@@ -9,87 +9,85 @@ from slrl_sumo.sumo.links import foe_lanes, internal_foe_lanes, read_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 STOP_LINE = 1.0
-"""m that vehicles stop before a line."""
+"""m before a stop line at which vehicles stop."""
 LINE_OF_SIGHT = 4.5
-"""m before a junction from which vehicles see those that they have to let pass (SUMO's foeVisibilityDistance)."""
-PATIENCE = 10.0
-"""s of standing after which a vehicle no longer trusts that SUMO knows who comes; twice that, and it goes first."""
+"""m before a junction from which vehicles see road users that have priority (SUMO's foeVisibilityDistance)."""
+TRUST_TIME = 10.0
+"""s of standing after which a vehicle no longer trusts SUMO's judgement of a link; after twice that it goes first."""
 _SHOWN = {"g": 1, "G": 1, "y": 2, "Y": 2, "r": 3, "u": 3}
-"""https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: other letters are those of junctions without a signal."""
+"""https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: junctions without a signal have other letters."""
 
 
 class RightOfWay:
-    """Whether vehicles may enter, as SUMO's signals and links say now. Call `renew` when SUMO has made a step."""
+    """Whether vehicles may enter junctions, from SUMO's signals and links. Call `renew` after each SUMO step."""
 
-    def __init__(self, api: SumoApi, graph: LaneGraph, *, trusting: bool = True) -> None:
-        """`trusting`: believe SUMO for PATIENCE where it says that somebody comes; otherwise see who does."""
+    def __init__(self, api: SumoApi, graph: LaneGraph, *, trust_sumo: bool = True) -> None:
+        """`trust_sumo`: for TRUST_TIME, believe SUMO where it sees a foe; otherwise look for foes from the start."""
         self._api = api
-        self._trusting = trusting
+        self._trust_sumo = trust_sumo
         self._graph = graph
         self._states: dict[str, dict[tuple[str, str], tuple[bool, bool, str]]] = {}
-        self._before: dict[tuple[str, str], tuple[str, ...]] = {}
+        self._foes: dict[tuple[str, str], tuple[str, ...]] = {}
         self._origins: dict[str, str] = {}
-        self._inside: dict[str, tuple[str, ...]] = {}
+        self._internal_foes: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
         self._states.clear()
 
-    def red(self, entry: JunctionEntry) -> bool:
-        """Whether a crossing or junction is closed by a signal now."""
-        return self._state(entry)[2] in "ru"
-
     def speed(
-        self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], waited: float
+        self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], standing_time: float
     ) -> float:
-        """The speed (m/s) that signal and priority at a entry allow a vehicle; inf where they have no say.
+        """The speed (m/s) that signal and priority at an entry allow a vehicle; inf where they set no limit.
 
-        `distance`: m from its front to the line; `speed`: its own in m/s; `limits`: its acceleration and deceleration
-        in m/s²; `waited`: s that it has stood.
+        `distance`: m from its front to the stop line; `speed`: of the vehicle, m/s; `limits`: its acceleration and
+        deceleration, m/s²; `standing_time`: s that it has stood.
         """
-        said = self.says(entry, distance, speed, limits, waited)
-        if said == "stop":
+        rule = self.rule(entry, distance, speed, limits, standing_time)
+        if rule == "stop":
             return math.sqrt(2.0 * limits[1] * max(distance - STOP_LINE, 0.0))
-        if said == "look":
+        if rule == "look":
             return math.sqrt(2.0 * limits[1] * max(distance, LINE_OF_SIGHT))
         return math.inf
 
-    def says(
-        self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], waited: float
+    def rule(
+        self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], standing_time: float
     ) -> Literal["go", "look", "stop"]:
-        """What signal and priority at a entry say: go on, come slowly and look, or stop at the line; as for `speed`."""
+        """The rule at an entry: go on, approach slowly and look, or stop at the line; arguments as for `speed`."""
         acceleration, deceleration = limits
         to_stop = speed * speed / (2.0 * deceleration)
-        prior, is_open, state = self._state(entry)
+        has_priority, is_open, state = self._state(entry)
         if state in "ru":
             return "stop"
         if state in "yY":
             return "stop" if to_stop + STOP_LINE <= distance else "go"
-        # Too late to stop: those with priority had been far away.
-        if prior or state in "GM" or to_stop > distance + 1.0:
+        # Too late to stop: foes were far away when stopping was possible.
+        if has_priority or state in "GM" or to_stop > distance + 1.0:
             return "go"
         if distance > LINE_OF_SIGHT + speed:
             return "look"
-        clear = _time(distance + entry.out - entry.line + 5.0, speed, acceleration)
-        if self._trusting and waited < PATIENCE:
-            return "stop" if not is_open or self._comes(entry, clear) else "look"
-        # Vehicles whose speed mode is 0, as of all that are taken over, count for SUMO as coming even where they wait
-        # at red: a link may never be open. Then what moves decides, and at last only what moves inside.
-        closed = self._trusting or not is_open
-        faith = PATIENCE * (2.0 if self._trusting else 1.0)
-        blocked = closed and (self._busy(entry) or (waited < faith and self._comes(entry, clear)))
+        clear = _time(distance + entry.exit - entry.stop_line + 5.0, speed, acceleration)
+        if self._trust_sumo and standing_time < TRUST_TIME:
+            return "stop" if not is_open or self._foe_arrives(entry, clear) else "look"
+        # SUMO counts a vehicle with speed mode 0, as all taken-over ones have, as a foe even where it waits at red: a
+        # link may never be open. Then moving vehicles decide, and at last only those that move inside the junction.
+        closed = self._trust_sumo or not is_open
+        trust_time = TRUST_TIME * (2.0 if self._trust_sumo else 1.0)
+        blocked = closed and (
+            self._foe_inside(entry) or (standing_time < trust_time and self._foe_arrives(entry, clear))
+        )
         return "stop" if blocked else "look"
 
     def signal(self, entry: JunctionEntry) -> int:
-        """What the signal at a entry shows: 0 there is none, 1 green, 2 yellow, 3 red."""
+        """The signal at an entry: 0 none, 1 green, 2 yellow, 3 red."""
         return _SHOWN.get(self._state(entry)[2], 0)
 
     def _state(self, entry: JunctionEntry) -> tuple[bool, bool, str]:
-        """Of a link: whether it has priority, whether it is open now, and its state as SUMO's letter."""
+        """Of the entry's link: whether it has priority and is open now, and its state as SUMO's letter."""
         return self._links(entry.lane).get((entry.target, entry.via), (True, True, "M"))
 
     def _links(self, lane: str) -> dict[tuple[str, str], tuple[bool, bool, str]]:
-        """Of the links from a lane, by target and lane inside: priority, open now, and state as SUMO's letter."""
+        """Of the links from a lane, by target and via: whether each has priority and is open, and its letter."""
         states = self._states.get(lane)
         if states is None:
             states = self._states[lane] = {
@@ -98,40 +96,40 @@ class RightOfWay:
             }
         return states
 
-    def _comes(self, entry: JunctionEntry, within: float) -> bool:
-        """Whether a moving vehicle with priority reaches the junction within so many seconds."""
+    def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:
+        """Whether a moving vehicle with priority reaches the junction within `within` s."""
         key = (self._origin(entry.lane), entry.target)
-        lanes = self._before.get(key)
+        lanes = self._foes.get(key)
         if lanes is None:
-            lanes = self._before[key] = foe_lanes(self._api, *key)
+            lanes = self._foes[key] = foe_lanes(self._api, *key)
         for lane in lanes:
-            if self._held(lane):
+            if self._all_red(lane):
                 continue
             length = self._graph.lanes[lane].length
             for foe in vehicles_on_lane(self._api, lane):
-                pace = vehicle_speed(self._api, foe)
-                if pace > 1.0 and length - lane_position(self._api, foe) < pace * within:
+                foe_speed = vehicle_speed(self._api, foe)
+                if foe_speed > 1.0 and length - lane_position(self._api, foe) < foe_speed * within:
                     return True
         return False
 
-    def _held(self, lane: str) -> bool:
-        """Whether everybody on a lane has red now."""
+    def _all_red(self, lane: str) -> bool:
+        """Whether all links from a lane are red now."""
         states = self._links(lane).values()
         return bool(states) and all(state in "ru" for _, _, state in states)
 
-    def _busy(self, entry: JunctionEntry) -> bool:
-        """Whether somebody who came from another lane moves inside the junction on a lane that crosses this way."""
-        lanes = self._inside.get(entry.via)
+    def _foe_inside(self, entry: JunctionEntry) -> bool:
+        """Whether a vehicle from another lane moves on an internal lane that crosses this one."""
+        lanes = self._internal_foes.get(entry.via)
         if lanes is None:
             origin = self._origin(entry.lane)
             foes = internal_foe_lanes(self._api, entry.via)
-            lanes = self._inside[entry.via] = tuple(
+            lanes = self._internal_foes[entry.via] = tuple(
                 lane for lane in foes if lane in self._graph.lanes and self._origin(lane) != origin
             )
         return any(vehicle_speed(self._api, foe) > 0.5 for lane in lanes for foe in vehicles_on_lane(self._api, lane))
 
     def _origin(self, lane: str) -> str:
-        """The lane that leads to a lane inside a junction, from outside; any other lane itself."""
+        """The lane outside the junction that leads to an internal lane; of any other lane, the lane itself."""
         if not self._origins:
             for begin in self._graph.lanes:
                 if begin.startswith(":"):

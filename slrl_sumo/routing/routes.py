@@ -1,7 +1,7 @@
-"""What lies ahead of road users on their own routes: the path, lines to stop at, signals, limits, the end.
+"""What lies ahead of road users on their routes: path, stop lines, signals, limits, destination.
 
-Vehicles' routes are SUMO's, walks those of persons' walking stages. Road users that we added have neither: they go on
-at random at junctions, the same in every run.
+Routes of vehicles and walks of persons are SUMO's. Spawned road users have neither: at junctions they continue at
+random, equally in every run.
 """
 
 import math
@@ -21,94 +21,94 @@ from slrl_sumo.sumo.network import Network
 
 NEAR_END = 15.0
 """m before its destination at which SUMO should finish a trip."""
-SOFT = 0.5
+DECEL_SHARE = 0.5
 """Share of a vehicle's deceleration with which it slows down for limits and junctions."""
-REACTION = 2 * DECISION_INTERVAL
-"""s before what it decides shows."""
-HESITANT = 0.4
-"""Share of its acceleration by which it is judged how soon a vehicle has crossed a junction: it turns there."""
-STUCK = 20.0
-"""s that a vehicle waits at the end of a lane that does not lead on, for a gap in the next one."""
+REACTION_TIME = 2 * DECISION_INTERVAL
+"""s from a decision until its effect shows."""
+ACCEL_SHARE = 0.4
+"""Share of a vehicle's acceleration that is expected while it crosses a junction, because it turns there."""
+STUCK_TIME = 20.0
+"""s that a vehicle waits for a gap at the end of a lane that does not continue along its route."""
 
 
 class Routes:
-    """Keeps track of road users on their routes, through `api` (libsumo or a TraCI connection)."""
+    """Tracks road users on their routes."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, graph)
-        self._speed_limits = SpeedLimits(api, graph, self._vehicles, trusting=False)
+        self._speed_limits = SpeedLimits(api, graph, self._vehicles, trust_sumo=False)
         self._pedestrians = PedestrianTracker(api, network)
-        self._astray: set[str] = set()
+        self._off_route: set[str] = set()
 
     def ahead(self, world: WorldState, n: int) -> RouteAhead:
-        """The routes of the first `n` road users of `world`, as they are now; call it once per decision."""
+        """The routes of the first `n` road users of `world` as they are now; to be called once per decision."""
         self._speed_limits.renew()
         self._pedestrians.renew()
         route = RouteAhead.unknown(n)
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
             if walks:
-                self._walk(route, world, i)
+                self._add_pedestrian(route, world, i)
             else:
-                self._drive(route, world, i)
+                self._add_vehicle(route, world, i)
         return route
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Who of n road users has so little way left that SUMO should finish the trip, (n,)."""
+        """Which of n road users are so near their destination that SUMO should finish the trip, (n,)."""
         return near_end(self._vehicles, self._pedestrians, ids)
 
-    def astray(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Who of n road users stands where no lane leads on along its route, (n,): it has turned off the wrong way."""
-        return np.array([road_user in self._astray for road_user in ids], np.bool_)
+    def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """Which of n road users have stood for STUCK_TIME where no lane continues along their route, (n,)."""
+        return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
-        """Drop what is known of road users that are no longer learned."""
-        self._astray.difference_update(ids)
+        """Drop the tracks of road users that are no longer learned."""
+        self._off_route.difference_update(ids)
         self._vehicles.forget(ids)
         self._pedestrians.forget(ids)
 
-    def _drive(self, route: RouteAhead, world: WorldState, i: int) -> None:
-        """Write row `i`, that of a vehicle."""
+    def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int) -> None:
+        """Write row `i` of the route, that of a vehicle."""
         road_user = world.ids[i]
-        drive = self._vehicles.followed(world, i, DECISION_INTERVAL)
-        self._vehicles.choose_lane(road_user, drive, world, i)
-        way, s = drive.way, drive.s
-        stop, look = self._speed_limits.stop(drive, REACTION, SOFT, HESITANT)
+        track = self._vehicles.observed(world, i, DECISION_INTERVAL)
+        self._vehicles.choose_lane(road_user, track, world, i)
+        path, s = track.path, track.s
+        stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, DECEL_SHARE, ACCEL_SHARE)
         route.known[i] = True
-        route.desired[i] = min(self._speed_limits.limit(drive, REACTION, SOFT), look)
+        route.desired[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
         route.stop[i] = stop
-        for entry in way.entries:
-            line = entry.line - s
+        for entry in path.entries:
+            line = entry.stop_line - s
             if line > -0.5:
-                route.line[i], route.out[i] = line, entry.out - s
+                route.line[i], route.out[i] = line, entry.exit - s
                 route.signal[i] = shown = self._speed_limits.signal(entry)
                 route.closed[i] = shown >= 2 and stop <= line
                 break
-        route.left[i] = self._vehicles.left(road_user)
-        if drive.stood > STUCK and not self._speed_limits.leads_on(drive):
-            self._astray.add(road_user)
-        way.line.draw(s - 0.5 * world.length.item(i) - BEHIND, SPACING, 0.0, route.x, route.y, i)
+        route.left[i] = self._vehicles.remaining_distance(road_user)
+        if track.standing_time > STUCK_TIME and not self._speed_limits.lane_continues(track):
+            self._off_route.add(road_user)
+        path.line.draw(s - 0.5 * world.length.item(i) - BEHIND, SPACING, 0.0, route.x, route.y, i)
 
-    def _walk(self, route: RouteAhead, world: WorldState, i: int) -> None:
-        """As `_drive`, of a person; who goes nowhere is not known. Persons keep their place across the way that they
-        walk on."""
+    def _add_pedestrian(self, route: RouteAhead, world: WorldState, i: int) -> None:
+        """Write row `i` of the route, that of a person; without a path it stays unknown.
+
+        Persons keep their lateral offset from the line of their path.
+        """
         road_user = world.ids[i]
-        stroll = self._pedestrians.followed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
-        route.desired[i] = stroll.pace
-        if stroll.walk is None:
+        track = self._pedestrians.observed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
+        route.desired[i] = track.speed
+        if track.path is None:
             return
-        stop, crossing, red = self._pedestrians.stop(stroll)
+        stop, crossing, red = self._pedestrians.next_signal(track)
         route.known[i] = True
         route.stop[i], route.line[i] = stop, crossing
         if math.isfinite(crossing):
             route.signal[i], route.closed[i] = 3 if red else 1, red
-        route.left[i] = self._pedestrians.left(road_user)
-        stroll.walk.line.draw(stroll.s - BEHIND, SPACING, stroll.beside, route.x, route.y, i)
+        route.left[i] = self._pedestrians.remaining_distance(road_user)
+        track.path.line.draw(track.s - BEHIND, SPACING, track.lateral_offset, route.x, route.y, i)
 
 
 def near_end(vehicles: VehicleTracker, pedestrians: PedestrianTracker, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-    """Who of n road users, tracked in `vehicles` or `pedestrians`, has less than NEAR_END to go, (n,)."""
-    return (
-        np.array([min(vehicles.left(road_user), pedestrians.left(road_user)) for road_user in ids], np.float64)
-        < NEAR_END
-    )
+    """Which of n tracked road users have less than NEAR_END to go, (n,)."""
+    remaining = [min(vehicles.remaining_distance(i), pedestrians.remaining_distance(i)) for i in ids]
+    return np.array(remaining, np.float64) < NEAR_END

@@ -1,4 +1,4 @@
-"""How fast vehicles may go: limits, signals, priority, leaders, the end of their lane."""
+"""Speeds that a vehicle's surroundings allow: limits, signals, priority, leaders, the end of its lane."""
 
 import math
 
@@ -9,92 +9,94 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 
 ROLLING = 2.0
-"""m/s from which a vehicle that is just over a line does not stop there any more."""
+"""m/s above which a vehicle that has just passed a stop line does not stop any more."""
 LANE_END = 3.0
-"""m before the end of its lane at which a vehicle waits for a gap beside it."""
+"""m before the end of its lane at which a vehicle waits for a gap in the next lane."""
 
 
 class SpeedLimits:
-    """Speeds of driven vehicles, as SUMO's leaders, signals and lanes allow through `api`."""
+    """Speeds that SUMO's lanes, signals and leaders allow tracked vehicles."""
 
-    def __init__(self, api: SumoApi, graph: LaneGraph, vehicles: VehicleTracker, *, trusting: bool = True) -> None:
+    def __init__(self, api: SumoApi, graph: LaneGraph, vehicles: VehicleTracker, *, trust_sumo: bool = True) -> None:
         self._api, self._graph, self._vehicles = api, graph, vehicles
-        self._right = RightOfWay(api, graph, trusting=trusting)
+        self._right_of_way = RightOfWay(api, graph, trust_sumo=trust_sumo)
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
-        self._right.renew()
+        self._right_of_way.renew()
 
-    def calm(self, drive: VehicleTrack, dt: float) -> float:
+    def allowed_speed(self, track: VehicleTrack, dt: float) -> float:
         """The speed (m/s) that limits, signals, priority and the end of the lane allow."""
-        speed = self.limit(drive, dt)
-        for entry, distance in self._entries_near(drive, dt):
-            limits = (drive.accel, drive.decel)
-            allowed = self._right.speed(entry, distance, drive.speed, limits, drive.stood)
-            speed = min(speed, _discrete(allowed, drive.decel, dt))
-        if self.leads_on(drive):
+        speed = self.lane_limit(track, dt)
+        for entry, distance in self._entries_near(track, dt):
+            limits = (track.accel, track.decel)
+            allowed = self._right_of_way.speed(entry, distance, track.speed, limits, track.standing_time)
+            speed = min(speed, _discrete(allowed, track.decel, dt))
+        if self.lane_continues(track):
             return speed
         # Wait at the end of the lane for a gap in the next one.
-        return min(speed, _slowing(0.0, drive.way.end - drive.s - LANE_END, drive.decel, dt))
+        return min(speed, _braking_speed(0.0, track.path.end - track.s - LANE_END, track.decel, dt))
 
-    def limit(self, drive: VehicleTrack, dt: float, soft: float = 1.0) -> float:
+    def lane_limit(self, track: VehicleTrack, dt: float, decel_share: float = 1.0) -> float:
         """The speed (m/s) that the limits of the lanes under the vehicle and ahead of it allow.
 
-        Lower limits ahead are reached with the share `soft` of its deceleration.
+        Lower limits ahead are reached with the share `decel_share` of the vehicle's deceleration.
         """
-        way, decel = drive.way, soft * drive.decel
-        here = way.lane_at(drive.s)
-        speed = min(way.limits[here] * drive.factor, drive.top_speed)
-        look = _sight(drive.speed, decel, dt)
-        for k in range(here + 1, len(way.lanes)):
-            distance = way.ends[k - 1] - drive.s
-            if distance > look:
+        path, decel = track.path, decel_share * track.decel
+        here = path.lane_at(track.s)
+        speed = min(path.limits[here] * track.speed_factor, track.max_speed)
+        sight = _sight(track.speed, decel, dt)
+        for k in range(here + 1, len(path.lanes)):
+            distance = path.ends[k - 1] - track.s
+            if distance > sight:
                 break
-            limit = min(way.limits[k] * drive.factor, drive.top_speed)
-            speed = min(speed, _slowing(limit, distance, decel, dt))
+            limit = min(path.limits[k] * track.speed_factor, track.max_speed)
+            speed = min(speed, _braking_speed(limit, distance, decel, dt))
         return speed
 
-    def stop(self, drive: VehicleTrack, dt: float, soft: float, hesitant: float) -> tuple[float, float]:
-        """How far ahead (m, inf: nowhere) the vehicle must stop, and the speed (m/s) at which it sees who comes.
+    def stop_and_look(
+        self, track: VehicleTrack, dt: float, decel_share: float, accel_share: float
+    ) -> tuple[float, float]:
+        """How far ahead (m, inf: nowhere) the vehicle must stop, and the speed (m/s) at which it can look for foes.
 
-        That speed is reached with the share `soft` of its deceleration, and `dt` seconds early. It is expected to cross
-        junctions with the share `hesitant` of its acceleration.
+        That speed is reached with the share `decel_share` of its deceleration, and `dt` seconds early. The vehicle is
+        expected to cross junctions with the share `accel_share` of its acceleration.
         """
         stop, look = math.inf, math.inf
-        for entry, distance in self._entries_near(drive, dt):
-            if distance < 0.0 and drive.speed > ROLLING:
-                continue  # over the line already: it goes on
-            limits = (hesitant * drive.accel, drive.decel)
-            said = self._right.says(entry, distance, drive.speed, limits, drive.stood)
-            if said == "stop":
+        for entry, distance in self._entries_near(track, dt):
+            if distance < 0.0 and track.speed > ROLLING:
+                continue  # already over the line
+            limits = (accel_share * track.accel, track.decel)
+            rule = self._right_of_way.rule(entry, distance, track.speed, limits, track.standing_time)
+            if rule == "stop":
                 stop = min(stop, distance - STOP_LINE)
-            elif said == "look":
-                seen = max(distance - drive.speed * dt, LINE_OF_SIGHT)
-                look = min(look, math.sqrt(2.0 * soft * drive.decel * seen))
-        if not self.leads_on(drive):
-            stop = min(stop, drive.way.end - drive.s - LANE_END)
+            elif rule == "look":
+                seen = max(distance - track.speed * dt, LINE_OF_SIGHT)
+                look = min(look, math.sqrt(2.0 * decel_share * track.decel * seen))
+        if not self.lane_continues(track):
+            stop = min(stop, track.path.end - track.s - LANE_END)
         return stop, look
 
     def signal(self, entry: JunctionEntry) -> int:
-        """What the signal at a entry shows: 0 there is none, 1 green, 2 yellow, 3 red."""
-        return self._right.signal(entry)
+        """The signal at an entry: 0 none, 1 green, 2 yellow, 3 red."""
+        return self._right_of_way.signal(entry)
 
-    def _entries_near(self, drive: VehicleTrack, dt: float) -> list[tuple[JunctionEntry, float]]:
-        """Gates that matter at the present speed, with the way to them in m."""
-        look = _sight(drive.speed, drive.decel, dt) + 5.0
-        return [(entry, near) for entry in drive.way.entries if -0.5 < (near := entry.line - drive.s) < look]
+    def _entries_near(self, track: VehicleTrack, dt: float) -> list[tuple[JunctionEntry, float]]:
+        """The entries that matter at the present speed, with the distances to them in m."""
+        sight = _sight(track.speed, track.decel, dt) + 5.0
+        return [(entry, near) for entry in track.path.entries if -0.5 < (near := entry.stop_line - track.s) < sight]
 
-    def leads_on(self, drive: VehicleTrack) -> bool:
-        """Whether the lane under a vehicle leads on along its route; inside a junction it does, whatever follows."""
-        here = drive.way.lane_at(drive.s)
-        return drive.way.lanes[here].startswith(":") or not drive.edges or self._reaches_on(drive)
+    def lane_continues(self, track: VehicleTrack) -> bool:
+        """Whether the lane under a vehicle continues along its route; inside a junction it always does."""
+        here = track.path.lane_at(track.s)
+        return track.path.lanes[here].startswith(":") or not track.edges or self._path_suffices(track)
 
-    def _reaches_on(self, drive: VehicleTrack) -> bool:
-        """Whether the way goes on as far as the route does, or further than anybody looks."""
-        last = self._graph.lanes[drive.way.lanes[-1]]
-        return drive.way.end - drive.s > 120.0 or last.edge == drive.edges[-1]
+    def _path_suffices(self, track: VehicleTrack) -> bool:
+        """Whether the path is as long as the route, or longer than any sight."""
+        last = self._graph.lanes[track.path.lanes[-1]]
+        return track.path.end - track.s > 120.0 or last.edge == track.edges[-1]
 
-    def behind(self, road_user: str, drive: VehicleTrack, dt: float) -> float:
+    def following_speed(self, road_user: str, track: VehicleTrack, dt: float) -> float:
         """Krauss' safe speed behind SUMO's leader (https://sumo.dlr.de/docs/Car-Following-Models.html)."""
         if road_user.startswith("learned_"):
             return math.inf
@@ -102,18 +104,18 @@ class SpeedLimits:
         if leader is None:
             return math.inf
         other = self._vehicles.get(leader[0])
-        pace = other.speed if other is not None else max(vehicle_speed(self._api, leader[0]), 0.0)
+        leader_speed = other.speed if other is not None else max(vehicle_speed(self._api, leader[0]), 0.0)
         gap = max(leader[1], 0.0)
-        delay = drive.decel * max(drive.tau, dt)
-        safe = math.sqrt(delay * delay + pace * pace + 2.0 * drive.decel * gap) - delay
-        return min(safe, self._keeps_clear(drive, gap, pace, dt))
+        delay = track.decel * max(track.tau, dt)
+        safe = math.sqrt(delay * delay + leader_speed * leader_speed + 2.0 * track.decel * gap) - delay
+        return min(safe, self._keep_clear_speed(track, gap, leader_speed, dt))
 
-    def _keeps_clear(self, drive: VehicleTrack, gap: float, pace: float, dt: float) -> float:
-        """Do not stop inside a junction: wait before it while its exit is taken."""
-        for entry in drive.way.entries[:1]:
-            distance = entry.line - drive.s
-            if distance > 0.0 and pace < 1.0 and -2.0 < gap - (entry.out - drive.s) < 5.0:
-                return _slowing(0.0, distance - STOP_LINE, drive.decel, dt)
+    def _keep_clear_speed(self, track: VehicleTrack, gap: float, leader_speed: float, dt: float) -> float:
+        """Wait before a junction while its exit is occupied, instead of stopping inside of it."""
+        for entry in track.path.entries[:1]:
+            distance = entry.stop_line - track.s
+            if distance > 0.0 and leader_speed < 1.0 and -2.0 < gap - (entry.exit - track.s) < 5.0:
+                return _braking_speed(0.0, distance - STOP_LINE, track.decel, dt)
         return math.inf
 
 
@@ -122,7 +124,7 @@ def _sight(speed: float, decel: float, dt: float) -> float:
     return speed * dt + speed**2 / (2.0 * decel) + 10.0
 
 
-def _slowing(target: float, distance: float, decel: float, dt: float) -> float:
+def _braking_speed(target: float, distance: float, decel: float, dt: float) -> float:
     """The speed (m/s) from which `target` is reached after `distance` (m), after one more interval at that speed."""
     delay = decel * dt
     root = delay * delay + target * target + 2.0 * decel * max(distance, 0.0)
@@ -130,7 +132,7 @@ def _slowing(target: float, distance: float, decel: float, dt: float) -> float:
 
 
 def _discrete(speed: float, decel: float, dt: float) -> float:
-    """A speed that could be kept up in continuous time, for one that is held over the next interval."""
+    """For a speed that is allowed in continuous time, the one that may be held over the next interval."""
     if not math.isfinite(speed):
         return speed
     return math.sqrt(decel * decel * dt * dt + speed * speed) - decel * dt

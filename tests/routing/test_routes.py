@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.routing.pedestrian_tracker import KERB
+from slrl_sumo.routing.pedestrian_tracker import WAITING_DISTANCE
 from slrl_sumo.routing.right_of_way import STOP_LINE
-from slrl_sumo.routing.routes import NEAR_END, STUCK, Routes
+from slrl_sumo.routing.routes import NEAR_END, STUCK_TIME, Routes
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
@@ -270,15 +270,15 @@ def test_who_waits_for_ever_where_no_lane_leads_on_is_astray(signalised: SumoSes
     world = replace(world, speed=np.zeros(len(world)))
     routes = Routes(libsumo, signalised.network)
     waited = 0
-    while not routes.astray(("car", "car beside")).any():
+    while not routes.off_route(("car", "car beside")).any():
         routes.ahead(world, 2)
         waited += 1
         assert waited < 100
-    assert waited * DECISION_INTERVAL > STUCK
-    assert routes.astray(("car", "car beside")).tolist() == [True, False]
+    assert waited * DECISION_INTERVAL > STUCK_TIME
+    assert routes.off_route(("car", "car beside")).tolist() == [True, False]
     # Once it is no longer ours nothing of that is remembered.
     routes.forget(("car",))
-    assert not routes.astray(("car",)).any()
+    assert not routes.off_route(("car",)).any()
 
 
 def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,7 +347,7 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
             x, y = libsumo.person.getPosition("walker")
             places.append(on_path(early, np.array([[x]]), np.array([[y]]))[1][0, 0])
     assert len(red) > 10
-    assert [r["stop"] for r in red] == pytest.approx([r["line"] - KERB for r in red])
+    assert [r["stop"] for r in red] == pytest.approx([r["line"] - WAITING_DISTANCE for r in red])
     # It comes nearer, to the kerb itself.
     assert np.diff([r["line"] for r in red]).max() < 1e-6
     assert red[-1]["line"] < 1.0
