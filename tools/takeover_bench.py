@@ -303,7 +303,7 @@ def hand_over(
         leaving = near_end | ~region.inside(learned.x, learned.y, RIM) | over
         walking = learned.type == RoadUserType.PEDESTRIAN
         rows = np.flatnonzero(leaving)
-        back = loans.give_back([learned.ids[i] for i in rows], walking[rows])
+        back = loans.hand_back([learned.ids[i] for i in rows], walking[rows])
         gone = rows[back]
         for i in gone.tolist():
             watch.count["handed_back"] += 1
@@ -328,7 +328,7 @@ def hand_over(
         watch.take(snapshot.ids[i], bool(snapshot.person[i]))
         watch.given.pop(snapshot.ids[i], None)
     watch.count["takings"] += len(rows)
-    loans.take([snapshot.ids[i] for i in rows], snapshot.person[rows])
+    loans.take_over([snapshot.ids[i] for i in rows], snapshot.person[rows])
     return replace(learned.join(world_of(snapshot, rows, now, True)), time=now)
 
 

@@ -50,7 +50,7 @@ class Population:
 
     def take_over(self, users: WorldState, sumo_types: tuple[str, ...]) -> None:
         """Borrow road users of the scenario; they start from the state that SUMO left them in."""
-        self._loans.take(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        self._loans.take_over(users.ids, users.type == RoadUserType.PEDESTRIAN)
         self._join(replace(users, learned=np.ones(len(users), np.bool_)), sumo_types, lent=True)
 
     def hand_back(self, leaving: NDArray[np.bool_], *, strayed: bool = False) -> tuple[str, ...]:
@@ -60,8 +60,7 @@ class Population:
         """
         rows = np.flatnonzero(leaving & self.lent)
         users = self.world.take(rows)
-        give = self._loans.bring_home if strayed else self._loans.give_back
-        done = give(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        done = self._loans.hand_back(users.ids, users.type == RoadUserType.PEDESTRIAN, off_route=strayed)
         back = tuple(i for i, gone in zip(users.ids, done.tolist(), strict=True) if gone)
         self.keep(~np.isin(np.arange(len(self.world)), rows[done]))
         return back

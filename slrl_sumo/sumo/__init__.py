@@ -1,1 +1,1 @@
-"""Everything that touches SUMO; the only place that imports libsumo."""
+"""All calls of SUMO's API; the only folder that imports libsumo. Modules elsewhere pass a SumoApi on to it."""

@@ -1,15 +1,15 @@
-"""Putting learned road users into SUMO and moving them, in the way that was measured not to crash.
+"""Learned road users that are added to SUMO, moved and removed, in a way that was measured not to crash.
 
-The rules (measured with libsumo 1.28, see docs/architecture.md):
+Rules (measured with libsumo 1.28, see docs/architecture.md):
 
 - A vehicle's very first `moveToXY` must put it on a lane that it may use, else SUMO crashes; hence `add` stages it on
-  the nearest carriageway for one SUMO step, and the second `move` takes it to where it really is.
+  the nearest carriageway for one SUMO step, and the second `move` puts it at its position.
 - Afterwards cars and bicycles move with keepRoute 2 (may be anywhere). Bit 4 (ignore permissions) crashes SUMO where a
-  long vehicle is mapped to a pedestrian lane beside a crossing, so it is used for the staging step alone.
-- Bicycles are a vehicle type of class "passenger": they map to car lanes then, and cars stop for them.
-- Persons move with keepRoute 7 (2 crashes), and their walk is renewed when the edge under them changes.
+  long vehicle is mapped to a pedestrian lane beside a crossing, so it is used for the staging step only.
+- Bicycles are a vehicle type of class "passenger": SUMO then maps them to car lanes, and cars stop for them.
+- Persons move with keepRoute 7 (2 crashes); their walk is renewed when the edge under them changes.
 - Every road user is moved in every SUMO step: a vehicle beside its lane vanishes in the first step without a move.
-- With the sublane model a vehicle that leaves all lanes leaves traces on which SUMO crashes later: see `sublanes`.
+- With the sublane model, SUMO crashes later when a vehicle has left all lanes: see `sublanes`.
 """
 
 from collections.abc import Callable
@@ -27,18 +27,18 @@ from slrl_sumo.sumo.road_users import loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
 LEARNED_TYPES = tuple(f"learned_{name}" for name in TYPE_NAMES)
-"""vType ids of the road users that we add, indexed by RoadUserType."""
+"""vType ids of learned road users, indexed by RoadUserType."""
 
 SUMO_TEMPLATES = ("DEFAULT_VEHTYPE", "DEFAULT_BIKETYPE", "DEFAULT_PEDTYPE")
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_STAGING, KEEP_ROUTE_PERSON = 2, 6, 7
 MATCH_THRESHOLD = 5.0
 """m; SUMO's default of 100 m makes a call up to 40 times slower."""
 MATCH_THRESHOLD_PERSON = 0.1
-"""m; with 5 m SUMO pulls about 1 % of the persons up to 8 m away, to the edge of a lane that they are not on."""
+"""m; with 5 m SUMO moves about 1 % of the persons by up to 8 m, to the edge of another lane."""
 
 
 class SpawnedControl:
-    """Adds, moves and removes learned road users through `api` (libsumo or a TraCI connection)."""
+    """Adds, moves and removes learned road users."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
@@ -46,7 +46,7 @@ class SpawnedControl:
         self._staged: set[str] = set()
         self._routes: set[str] = set(api.route.getIDList())
         lanes = [lane for lane in network.lanes if not lane.internal and lane.length > 1.0]
-        # Networks without any lane for cars (cycle paths) stage bicycles as what they are.
+        # In networks without lanes for cars (cycle paths), bicycles are of class "bicycle".
         self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
         self._staging = LanePoints([lane for lane in lanes if self._vehicle_class in lane.allowed], spacing=2.0)
         self._walks = network.walks
@@ -64,15 +64,15 @@ class SpawnedControl:
             types.setLength(name, float(DEFAULT_LENGTH[kind]))
             types.setWidth(name, float(DEFAULT_WIDTH[kind]))
             types.setMaxSpeed(name, 70.0)
-            # Learned road users have no route of their own: a scenario-wide rerouting device would stumble over that.
+            # Spawned road users have no route: a rerouting device for all vehicles of a scenario would fail.
             types.setParameter(name, "has.rerouting.device", "false")
         types.setVehicleClass(LEARNED_TYPES[RoadUserType.CAR], self._vehicle_class)
         types.setVehicleClass(LEARNED_TYPES[RoadUserType.BICYCLE], self._vehicle_class)
 
     def add(self, ids: tuple[str, ...], kinds: NDArray[np.int8], x: Floats, y: Floats) -> None:
-        """Bring new road users into SUMO, to be there after the next SUMO step.
+        """Add road users; they are in the simulation after the next SUMO step.
 
-        `ids`: n ids that SUMO does not know; `kinds`: RoadUserType, (n,); `x`, `y`: centres in m, (n,).
+        `ids`: n new ids; `kinds`: RoadUserType, (n,); `x`, `y`: centres in m, (n,).
         """
         walking = kinds == RoadUserType.PEDESTRIAN
         for road_user, point in zip(
@@ -117,7 +117,7 @@ class SpawnedControl:
         speed: Floats,
         length: Floats,
     ) -> None:
-        """Say where road users are after the next SUMO step: centres (m), headings (rad), speeds (m/s), all (n,)."""
+        """Set the state of road users after the next SUMO step: centres (m), headings (rad), speeds (m/s), all (n,)."""
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
         walking = kinds == RoadUserType.PEDESTRIAN
@@ -143,14 +143,14 @@ class SpawnedControl:
                 vehicle.setSpeed(road_user, speeds[i])
 
     def remove(self, ids: tuple[str, ...]) -> None:
-        """Take road users out of SUMO, if it still has them."""
+        """Remove those of the road users that are still in the simulation."""
         vehicles, persons = set(self._api.vehicle.getIDList()), set(self._api.person.getIDList())
         self._sublanes.clear([road_user for road_user in ids if road_user in vehicles])
         self._sublanes.forget(ids)
         for road_user in ids:
             for domain, present in ((self._api.vehicle, vehicles), (self._api.person, persons)):
                 if road_user in present:
-                    # A user's script may have subscribed: SUMO's next step fails on those that are removed.
+                    # SUMO's next step would fail on subscriptions of a user's script to removed road users.
                     if domain.getSubscriptionResults(road_user):
                         domain.unsubscribe(road_user)
                     domain.remove(road_user)
@@ -158,7 +158,7 @@ class SpawnedControl:
             self._staged.discard(road_user)
 
     def _renew_walk(self, road_user: str, lane: int) -> None:
-        """A person walks on one edge at a time: the one under it. -1 (no edge under it) keeps the last one."""
+        """Let a person walk on the edge under it; `lane` -1 (no edge under it) keeps the last one."""
         if lane < 0:
             return
         edge = self._walks.lanes[lane].edge

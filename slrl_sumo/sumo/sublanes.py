@@ -1,10 +1,11 @@
-"""What SUMO's sublane model forgets about vehicles that are moved from outside.
+"""Registrations that SUMO's sublane model leaves behind when vehicles are moved from outside.
 
-A vehicle that reaches over its lane's edge also occupies the lane beside it in that model, and its rear also the one
-beside the lane behind. libsumo 1.28 clears the rear's places beside when it lets a vehicle drive, and when it puts one
-onto a lane; but not when `moveToXY` takes one off all lanes, or so far along its lane that its rear is on it too. Then
-other vehicles still meet it there, and looking for its rear (`MSVehicle::getBackPositionOnLane`) reads where nothing is
-and kills the process, perhaps many steps later. `vehicle.moveTo` puts a vehicle onto a lane at once.
+In that model, a vehicle that reaches over its lane's edge is also registered on the lane beside it, and its rear on the
+lane beside the previous one. libsumo 1.28 removes the registrations of the rear when it drives a vehicle itself, and
+when it puts one onto a lane; but not when `moveToXY` takes one off all lanes, or so far along its lane that its rear is
+on the same lane. Other vehicles then still find it there, and the look-up of its rear
+(`MSVehicle::getBackPositionOnLane`) reads invalid memory and ends the process, perhaps many steps later.
+`vehicle.moveTo` puts a vehicle onto a lane at once.
 """
 
 from collections.abc import Sequence
@@ -14,11 +15,11 @@ from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
 
 ROOM = 0.5
-"""m behind a vehicle that is put onto a lane, so that its rear is on no other one."""
+"""m behind a vehicle that is put onto a lane, so that its rear is on no other lane."""
 
 
 class Sublanes:
-    """Clears up after moved vehicles. Does nothing where the sublane model is off."""
+    """Removes the registrations of moved vehicles; without effect where the sublane model is off."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
@@ -30,7 +31,7 @@ class Sublanes:
             self._lanes.setdefault(lane.edge, []).append(lane)
 
     def clear(self, vehicles: Sequence[str]) -> None:
-        """To be called with all moved vehicles in every SUMO step, before they are moved."""
+        """To be called with all moved vehicles before they are moved, in every SUMO step."""
         if not self._on:
             return
         vehicle = self._api.vehicle
@@ -44,12 +45,12 @@ class Sublanes:
                     self._put(road_user, lane.rsplit("_", 1)[0], position, lane)
             elif before is not None:
                 del self._places[road_user]
-                # On a lane of its route for the coming step, at the end of which it is off again, without a trace.
+                # Onto a lane of its route for the coming step, after which it is off all lanes without a registration.
                 edge = vehicle.getRoute(road_user)[max(vehicle.getRouteIndex(road_user), 0)]
                 self._put(road_user, edge, max(before[1], self._length(road_user) + ROOM), "")
 
     def forget(self, vehicles: Sequence[str]) -> None:
-        """Drop what is known of vehicles that are no longer moved."""
+        """Drop the memory of vehicles that are no longer moved."""
         for road_user in vehicles:
             self._places.pop(road_user, None)
             self._lengths.pop(road_user, None)
@@ -60,11 +61,11 @@ class Sublanes:
         return self._lengths[road_user]
 
     def _put(self, road_user: str, edge: str, position: float, last: str) -> None:
-        """Onto a lane of `edge` at `position` (m): onto `last`, or where that is '' onto one that it may use.
+        """Put a vehicle onto a lane of `edge` at `position` (m): onto `last`, or for '' onto a lane that it may use.
 
-        SUMO ignores a move to the lane that it takes the vehicle to be on, or to have left last: hence two, to
-        different lanes. An edge of one lane has none beside it.
+        SUMO ignores a move to the lane on which it has the vehicle, or had it last: hence two moves to different lanes.
+        An edge with one lane needs none.
         """
-        kind = self._api.vehicle.getVehicleClass(road_user)
-        for lane in sorted(self._lanes[edge], key=lambda lane: (lane.id == last, kind in lane.allowed))[-2:]:
+        vehicle_class = self._api.vehicle.getVehicleClass(road_user)
+        for lane in sorted(self._lanes[edge], key=lambda lane: (lane.id == last, vehicle_class in lane.allowed))[-2:]:
             self._api.vehicle.moveTo(road_user, lane.id, min(position, lane.length))

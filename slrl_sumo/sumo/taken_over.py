@@ -1,12 +1,12 @@
-"""Road users of the scenario that are moved from outside for a while, and given back to SUMO as they were.
+"""Road users of the scenario that are taken over, moved from outside, and handed back to SUMO.
 
-The rules (measured with libsumo 1.28, see docs/takeover.md):
+Rules (measured with libsumo 1.28, see docs/takeover.md):
 
-- Vehicles move with keepRoute 3, so that their route survives, with speed mode and lane change mode 0; both are put
-  back on return (without that SUMO drives them through everything), and `setSpeed(-1)` ends our say over the speed.
-- A vehicle with stops ahead loses them silently when it is moved past one: those are left to SUMO.
-- A walk over many edges ends in "Disconnected walk" or a crash when the person is moved. While a person is moved its
-  walk is that of the one edge under it; on return it gets the rest of its walk again, and keeps its later stages.
+- Vehicles move with keepRoute 3, so that their route survives, with speed mode and lane change mode 0. Both are
+  restored on hand-back (otherwise SUMO ignores all obstacles), and `setSpeed(-1)` lets SUMO choose the speed again.
+- A vehicle that is moved past a stop loses it silently: vehicles with stops ahead are left to SUMO.
+- A walk over many edges ends in "Disconnected walk" or a crash when the person is moved. While a person is taken over,
+  its walk is the one edge under it; on hand-back it gets the rest of its walk, and keeps its later stages.
 """
 
 from collections.abc import Sequence
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.road_users import WALKING, loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
 LEFT_TO_SUMO = frozenset(
@@ -29,29 +30,28 @@ LEFT_TO_SUMO = frozenset(
 """Vehicle classes that are never taken over (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
 KEEP_ROUTE_STRICTLY = 1
-"""Onto the route, wherever the vehicle is said to be."""
+"""Onto the route, wherever the given position is."""
 EVERYWHERE = 1e5
-"""m; farther than any place of a network is from another."""
+"""m; farther than any two places of a network are apart."""
 MATCH_THRESHOLD = 5.0
 """m; SUMO's default of 100 m makes a call up to 40 times slower."""
 MATCH_THRESHOLD_PERSON = 0.1
-"""m; with 5 m SUMO pulls persons that are beside their edge up to 5 m towards it."""
-WALKING = 2
-"""Type of a walking stage (https://sumo.dlr.de/docs/TraCI/Person_Value_Retrieval.html)."""
+"""m; with 5 m SUMO moves persons beside their edge by up to 5 m towards it."""
 
 
 @dataclass
 class _Walk:
-    """A lent person's walk: where it was to go, and the one edge that it has while we move it."""
+    """The original walk of a person, and the one edge that it walks on while it is taken over."""
 
     edges: tuple[str, ...]
     arrival: float
     stop: str
-    here: str | None
+    current_edge: str | None
+    """None until the person is moved for the first time."""
 
 
 class TakenOverControl:
-    """Road users of the scenario that SUMO has lent to us, through `api` (libsumo or a TraCI connection)."""
+    """Takes road users of the scenario over, moves them, and hands them back to SUMO."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
@@ -66,23 +66,28 @@ class TakenOverControl:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Everybody on loan now."""
+        """Ids of all road users that are taken over now."""
         return frozenset(self._modes) | frozenset(self._walks)
 
     def eligible(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Who of n road users on the network may be taken over, (n,); `person` (n,) tells persons from vehicles.
+        """Which of n road users on the network can be taken over, (n,); `person`: which of them are persons, (n,).
 
-        Vehicles on a lane without stops ahead that are no trains, ships or aircraft; persons that walk.
+        Eligible are walking persons, and vehicles on a lane without stops ahead that are no trains, ships or aircraft.
         """
-        walks, drives = self._may_walk, self._may_drive
-        return np.array([walks(i) if p else drives(i) for i, p in zip(ids, person.tolist(), strict=True)], np.bool_)
+        return np.array(
+            [
+                self._person_eligible(road_user) if walks else self._vehicle_eligible(road_user)
+                for road_user, walks in zip(ids, person.tolist(), strict=True)
+            ],
+            np.bool_,
+        )
 
-    def take(self, ids: Sequence[str], person: NDArray[np.bool_]) -> None:
-        """Take over n eligible road users; from now on `move` them in every SUMO step."""
+    def take_over(self, ids: Sequence[str], person: NDArray[np.bool_]) -> None:
+        """Take over n eligible road users; they must be moved in every SUMO step from now on."""
         for road_user, walks in zip(ids, person.tolist(), strict=True):
             if walks:
                 stage = self._api.person.getStage(road_user, 0)
-                # getEdges begins with the edge that the person is on, the stage with the one that it began on.
+                # getEdges begins with the present edge, the stage with the first one.
                 edges = tuple(self._api.person.getEdges(road_user, 0)) or tuple(stage.edges)
                 self._walks[road_user] = _Walk(edges, stage.arrivalPos, stage.destStop, None)
             else:
@@ -101,7 +106,7 @@ class TakenOverControl:
         speed: Floats,
         length: Floats,
     ) -> None:
-        """Say where n lent road users are after the next SUMO step: centres (m), headings (rad), speeds (m/s), (n,)."""
+        """Set the state of n road users after the next SUMO step: centres (m), headings (rad), speeds (m/s), (n,)."""
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
         self._sublanes.clear([i for i, walks in zip(ids, person.tolist(), strict=True) if not walks])
@@ -109,7 +114,7 @@ class TakenOverControl:
         vehicle, persons = self._api.vehicle, self._api.person
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
             if walks:
-                self._cut_walk(road_user, next(lanes_under))
+                self._shorten_walk(road_user, next(lanes_under))
                 persons.moveToXY(
                     road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
                 )
@@ -119,79 +124,71 @@ class TakenOverControl:
                 )
                 vehicle.setSpeed(road_user, speeds[i])
 
-    def give_back(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Give n lent road users back to SUMO, (n,): False where one stays ours, must be moved on, and may be later.
+    def hand_back(self, ids: Sequence[str], person: NDArray[np.bool_], *, off_route: bool = False) -> NDArray[np.bool_]:
+        """Hand n road users back to SUMO, (n,): False where one remains taken over and must be moved on.
 
-        That is where SUMO has a vehicle on no lane or inside a junction, and a person on no edge but a crossing, say.
+        That is a vehicle that SUMO has on no lane or inside a junction, and a person off all edges, as on a crossing.
+        `off_route`: vehicles on no lane are put on the nearest place of their route, however far that is.
         """
-        return self._give_back(ids, person, forced=False)
-
-    def bring_home(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Give n lent road users back that have strayed from the network, (n,): False where one stays ours.
-
-        Vehicles on no lane are put on the nearest place of their route, however far that is.
-        """
-        return self._give_back(ids, person, forced=True)
+        back = [
+            self._hand_back_person(road_user, off_route) if walks else self._hand_back_vehicle(road_user, off_route)
+            for road_user, walks in zip(ids, person.tolist(), strict=True)
+        ]
+        return np.array(back, np.bool_)
 
     def forget(self, ids: Sequence[str]) -> None:
-        """Drop the loans of road users that are no longer in the simulation."""
+        """Drop road users that are no longer in the simulation."""
         self._sublanes.forget(ids)
         for road_user in ids:
             self._modes.pop(road_user, None)
             self._walks.pop(road_user, None)
 
     def release(self) -> tuple[str, ...]:
-        """Give everybody back at once who can be; returns the ids of those who cannot.
+        """Hand all road users back at once, if possible; returns the ids of the others.
 
         Persons go to the right side of their edge, also from a crossing or from beside it. Vehicles on no lane are put
         on the nearest place of their route, however far that is: beside it SUMO would lose them.
         """
-        present = frozenset(self._api.vehicle.getIDList()) | frozenset(self._api.person.getIDList())
+        present = loaded_ids(self._api)
         self.forget([road_user for road_user in self.ids if road_user not in present])
         held = sorted(self.ids)
-        back = self._give_back(held, np.array([road_user in self._walks for road_user in held], np.bool_), forced=True)
+        persons = np.array([road_user in self._walks for road_user in held], np.bool_)
+        back = self.hand_back(held, persons, off_route=True)
         return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
 
-    def _give_back(self, ids: Sequence[str], person: NDArray[np.bool_], forced: bool) -> NDArray[np.bool_]:
-        back = [
-            self._walk_on(road_user, forced) if walks else self._drive_on(road_user, forced)
-            for road_user, walks in zip(ids, person.tolist(), strict=True)
-        ]
-        return np.array(back, np.bool_)
-
-    def _may_drive(self, road_user: str) -> bool:
+    def _vehicle_eligible(self, road_user: str) -> bool:
         vehicle = self._api.vehicle
         if vehicle.getLaneID(road_user) == "" or vehicle.getStops(road_user, 1):
             return False
-        # Bits 1 and 8 and up of the stop state: standing at a stop, parked, or waiting for somebody.
+        # Bits 1 and 8 and up of the stop state: at a stop, parked, or waiting for passengers.
         return vehicle.getStopState(road_user) == 0 and vehicle.getVehicleClass(road_user) not in LEFT_TO_SUMO
 
-    def _may_walk(self, road_user: str) -> bool:
+    def _person_eligible(self, road_user: str) -> bool:
         person = self._api.person
-        return bool(
+        return (
             person.getVehicle(road_user) == ""
             and person.getRoadID(road_user) != ""
             and person.getStage(road_user, 0).type == WALKING
         )
 
-    def _cut_walk(self, road_user: str, lane: int) -> None:
-        """A moved person walks on one edge at a time: the one under it. -1 (no edge under it) keeps the last one."""
+    def _shorten_walk(self, road_user: str, lane: int) -> None:
+        """Let a person walk on the edge under it only; `lane` -1 (no edge under it) keeps the last one."""
         walk = self._walks[road_user]
-        edge = self._network.walks.lanes[lane].edge if lane >= 0 else walk.here or walk.edges[0]
-        if edge != walk.here:
+        edge = self._network.walks.lanes[lane].edge if lane >= 0 else walk.current_edge or walk.edges[0]
+        if edge != walk.current_edge:
             self._set_walk(road_user, (edge,), 0.5 * self._lengths.get(edge, 0.0), "")
-            walk.here = edge
+            walk.current_edge = edge
 
     def _set_walk(self, road_user: str, edges: tuple[str, ...], arrival: float, stop: str) -> None:
         stage = self._api.simulation.Stage(type=WALKING, edges=list(edges), arrivalPos=arrival, destStop=stop)
         self._api.person.replaceStage(road_user, 0, stage)
 
-    def _drive_on(self, road_user: str, forced: bool) -> bool:
+    def _hand_back_vehicle(self, road_user: str, off_route: bool) -> bool:
         vehicle = self._api.vehicle
-        # Not the road: SUMO goes on naming the last one when the vehicle is far beside it, and would lose it there.
+        # Not the edge: for a vehicle far beside its lane SUMO keeps naming the last edge, and would lose it there.
         lane = vehicle.getLaneID(road_user)
-        # Inside a junction SUMO may brake hard for others that it would not have met there.
-        if (lane == "" or lane.startswith(":")) and not forced:
+        # Inside a junction, SUMO may brake hard for road users with which it would not have been in conflict.
+        if (lane == "" or lane.startswith(":")) and not off_route:
             return False
         if lane == "":
             x, y = vehicle.getPosition(road_user)
@@ -205,38 +202,40 @@ class TakenOverControl:
         vehicle.setLaneChangeMode(road_user, lane_change_mode)
         return True
 
-    def _walk_on(self, road_user: str, forced: bool) -> bool:
+    def _hand_back_person(self, road_user: str, off_route: bool) -> bool:
         walk = self._walks[road_user]
-        if walk.here is None:
-            # Taken but never moved: its walk is still whole.
+        if walk.current_edge is None:
+            # Taken over but never moved: its walk is unchanged.
             del self._walks[road_user]
             return True
         x, y = self._api.person.getPosition(road_user)
-        if self._api.person.getRoadID(road_user) != walk.here or not (forced or self._is_on(walk.here, x, y)):
+        if self._api.person.getRoadID(road_user) != walk.current_edge or not (
+            off_route or self._is_on(walk.current_edge, x, y)
+        ):
             return False
         edges = self._rest_of(walk)
         if not edges:
             return False
         arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
         self._set_walk(road_user, edges, arrival, walk.stop)
-        if not forced:
-            # A walk that is set begins at the right side of the lane; this keeps the person where it is. Not so on
-            # release: beside its edge a person would stand for ever, and libsumo crashes in the next simulation of the
-            # process where a person's move is still waiting when the present one is closed.
+        if not off_route:
+            # A new walk begins at the right side of the lane; this move keeps the person where it is. Not on release:
+            # beside its edge a person would stand for ever, and if the simulation is closed with a move of a person
+            # pending, libsumo crashes in the next simulation of the process.
             angle = self._api.person.getAngle(road_user)
             self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
         del self._walks[road_user]
         return True
 
     def _is_on(self, edge: str, x: float, y: float) -> bool:
-        """Whether a position is on an edge, and not beside it or on a crossing that SUMO counts to its end."""
+        """Whether a position is on an edge, and not beside it or on a crossing that SUMO assigns to the edge."""
         lane = int(self._network.walks.lanes_under(np.array([x]), np.array([y]))[0])
         return lane >= 0 and self._network.walks.lanes[lane].edge == edge
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
-        """The edges from where a person is to where it was to go; () where no way is known."""
-        assert walk.here is not None
-        if walk.here in walk.edges:
-            return walk.edges[walk.edges.index(walk.here) :]
-        stages = self._api.simulation.findIntermodalRoute(walk.here, walk.edges[-1], "")
+        """The edges from a person's present one to its destination; () where there is no route."""
+        assert walk.current_edge is not None
+        if walk.current_edge in walk.edges:
+            return walk.edges[walk.edges.index(walk.current_edge) :]
+        stages = self._api.simulation.findIntermodalRoute(walk.current_edge, walk.edges[-1], "")
         return tuple(edge for stage in stages if stage.type == WALKING for edge in stage.edges)

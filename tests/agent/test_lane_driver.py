@@ -50,7 +50,7 @@ class Ride:
         rows = [i for i, r in enumerate(snapshot.ids) if self.wanted(r) and r not in own and r not in self.back | own]
         able = self.loans.eligible([snapshot.ids[i] for i in rows], snapshot.person[rows])
         rows = [i for i, may in zip(rows, able.tolist(), strict=True) if may]
-        self.loans.take([snapshot.ids[i] for i in rows], snapshot.person[rows])
+        self.loans.take_over([snapshot.ids[i] for i in rows], snapshot.person[rows])
         self.learned = replace(self.learned.join(_world(snapshot, rows, self.session.time)), time=self.session.time)
         own = set(self.learned.ids)
         rest = [i for i, r in enumerate(snapshot.ids) if r not in own]
@@ -73,7 +73,7 @@ class Ride:
         gone = [r for r in f.ids if r not in present]
         self.loans.forget(gone)
         rows = np.flatnonzero(self.driver.near_end(f.ids) & np.array([r in present for r in f.ids], np.bool_))
-        done = rows[self.loans.give_back([f.ids[i] for i in rows], walking[rows])]
+        done = rows[self.loans.hand_back([f.ids[i] for i in rows], walking[rows])]
         self.back |= {f.ids[i] for i in done} | set(gone)
         self.driver.forget(tuple(f.ids[i] for i in done))
         self.learned = f.take(np.array([i for i, r in enumerate(f.ids) if r not in self.back], np.intp))

@@ -81,7 +81,7 @@ def test_a_car_that_goes_at_red_is_one_run(made: Scenario, way: str) -> None:
             api.vehicle.setSpeedMode(car, 0)
             api.vehicle.setSpeed(car, 8.0)
         else:
-            loans.take((car,), np.zeros(1, np.bool_))
+            loans.take_over((car,), np.zeros(1, np.bool_))
         start = world_of(session)
         start = start.take(np.array([start.ids.index(car)]))
         found, distance = [], 0.0
@@ -129,7 +129,7 @@ def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) ->
         passages, loans = Passages(session.api, session.network), TakenOverControl(session.api, session.network)
         car = first_at_red(session, passages)
         world = world_of(session)
-        loans.take((car,), np.zeros(1, np.bool_))
+        loans.take_over((car,), np.zeros(1, np.bool_))
         start = world.take(np.array([world.ids.index(car)]))
         found, lanes = [], []
         for distance in (4.0, 0.0, 4.0, 0.0, 4.0):

@@ -220,14 +220,14 @@ def lent_cars_over_sidewalks(options: str) -> dict[str, Any]:
         for _ in range(375):
             session.step()
         snapshot = session.reader.read()
-        loans = TakenOverControl(libsumo, session.network)
-        wheels = np.flatnonzero(~snapshot.person & loans.eligible(snapshot.ids, snapshot.person))
+        control = TakenOverControl(libsumo, session.network)
+        wheels = np.flatnonzero(~snapshot.person & control.eligible(snapshot.ids, snapshot.person))
         ids, length = tuple(snapshot.ids[i] for i in wheels), snapshot.length[wheels]
         assert len(ids) >= 6
         who, person = Wanderers(len(ids), CENTRE, 8.0), np.zeros(len(ids), np.bool_)
-        loans.take(ids, person)
+        control.take_over(ids, person)
         for _ in range(300):
-            loans.move(ids, person, who.x, who.y, who.heading, who.speed, length)
+            control.move(ids, person, who.x, who.y, who.heading, who.speed, length)
             session.step()
             who.look(session, ids)
             who.wander()
@@ -259,17 +259,17 @@ def persons(n: str, steps: str) -> dict[str, Any]:
 def lent_persons(steps: str) -> dict[str, Any]:
     """All persons of the scenario, as they come, each on a random walk from where it was taken."""
     with SumoSession(find_scenario("intersection")) as session:
-        loans = TakenOverControl(libsumo, session.network)
+        control = TakenOverControl(libsumo, session.network)
         rng = np.random.default_rng(1)
         state: dict[str, list[float]] = {}
         missing = 0
         for _ in range(int(steps)):
             snapshot = session.reader.read()
             missing += len(set(state) - set(snapshot.ids))
-            able = snapshot.person & loans.eligible(snapshot.ids, snapshot.person)
+            able = snapshot.person & control.eligible(snapshot.ids, snapshot.person)
             for i in np.flatnonzero(able).tolist():
                 if snapshot.ids[i] not in state:
-                    loans.take(snapshot.ids[i : i + 1], snapshot.person[i : i + 1])
+                    control.take_over(snapshot.ids[i : i + 1], snapshot.person[i : i + 1])
                     state[snapshot.ids[i]] = [float(snapshot.x[i]), float(snapshot.y[i]), float(snapshot.heading[i])]
             for place in state.values():
                 place[2] += rng.normal(0.0, 0.15)
@@ -281,7 +281,7 @@ def lent_persons(steps: str) -> dict[str, Any]:
             n = len(table)
             length = np.full(n, DEFAULT_LENGTH[RoadUserType.PEDESTRIAN])
             x, y, heading = table[:, 0], table[:, 1], wrap_angle(table[:, 2])
-            loans.move(tuple(state), np.ones(n, np.bool_), x, y, heading, np.full(n, 1.4), length)
+            control.move(tuple(state), np.ones(n, np.bool_), x, y, heading, np.full(n, 1.4), length)
             session.step()
         return {"missing": missing, "most": len(state), "steps": int(steps)}
 

@@ -54,7 +54,7 @@ def _row(snapshot: Snapshot, road_user: str) -> int:
 
 
 def _carry(
-    session: SumoSession, loans: TakenOverControl, road_user: str, speed: float, steps: int, turn: float = 0.0
+    session: SumoSession, control: TakenOverControl, road_user: str, speed: float, steps: int, turn: float = 0.0
 ) -> None:
     """Move a road user straight on (turned by `turn` rad), step by step."""
     snapshot = session.reader.read()
@@ -66,7 +66,7 @@ def _carry(
         x += speed * session.step_length * math.cos(heading)
         y += speed * session.step_length * math.sin(heading)
         place = (np.array([v]) for v in (x, y, heading, speed, snapshot.length[i]))
-        loans.move([road_user], person, *place)
+        control.move([road_user], person, *place)
         session.step()
 
 
@@ -74,33 +74,33 @@ def test_modes_are_lifted_while_lent_and_restored_exactly(session: SumoSession) 
     _add_car(session)
     libsumo.vehicle.setSpeedMode("car", 23)
     libsumo.vehicle.setLaneChangeMode("car", 597)
-    loans = TakenOverControl(libsumo, session.network)
-    loans.take(["car"], VEHICLE)
-    assert loans.ids == {"car"}
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["car"], VEHICLE)
+    assert control.ids == {"car"}
     assert libsumo.vehicle.getSpeedMode("car") == 0
     # libsumo keeps bits of the lane change mode that mean "as a matter of course".
     lifted = libsumo.vehicle.getLaneChangeMode("car")
     assert lifted != 597
-    _carry(session, loans, "car", 8.0, 5)
-    assert loans.give_back(["car"], VEHICLE).tolist() == [True]
+    _carry(session, control, "car", 8.0, 5)
+    assert control.hand_back(["car"], VEHICLE).tolist() == [True]
     assert libsumo.vehicle.getSpeedMode("car") == 23
     assert libsumo.vehicle.getLaneChangeMode("car") == 597
-    assert loans.ids == frozenset()
+    assert control.ids == frozenset()
 
 
 def test_lent_car_is_where_it_was_put_and_goes_on_from_there_along_its_route(session: SumoSession) -> None:
     _add_car(session)
     route = libsumo.vehicle.getRoute("car")
-    loans = TakenOverControl(libsumo, session.network)
-    loans.take(["car"], VEHICLE)
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["car"], VEHICLE)
     before = session.reader.read()
     start = float(before.x[_row(before, "car")])
-    _carry(session, loans, "car", 6.0, 10)
+    _carry(session, control, "car", 6.0, 10)
     after = session.reader.read()
     car = _row(after, "car")
     assert abs(abs(float(after.x[car]) - start) - 6.0 * 10 * session.step_length) < 0.01
     assert float(after.speed[car]) == pytest.approx(6.0, abs=0.01)
-    assert loans.give_back(["car"], VEHICLE).tolist() == [True]
+    assert control.hand_back(["car"], VEHICLE).tolist() == [True]
     session.step()
     # SUMO drives on at that speed: no jump, no braking, and faster as soon as it may.
     first = session.reader.read()
@@ -124,38 +124,38 @@ def test_lent_car_is_where_it_was_put_and_goes_on_from_there_along_its_route(ses
 
 def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSession) -> None:
     _add_car(session)
-    loans = TakenOverControl(libsumo, session.network)
-    loans.take(["car"], VEHICLE)
-    _carry(session, loans, "car", 8.0, 2)
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["car"], VEHICLE)
+    _carry(session, control, "car", 8.0, 2)
     # Across the road and off it.
-    _carry(session, loans, "car", 10.0, 6, turn=math.pi / 2)
+    _carry(session, control, "car", 10.0, 6, turn=math.pi / 2)
     # SUMO still names the road, but it has the car on no lane.
     assert libsumo.vehicle.getLaneID("car") == ""
-    assert loans.give_back(["car"], VEHICLE).tolist() == [False]
-    assert loans.ids == {"car"}
+    assert control.hand_back(["car"], VEHICLE).tolist() == [False]
+    assert control.ids == {"car"}
     assert libsumo.vehicle.getSpeedMode("car") == 0
-    _carry(session, loans, "car", 10.0, 6, turn=math.pi)
-    assert loans.give_back(["car"], VEHICLE).tolist() == [True]
+    _carry(session, control, "car", 10.0, 6, turn=math.pi)
+    assert control.hand_back(["car"], VEHICLE).tolist() == [True]
     assert (libsumo.vehicle.getSpeedMode("car"), libsumo.vehicle.getLaneChangeMode("car")) == DEFAULT_MODES
 
 
 def test_vehicles_with_stops_ahead_or_of_other_kinds_are_left_alone(session: SumoSession) -> None:
     _add_car(session)
-    loans = TakenOverControl(libsumo, session.network)
-    assert loans.eligible(["car"], VEHICLE).tolist() == [True]
+    control = TakenOverControl(libsumo, session.network)
+    assert control.eligible(["car"], VEHICLE).tolist() == [True]
     lane = libsumo.vehicle.getLaneIndex("car")
     libsumo.vehicle.setStop("car", "in0", pos=80.0, laneIndex=lane, duration=1000.0)
-    assert loans.eligible(["car"], VEHICLE).tolist() == [False]
+    assert control.eligible(["car"], VEHICLE).tolist() == [False]
     for _ in range(60):
         _clear()
         session.step()
     assert libsumo.vehicle.isStopped("car")
-    assert loans.eligible(["car"], VEHICLE).tolist() == [False]
+    assert control.eligible(["car"], VEHICLE).tolist() == [False]
     libsumo.vehicle.resume("car")
     session.step()
-    assert loans.eligible(["car"], VEHICLE).tolist() == [True]
+    assert control.eligible(["car"], VEHICLE).tolist() == [True]
     libsumo.vehicle.setVehicleClass("car", "tram")
-    assert loans.eligible(["car"], VEHICLE).tolist() == [False]
+    assert control.eligible(["car"], VEHICLE).tolist() == [False]
 
 
 def test_persons_that_walk_may_be_taken_those_that_wait_or_ride_may_not(session: SumoSession) -> None:
@@ -169,22 +169,22 @@ def test_persons_that_walk_may_be_taken_those_that_wait_or_ride_may_not(session:
     for _ in range(30):
         session.step()
     assert libsumo.person.getVehicle("rider") == "taxi"
-    loans = TakenOverControl(libsumo, session.network)
+    control = TakenOverControl(libsumo, session.network)
     people = np.array([True, True, True])
-    assert loans.eligible(["walker", "waiter", "rider"], people).tolist() == [True, False, False]
+    assert control.eligible(["walker", "waiter", "rider"], people).tolist() == [True, False, False]
 
 
 def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(session: SumoSession) -> None:
     _add_person(session)
-    loans = TakenOverControl(libsumo, session.network)
-    loans.take(["walker"], PERSON)
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["walker"], PERSON)
     before = libsumo.person.getPosition("walker")
     # A little to the left of where SUMO walks, along the sidewalk.
-    _carry(session, loans, "walker", 1.2, 20, turn=0.02)
+    _carry(session, control, "walker", 1.2, 20, turn=0.02)
     there = libsumo.person.getPosition("walker")
     assert math.dist(before, there) == pytest.approx(1.2 * 20 * session.step_length, abs=0.01)
-    assert loans.give_back(["walker"], PERSON).tolist() == [True]
-    assert loans.ids == frozenset()
+    assert control.hand_back(["walker"], PERSON).tolist() == [True]
+    assert control.ids == frozenset()
     session.step()
     assert math.dist(there, libsumo.person.getPosition("walker")) < 0.3
     last = 0.0
@@ -202,32 +202,32 @@ def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(se
 
 def test_a_walker_on_a_crossing_goes_back_only_on_the_next_sidewalk(session: SumoSession) -> None:
     _add_person(session)
-    loans = TakenOverControl(libsumo, session.network)
+    control = TakenOverControl(libsumo, session.network)
     for _ in range(200):
         _clear()
         session.step()
         if "_c" in libsumo.person.getRoadID("walker"):
             break
     assert "_c" in libsumo.person.getRoadID("walker")
-    loans.take(["walker"], PERSON)
-    _carry(session, loans, "walker", 1.2, 2)
-    assert loans.give_back(["walker"], PERSON).tolist() == [False]
-    assert loans.ids == {"walker"}
+    control.take_over(["walker"], PERSON)
+    _carry(session, control, "walker", 1.2, 2)
+    assert control.hand_back(["walker"], PERSON).tolist() == [False]
+    assert control.ids == {"walker"}
     # Detaching cannot wait for that.
-    assert loans.release() == ()
-    assert loans.ids == frozenset()
+    assert control.release() == ()
+    assert control.ids == frozenset()
 
 
 def test_who_has_gone_is_forgotten_and_the_rest_released(session: SumoSession) -> None:
     _add_car(session)
     _add_person(session)
-    loans = TakenOverControl(libsumo, session.network)
-    loans.take(["car", "walker"], np.array([False, True]))
-    _carry(session, loans, "car", 8.0, 1)
-    _carry(session, loans, "walker", 1.2, 1)
-    loans.forget(["car", "nobody"])
-    assert loans.ids == {"walker"}
-    loans.take(["car"], VEHICLE)
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["car", "walker"], np.array([False, True]))
+    _carry(session, control, "car", 8.0, 1)
+    _carry(session, control, "walker", 1.2, 1)
+    control.forget(["car", "nobody"])
+    assert control.ids == {"walker"}
+    control.take_over(["car"], VEHICLE)
     libsumo.person.remove("walker")
-    assert loans.release() == ()
-    assert loans.ids == frozenset()
+    assert control.release() == ()
+    assert control.ids == frozenset()
