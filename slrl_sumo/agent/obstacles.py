@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import sweep
-from slrl_sumo.background.swept_conflicts import MARGIN, approaching, meetings, predicted, speed_along
+from slrl_sumo.background.swept_conflicts import MARGIN, approaching, conflicts, predicted, speed_along
 from slrl_sumo.background.yielding import MOMENTS, safe_speeds
 from slrl_sumo.scene.geometry import Floats, cos_sin, front_from_centre
 from slrl_sumo.scene.state import WorldState
@@ -69,7 +69,7 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
         vehicle, other = vehicle[close], other[close]
         if not len(vehicle):
             continue
-        enter, leave = meetings(mine, vehicle, boxes, other, walks & (world.speed > 0.05))
+        enter, leave = conflicts(mine, vehicle, boxes, other, walks & (world.speed > 0.05))
         leading = speed_along(mine, vehicle, enter, boxes, other, world.speed)
         target, _ = safe_speeds(enter, leave, approach.speed[vehicle], leading, approach.limits[vehicle], dt)
         np.minimum.at(safe, vehicle, target)

@@ -1,4 +1,4 @@
-"""The ways that vehicles are about to drive: centre lines along lanes and routes."""
+"""Paths ahead of background vehicles: centre lines along the lanes of their routes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,17 +12,17 @@ from slrl_sumo.sumo.network import Network
 SPACING = 0.5
 """m between the points of a path."""
 REACH = 120.0
-"""m that a path goes on beyond the end of its first lane: braking from 33 m/s takes no more."""
+"""m of a path beyond its first lane: enough to brake from 33 m/s."""
 MOST_POINTS = 2_000_000
-"""Paths kept at a time, counted in points (32 MB); beyond that they are forgotten and made again when needed."""
+"""Points of all paths kept (32 MB); with more, all paths are dropped and made again when needed."""
 MOST_LANES = 40
-"""Of a path, where they are very short."""
+"""Lanes of a path, where they are very short."""
 
 
 class Paths:
     """Paths through a loaded network, made on demand and kept as numbered rows of one pool of points.
 
-    A path is the centre line of a lane from its begin, then that of the lanes that a vehicle's route takes it to.
+    A path is the centre line of a lane from its begin, and of the following lanes along a vehicle's route.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
@@ -31,58 +31,59 @@ class Paths:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all paths: the rows given so far are void."""
+        """Drop all paths; all row numbers become invalid."""
         self._rows: dict[tuple[str, ...], int] = {}
         self._points = np.zeros((4096, 2))
         self._used = 0
         self._table = np.zeros((256, 3))
-        """Of each row: its first point, its last point, and m of drawn shape per m of SUMO's measure."""
+        """Of each row: its first point, its last point, and m of the shape per m of SUMO's lane length."""
 
     @property
     def full(self) -> bool:
-        """Whether it is time to `clear`."""
+        """Whether `clear` should be called."""
         return self._used > MOST_POINTS
 
-    def row(self, lane: str, following: tuple[str, ...], vehicle_class: str) -> int:
-        """The path from the begin of `lane` to the edges `following`, for a SUMO vehicle class."""
-        chain = self.chain(lane, following, vehicle_class)
+    def row(self, lane: str, edges: tuple[str, ...], vehicle_class: str) -> int:
+        """The row of the path from the begin of `lane` along the route `edges` after it, for a SUMO vehicle class."""
+        chain = self.chain(lane, edges, vehicle_class)
         row = self._rows.get(chain)
         if row is None:
             row = self._rows[chain] = self._add(chain)
         return row
 
-    def chain(self, lane: str, following: tuple[str, ...], vehicle_class: str) -> tuple[str, ...]:
-        """Ids of the lanes from `lane` on, those inside junctions included, at most `REACH` m of them after the first.
+    def chain(self, lane: str, edges: tuple[str, ...], vehicle_class: str) -> tuple[str, ...]:
+        """Ids of the lanes from `lane` on, internal ones included, at most `REACH` m after the first.
 
-        It ends where the route does, and on a lane that does not lead to the route's next edge.
+        The chain ends with the route, or on a lane that does not continue to the route's next edge.
         """
-        chain, onward, length = [lane], list(following), 0.0
+        chain, remaining, length = [lane], list(edges), 0.0
         while length < REACH and len(chain) < MOST_LANES:
             here = chain[-1]
             choices = [
                 (target, inside)
                 for target, inside in self._links(here)
-                if (onward and self._lanes[target].edge == onward[0]) or (not onward and self._lanes[here].internal)
+                if (remaining and self._lanes[target].edge == remaining[0])
+                or (not remaining and self._lanes[here].internal)
             ]
             choices = [c for c in choices if vehicle_class in self._lanes[c[0]].allowed] or choices
             if not choices:
                 break
-            # Of several lanes of the next edge, vehicles take one that leads on.
-            best = next((c for c in choices if len(onward) > 1 and self._leads(c[0], onward[1])), choices[0])
+            # Of several lanes of the next edge, vehicles take one that continues along the route.
+            best = next((c for c in choices if len(remaining) > 1 and self._continues(c[0], remaining[1])), choices[0])
             chain.append(best[1] or best[0])
-            if not self._lanes[chain[-1]].internal and onward:
-                onward.pop(0)
+            if not self._lanes[chain[-1]].internal and remaining:
+                remaining.pop(0)
             length += self._lanes[chain[-1]].length
         return tuple(chain)
 
     def sample(self, rows: NDArray[np.intp], lane_position: Floats, count: int) -> tuple[Floats, Floats, Floats]:
-        """Points every `SPACING` m on n paths, the first ones at `lane_position` (m, SUMO's measure, (n,)).
+        """Points every `SPACING` m on n paths, beginning at `lane_position` (m along SUMO's lane, (n,)).
 
-        Returns x, y in m, (n, count), and how far the paths go on, in m, (n,); past a path's end its last point recurs.
+        Returns x, y in m, (n, count), and the rest of each path in m, (n,); beyond its end the last point is repeated.
         """
         table = self._table[rows]
         start, last, scale = table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
-        # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
+        # A lane's length in SUMO may differ from that of its shape (attribute "length" of the network file).
         along = np.maximum(lane_position * scale / SPACING, 0.0)
         first = np.floor(along).astype(np.intp)
         share = (along - first)[:, None, None]
@@ -91,7 +92,7 @@ class Paths:
         points = points[:, :-1] + share * np.diff(points, axis=1)
         return points[..., 0], points[..., 1], np.maximum((last - start - along) * SPACING, 0.0)
 
-    def _leads(self, lane: str, edge: str) -> bool:
+    def _continues(self, lane: str, edge: str) -> bool:
         return any(self._lanes[target].edge == edge for target, _ in self._links(lane))
 
     def _add(self, chain: tuple[str, ...]) -> int:
@@ -114,7 +115,7 @@ def _length(lane: Lane) -> float:
 
 
 def resampled(line: Floats, spacing: float) -> Floats:
-    """Points every `spacing` m along the polyline `line` (k, 2), from its begin; the rest at its end is cut."""
+    """Points every `spacing` m along the polyline `line` (k, 2) from its begin; a shorter rest is cut off."""
     steps = np.diff(line, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
     s = np.arange(0.0, along[-1] + 1e-9, spacing)

@@ -1,4 +1,4 @@
-"""The boxes that vehicles are about to sweep on their paths."""
+"""The boxes that vehicles will sweep on their paths."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 STRAIGHTENING = 15.0
-"""m in which a vehicle that drives beside its lane's centre is expected to have come back to it, at the latest."""
+"""m within which a vehicle beside its lane's centre is expected to return to it, at the latest."""
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,11 @@ class Sweep:
     y: Floats
     heading: Floats
     width: Floats
-    """m; wider than the vehicle where it is not known how far beside the lane's centre it will drive."""
+    """m; wider than the vehicle where its lateral offset is uncertain."""
     length: Floats
     """m, (n,)."""
     valid: NDArray[np.bool_]
-    """False past the end of a path."""
+    """False beyond the end of a path."""
 
 
 def sweep(
@@ -61,21 +61,21 @@ def _swept(
             dx, dy = paths[0, i, after] - paths[0, i, before], paths[1, i, after] - paths[1, i, before]
             norm = max(math.sqrt(dx * dx + dy * dy), 1e-9)
             along[0, j], along[1, j] = dx / norm, dy / norm
-        # Against its lane (overtaking on the opposite side, or a path of one point): straight on is the better guess.
-        astray = along[0, 0] * towards_x + along[1, 0] * towards_y < 0.5
-        if astray:
+        # Against the lane (overtaking on the opposite side, or a path of one point), straight on is the better guess.
+        off_path = along[0, 0] * towards_x + along[1, 0] * towards_y < 0.5
+        if off_path:
             along[0], along[1] = towards_x, towards_y
-        first_x = front_x if astray else paths[0, i, 0]
-        first_y = front_y if astray else paths[1, i, 0]
+        first_x = front_x if off_path else paths[0, i, 0]
+        first_y = front_y if off_path else paths[1, i, 0]
         beside = (front_y - first_y) * along[0, 0] - (front_x - first_x) * along[1, 0]
         behind = round(length / spacing) if 0.0 <= length < k * spacing else k
         for j in range(k):
             s = j * spacing
             kept = max(1.0 - s / STRAIGHTENING, 0.0)
-            # Between staying beside the centre and coming back to it: the box covers both.
+            # The box covers both staying beside the centre and returning to it.
             lateral = beside * (1.0 + kept) / 2.0
-            x = front_x + s * towards_x if astray else paths[0, i, j]
-            y = front_y + s * towards_y if astray else paths[1, i, j]
+            x = front_x + s * towards_x if off_path else paths[0, i, j]
+            y = front_y + s * towards_y if off_path else paths[1, i, j]
             x, y = x - lateral * along[1, j], y + lateral * along[0, j]
             front[0, j], front[1, j] = x, y
             if j >= behind:
@@ -88,4 +88,4 @@ def _swept(
             boxes[1, i, j] = y - 0.5 * length * math.sin(turned)
             boxes[2, i, j] = turned
             boxes[3, i, j] = width + abs(beside) * (1.0 - kept)
-            valid[i, j] = astray or j == 0 or s <= room[i] + 1e-9
+            valid[i, j] = off_path or j == 0 or s <= room[i] + 1e-9

@@ -1,4 +1,4 @@
-"""Where vehicles would meet other road users on their ways: swept boxes against boxes, now and in the near future."""
+"""Conflicts of vehicles with road users on their paths: swept boxes against predicted boxes."""
 
 import math
 
@@ -15,7 +15,7 @@ from slrl_sumo.scene.state import WorldState
 MARGIN = 0.3
 """m kept free on either side of a vehicle."""
 SHARPEST_TURN = 1.0
-"""rad/s; faster turns are not expected to go on."""
+"""rad/s; faster turns are expected to slow down to this."""
 
 
 def predicted(learned: WorldState, moments: Floats) -> Floats:
@@ -45,7 +45,7 @@ def _predicted(now: Floats, speed: Floats, yaw_rate: Floats, moments: Floats) ->
 def approaching(
     path_x: Floats, path_y: Floats, size: Floats, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Whether the path comes near the road user at all, by circles round all its moments, for each of p pairs."""
+    """Whether the path comes near the road user, by circles around all its boxes, for each of p pairs."""
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
     return _approaching(np.stack([path_x, path_y]), size, vehicle, boxes, agent, SPACING)
 
@@ -69,7 +69,7 @@ def _approaching(
         for m in range(len(box)):
             radius = max(radius, math.hypot(box[m, 0] - x, box[m, 1] - y))
         radius += 0.5 * math.hypot(box[0, 3], box[0, 4])
-        # From the path to the farthest corner: behind, or ahead on the other side of the lane.
+        # From the path to the farthest corner: behind the vehicle, or ahead on the other side of the lane.
         reach = radius + size[v, 0] + size[v, 1] + stride * spacing + MARGIN
         for j in range(0, paths.shape[2], stride):
             dx, dy = paths[0, v, j] - x, paths[1, v, j] - y
@@ -79,25 +79,25 @@ def _approaching(
     return near
 
 
-def meetings(
+def conflicts(
     ahead: Sweep, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp], moving: NDArray[np.bool_]
 ) -> tuple[Floats, Floats]:
-    """Where vehicles would touch road users: m driven at first and at last touch, (p, q); inf and -inf: never.
+    """Where vehicles would touch road users: m driven at first and last touch, (p, q); inf and -inf: never.
 
-    For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments). Those not
-    `moving` (n,) get only their first moment. Vehicles keep `MARGIN` to either side of them from what lies ahead of
-    their front now; whom they pass already is no reason to stop, unless they would cut into it.
+    For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments). Road users
+    that are not `moving` (n,) count at their first moment only. Vehicles keep `MARGIN` on either side from road users
+    ahead of their front now; one that they are passing is no reason to stop, unless they would cut into it.
     """
     enter, leave = np.full((2, len(vehicle), boxes.shape[1]), np.inf)
     leave *= -1.0
     swept = np.stack([ahead.x, ahead.y, ahead.heading, ahead.width])
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
-    _meetings(swept, ahead.length, ahead.valid, vehicle, boxes, agent, moving, SPACING, enter, leave)
+    _conflicts(swept, ahead.length, ahead.valid, vehicle, boxes, agent, moving, SPACING, enter, leave)
     return enter, leave
 
 
 @compiled
-def _meetings(
+def _conflicts(
     swept: Floats,
     lengths: Floats,
     valid: NDArray[np.bool_],
@@ -122,7 +122,7 @@ def _meetings(
         for m in range(boxes.shape[1] if moving[a] else 1):
             x, y = boxes[a, m, 0], boxes[a, m, 1]
             before = (x - swept[0, v, 0]) * towards_x + (y - swept[1, v, 0]) * towards_y > 0.5 * length
-            # A margin round predictions would make vehicles brake that are about to pass just in time.
+            # With a margin around predictions, vehicles would brake that can pass just in time.
             room = 2.0 * MARGIN if before and m == 0 else 0.0
             for j in range(swept.shape[2]):
                 dx, dy = x - swept[0, v, j], y - swept[1, v, j]
@@ -144,7 +144,7 @@ def _meetings(
 def speed_along(
     ahead: Sweep, vehicle: NDArray[np.intp], enter: Floats, boxes: Floats, agent: NDArray[np.intp], speed: Floats
 ) -> Floats:
-    """Speed of the road users in the direction in which the vehicles would touch them, at least 0, (p, q) in m/s."""
+    """Speed of the road users in the direction of the vehicles at the touch, at least 0, (p, q) in m/s."""
     place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
     turn = boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place]
     return np.maximum(speed[agent, None] * cos_sin(turn)[0], 0.0)

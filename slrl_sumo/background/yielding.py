@@ -1,10 +1,10 @@
-"""Background vehicles brake for every learned road user that their path meets, whether SUMO sees it or not.
+"""Background vehicles brake for all learned road users on their paths, also for those that SUMO does not detect.
 
-SUMO lets a vehicle see what it has mapped to the vehicle's lane. A road user that is moved from outside is often mapped
-elsewhere or nowhere: partly on the lane, inside a junction, on a crossing, off its route. So before each SUMO step the
-boxes that the background vehicles are about to sweep are compared with those of the learned road users, now and over
-the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's own rules stay in
-force: a vehicle that is held drives as fast as set, or slower where SUMO wants that. See docs/yielding.md.
+A vehicle in SUMO detects road users that SUMO has mapped to its lane. A road user that is moved from outside is often
+mapped elsewhere or not at all: partly on the lane, inside a junction, on a crossing, off its route. Before each SUMO
+step, the boxes that background vehicles will sweep are therefore compared with those of the learned road users, now
+and over the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's rules
+stay in force: a held vehicle drives at the set speed, or slower where SUMO requires it. See docs/yielding.md.
 """
 
 import math
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.background.lane_paths import SPACING, Paths
 from slrl_sumo.background.swept_boxes import sweep
-from slrl_sumo.background.swept_conflicts import approaching, meetings, predicted, speed_along
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, predicted, speed_along
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
@@ -26,19 +26,19 @@ from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters,
 from slrl_sumo.sumo.speed_control import SpeedControl
 
 HORIZON = 1.5
-"""s that learned road users are predicted, going on as they do now."""
+"""s over which learned road users are predicted, with their present motion."""
 MOMENTS = np.linspace(0.0, HORIZON, 6)
 STOP_SHORT = 1.0
-"""m that vehicles stop before a road user where they can."""
+"""m before a road user at which vehicles stop, where they can."""
 AHEAD_BY = 0.3
-"""s by which vehicles that could still stop must be past before a road user comes, to go first."""
+"""s by which a vehicle that could still stop must have passed before a road user arrives, to go first."""
 
 
 class Yielding:
     """Holds back the background vehicles of a simulation for learned road users.
 
-    `api`: libsumo or a TraCI connection; `step_length`: SUMO's step in s. Call `apply` before each SUMO step.
-    `interventions` counts how often a vehicle began to be held, `held` are those that are held now.
+    `step_length`: SUMO's step in s. Call `apply` before each SUMO step. `interventions` counts how often the speed of a
+    vehicle began to be held.
     """
 
     def __init__(self, api: SumoApi, network: Network, step_length: float) -> None:
@@ -56,9 +56,9 @@ class Yielding:
         return self._control.held
 
     def apply(self, snapshot: Snapshot, learned: WorldState) -> None:
-        """Hold or release the vehicles of `snapshot` (SUMO's last step) with regard to `learned`, now.
+        """Hold or release the vehicles of `snapshot` (SUMO's last step), given the present state of `learned`.
 
-        Road users of the snapshot whose ids are in `learned` are left alone.
+        Learned road users in the snapshot are left unchanged.
         """
         own = frozenset(learned.ids)
         self._control.forget(own & self.held)
@@ -80,11 +80,11 @@ class Yielding:
             self._control.hold(vehicle, speed, hard)
 
     def release(self, vehicles: Iterable[str] | None = None) -> None:
-        """Give vehicles (None: all that are held) back to SUMO, with the speed mode that they had before."""
+        """Let SUMO choose the speeds of vehicles (None: of all held ones), with their former speed modes."""
         self._control.release(self.held if vehicles is None else vehicles)
 
     def _speeds(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> dict[str, tuple[float, bool]]:
-        """Speeds (m/s) of the vehicles `rows` of the snapshot that must be held, and whether that is hard braking."""
+        """By id, of the vehicles `rows` that must be held: speed (m/s), and whether that needs hard braking."""
         limits = np.array([self._parameters(snapshot.sumo_type[i]).limits for i in rows])
         look = _look_ahead(snapshot.speed[rows], limits[:, 1], self._dt) + 0.5 * snapshot.length[rows]
         spread = 0.5 * np.hypot(learned.length, learned.width) + learned.speed * HORIZON
@@ -104,7 +104,7 @@ class Yielding:
         vehicle, agent = np.nonzero(near)
         coming = approaching(path_x, path_y, size, vehicle, boxes, agent)
         vehicle, agent = vehicle[coming], agent[coming]
-        # Most vehicles near somebody pass by: only the others are looked at closely.
+        # Most vehicles near a road user pass by: boxes are computed for the others only.
         close, vehicle = np.unique(vehicle, return_inverse=True)
         if not len(close):
             return {}
@@ -112,7 +112,7 @@ class Yielding:
         ahead = sweep(
             path_x[close], path_y[close], room[close], front_x[close], front_y[close], heading[close], size[close]
         )
-        enter, leave = meetings(ahead, vehicle, boxes, agent, learned.speed > 0.05)
+        enter, leave = conflicts(ahead, vehicle, boxes, agent, learned.speed > 0.05)
         target, hard = safe_speeds(
             enter,
             leave,
@@ -154,7 +154,7 @@ class Yielding:
 
 
 def _look_ahead(speed: Floats, deceleration: Floats, dt: float) -> Floats:
-    """How far ahead of their fronts vehicles have to look, in m: the way to a stop, and a bit."""
+    """m ahead of their fronts that matter to vehicles: the stopping distance and a reserve."""
     return speed * (dt + 0.5) + speed * speed / (2.0 * deceleration) + STOP_SHORT + 5.0
 
 
@@ -163,11 +163,11 @@ def safe_speeds(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Speeds for the next step that let vehicles stop in time, (p,) in m/s, and where that is harder than `decel`.
 
-    `enter`, `leave`: metres driven at first and last touch at each of `MOMENTS`, (p, q); `speed`: of the vehicles,
-    (p,); `leading`: of the road users along the way, (p, q); `limits`: acceleration, deceleration, emergency
-    deceleration, (p, 3). inf where nothing is in the way. The speed is Krauss' safe speed with a reaction time of one
-    step (https://sumo.dlr.de/docs/Car-Following-Models.html); where `decel` does not suffice it is the least braking
-    that does, up to the emergency deceleration.
+    `enter`, `leave`: m driven at first and last touch at each of `MOMENTS`, (p, q); `speed`: of the vehicles, (p,);
+    `leading`: of the road users along the path, (p, q); `limits`: acceleration, deceleration, emergency deceleration,
+    (p, 3). inf where the path is free. The speed is Krauss' safe speed with a reaction time of one step
+    (https://sumo.dlr.de/docs/Car-Following-Models.html); where `decel` does not suffice, it follows from the least
+    sufficient deceleration, up to the emergency deceleration.
     """
     return _safe_speeds(enter, leave, speed, leading, limits, dt, MOMENTS, SPACING)
 
@@ -191,10 +191,10 @@ def _safe_speeds(
         for m, moment in enumerate(moments):
             first, following = enter[p, m], leading[p, m]
             needed = (v * v - following * following) / (2.0 * max(first - spacing, 1e-3))
-            # Who will only come later is met if it stays (last moment), or if the vehicle may be there then ...
+            # A later position matters if the road user stays there (last moment), or the vehicle may be there then ...
             now, last = moment == 0.0, moment >= HORIZON
             matters = now or last or first <= v * moment + 0.5 * acceleration * moment * moment + STOP_SHORT
-            # ... and is not past before. Who can no longer stop had better go, even if it is a near thing.
+            # ... and has not passed before. A vehicle that can no longer stop should pass, even closely.
             ahead_by = 0.0 if needed > emergency else AHEAD_BY
             if not matters or not (now or leave[p, m] + spacing >= v * max(moment - ahead_by, 0.0)):
                 continue

@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from slrl_sumo.doctor.finding import Finding, counted, some
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import LOG_OPTIONS
+from slrl_sumo.sumo.scenario.configuration import parse_time
 from slrl_sumo.sumo.scenario.demand import Demand
-from slrl_sumo.sumo.scenario.options import clock, option, switched_on
+from slrl_sumo.sumo.scenario.options import option, switched_on
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
 
@@ -15,7 +16,7 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     for path, reason in demand.unreadable.items():
         yield Finding("problem", "files", f"{path} is not well-formed: {reason}", "mend or remake the file")
     yield from _name_findings(demand)
-    begin, end = clock(option(scenario, "begin")) or 0.0, clock(option(scenario, "end"))
+    begin, end = parse_time(option(scenario, "begin")) or 0.0, parse_time(option(scenario, "end"))
     if not demand.road_users:
         yield Finding(
             "warning",
@@ -95,9 +96,9 @@ def _name_findings(demand: Demand) -> Iterator[Finding]:
 def _rerouting_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     options = scenario.options
     sources = []
-    if (clock(options.get("device.rerouting.probability")) or 0) > 0:
+    if (parse_time(options.get("device.rerouting.probability")) or 0) > 0:
         period = options.get("device.rerouting.period", "0")
-        when = "at departure only" if not clock(period) else f"every {period} s"
+        when = "at departure only" if not parse_time(period) else f"every {period} s"
         sources.append(f"device.rerouting.probability {options['device.rerouting.probability']}, {when}")
     sources += [name for name in ("device.rerouting.explicit", "device.rerouting.knownveh") if options.get(name)]
     if demand.rerouting_types:
@@ -139,7 +140,7 @@ def unknown_names(scenario: Scenario, demand: Demand, edges: frozenset[str]) -> 
 
     `edges`: all edges of the network.
     """
-    end = clock(option(scenario, "end"))
+    end = parse_time(option(scenario, "end"))
     tolerated = switched_on(scenario, "ignore-route-errors")
     for topic, used, known in (
         ("edges", demand.edges_used, edges),

@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from slrl_sumo.doctor.finding import Finding
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import sumo_step_length
-from slrl_sumo.sumo.scenario.options import clock, input_files, option, switched_on
+from slrl_sumo.sumo.scenario.configuration import parse_time
+from slrl_sumo.sumo.scenario.options import input_files, option, switched_on
 
 TELEPORT_AFTER = 300.0
 """s; SUMO's default of time-to-teleport."""
@@ -48,7 +49,7 @@ def option_findings(scenario: Scenario) -> Iterator[Finding]:
             f"pedestrian.model {model}: persons cannot be moved reliably with it",
             "none needed: run uses striping, so background pedestrians walk differently than in the plain scenario",
         )
-    if (clock(options.get("lateral-resolution")) or -1) > 0:
+    if (parse_time(options.get("lateral-resolution")) or -1) > 0:
         yield Finding(
             "note",
             "sublane model",
@@ -71,7 +72,7 @@ def option_findings(scenario: Scenario) -> Iterator[Finding]:
             "remove the option random",
         )
     for name, who in (("max-num-vehicles", "cars and bicycles"), ("max-num-persons", "pedestrians")):
-        if (clock(options.get(name)) or -1) >= 0:
+        if (parse_time(options.get(name)) or -1) >= 0:
             yield Finding(
                 "warning",
                 "insertion",
@@ -92,7 +93,7 @@ def _time_findings(scenario: Scenario) -> Iterator[Finding]:
             f"run uses {used:g} s, which by itself changes traffic (7 % more mean speed in one city): compare only "
             f"with plain SUMO at --step-length {used:g}",
         )
-    end, begin = clock(option(scenario, "end")), clock(option(scenario, "begin")) or 0.0
+    end, begin = parse_time(option(scenario, "end")), parse_time(option(scenario, "begin")) or 0.0
     if end is None or end < 0:
         yield Finding("note", "end", "the scenario has no end time", "run stops after 60 s; give --until or --steps")
     elif end <= begin:
@@ -104,7 +105,7 @@ def _time_findings(scenario: Scenario) -> Iterator[Finding]:
 def _removal_findings(scenario: Scenario) -> Iterator[Finding]:
     """SUMO's ways to take road users out that stand, collide or go where their route does not."""
     options = scenario.options
-    teleport = clock(options.get("time-to-teleport"))
+    teleport = parse_time(options.get("time-to-teleport"))
     waits = TELEPORT_AFTER if teleport is None else teleport
     if waits > 0:
         yield Finding(

@@ -26,7 +26,7 @@ class CrossingEntry:
     s: float
     """m along the path."""
     lane: str
-    """The walking area whose link to the crossing has the signal; it may lie at the other end."""
+    """The walking area from which the link with the signal leads to the crossing; it may lie at the other end."""
     crossing: str
 
 

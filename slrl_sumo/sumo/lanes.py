@@ -14,8 +14,8 @@ from slrl_sumo.scene.geometry import Floats
 MOTOR_CLASSES = frozenset(
     {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}
 )
-"""SUMO vehicle classes whose lanes are carriageway. "delivery" and "emergency" are not among them: they are often
-allowed on footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
+"""A lane that admits one of these SUMO classes is carriageway. "delivery" and "emergency" are not among them: they may
+often use footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
 ALL_CLASSES = MOTOR_CLASSES | {"bicycle", "pedestrian"}
 """The classes listed for a lane that admits every class."""
 
@@ -100,7 +100,7 @@ class LanePoints:
         return self._max_speed[self.lane[rows]]
 
     def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
-        """Index of the lane whose surface lies under each of n positions, (n,); -1 where there is none."""
+        """Index of the lane that covers each of n positions, (n,); -1 where there is none."""
         if self._tree is None:
             return np.full(len(x), -1, np.intp)
         rows, under = self.nearest_lanes(x, y)

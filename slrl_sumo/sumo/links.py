@@ -56,7 +56,7 @@ def signal_states(api: SumoApi) -> dict[str, str]:
 
 
 def foe_lanes(api: SumoApi, lane: str, target: str) -> tuple[str, ...]:
-    """The lanes outside the junction whose vehicles have priority over the link from `lane` to `target`."""
+    """The lanes outside the junction from which vehicles have priority over the link from `lane` to `target`."""
     return tuple(foe for foe in dict.fromkeys(api.lane.getFoes(lane, target)) if not foe.startswith(":"))
 
 

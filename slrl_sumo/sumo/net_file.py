@@ -1,4 +1,4 @@
-"""Networks from files, without a scenario around them."""
+"""Networks from files without a scenario."""
 
 import tempfile
 from pathlib import Path
@@ -12,7 +12,7 @@ from slrl_sumo.sumo.session import SumoSession
 
 
 def read_net_file(net: Path) -> Network:
-    """The network of a .net.xml or .net.xml.gz. Raises InputError, which calls it --net, where SUMO cannot read it."""
+    """The network of a .net.xml or .net.xml.gz. Raises InputError (about --net) where SUMO cannot read it."""
     if not net.is_file():
         raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
@@ -29,7 +29,7 @@ def read_net_file(net: Path) -> Network:
 
 
 def find_net(text: str) -> tuple[Path, Scenario | None]:
-    """The network file that `text` names, and the scenario where it names one (shipped, a folder, or a .sumocfg)."""
+    """The network file that `text` names; with the scenario, if it names one (shipped, a folder, or a .sumocfg)."""
     path = Path(text)
     if path.is_file() and path.suffix != ".sumocfg":
         return path, None

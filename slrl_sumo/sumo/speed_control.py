@@ -18,7 +18,7 @@ class SpeedControl:
 
     @property
     def held(self) -> frozenset[str]:
-        """Ids of the vehicles whose speed is set."""
+        """Ids of the vehicles with a set speed."""
         return frozenset(self._speed_modes)
 
     def hold(self, vehicle: str, speed: float, hard: bool) -> None:

@@ -8,7 +8,7 @@ from builders import make_world
 
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep, sweep
-from slrl_sumo.background.swept_conflicts import MARGIN, approaching, meetings, predicted, speed_along
+from slrl_sumo.background.swept_conflicts import MARGIN, approaching, conflicts, predicted, speed_along
 from slrl_sumo.scene.state import WorldState
 
 MOMENTS = np.array([0.0, 1.0, 2.0])
@@ -28,7 +28,7 @@ def straight_on() -> Sweep:
 
 def met(user: WorldState) -> tuple[Any, Any]:
     moving = user.speed > 0.05
-    enter, leave = meetings(straight_on(), np.array([0]), predicted(user, MOMENTS), np.array([0]), moving)
+    enter, leave = conflicts(straight_on(), np.array([0]), predicted(user, MOMENTS), np.array([0]), moving)
     return enter[0], leave[0]
 
 
@@ -75,7 +75,7 @@ def test_in_a_right_turn_the_way_meets_a_cyclist_beside_it() -> None:
         zero, zero, zero, SIZE,
     )  # fmt: skip
     cyclist = somebody(-3.0, -2.4, 0.0, 4.0, length=1.6, width=0.6)
-    enter, _ = meetings(turning, np.array([0]), predicted(cyclist, MOMENTS), np.array([0]), np.array([True]))
+    enter, _ = conflicts(turning, np.array([0]), predicted(cyclist, MOMENTS), np.array([0]), np.array([True]))
     assert np.isfinite(enter[0, 1:]).any()
     assert np.isinf(met(cyclist)[0]).all()
 

@@ -1,4 +1,4 @@
-"""The command line that SUMO is started with, and what it changes in the user's scenario."""
+"""The command line that starts SUMO, and its changes to the user's scenario."""
 
 from pathlib import Path
 
@@ -10,10 +10,10 @@ LOG_OPTIONS = ("log", "message-log", "error-log")
 
 
 def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, list[str]]:
-    """The SUMO step to run with (s), and notices for the user.
+    """The length of a SUMO step (s), and notices for the user.
 
-    The step must divide the decision interval of 0.4 s. A `wanted` step that does not is an InputError; a scenario
-    whose own step does not (SUMO's default is 1 s) is run at 0.4 s, which changes its traffic: hence the notice.
+    It must divide the decision interval of 0.4 s. A `wanted` length that does not is an InputError. If the scenario's
+    own length does not (SUMO's default is 1 s), 0.4 s are used: this changes the traffic, hence the notice.
     """
     if wanted is not None:
         if not divides_interval(wanted):
@@ -33,6 +33,7 @@ def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, l
 
 
 def divides_interval(step: float) -> bool:
+    """Whether a SUMO step (s) divides the decision interval."""
     if step < 0.001:
         return False
     ratio = DECISION_INTERVAL / step
@@ -41,34 +42,34 @@ def divides_interval(step: float) -> bool:
 
 
 def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_to: Path | None) -> list[str]:
-    """Arguments for libsumo.start; what a run needs goes before what the scenario and its added options say.
+    """Arguments for libsumo.start; options that a run needs override those of the scenario.
 
-    `outputs_to`: folder into which everything that the scenario's own configuration and detectors write is diverted;
-    None lets the scenario write its outputs where it says.
+    `outputs_to`: folder for all outputs of the scenario's configuration and detectors; None leaves their paths as they
+    are.
     """
     ours = {
         "step-length": f"{step_length:g}",
         "seed": str(seed),
-        # Warnings of SUMO would tear the progress bar apart; errors still come through.
+        # SUMO's warnings would disturb the progress bar; errors are still printed.
         "no-step-log": "true",
         "no-warnings": "true",
         "verbose": "false",
         "duration-log.disable": "true",
-        # A moved road user may stand anywhere for long, and overlap others: SUMO's answers to both are to remove it.
+        # SUMO removes vehicles that stand for long or overlap others; moved road users may do both.
         "time-to-teleport": "-1",
-        # With sublanes SUMO crashes when it checks a vehicle that was just moved off its lane (see `sublanes`).
+        # With the sublane model SUMO crashes when it checks a vehicle just moved off its lane (see `sublanes`).
         "collision.action": "none" if _sublane(scenario) else "warn",
-        # A seed that is not used, and a port on which SUMO would wait for somebody else to drive it.
+        # `random` would override the seed; with a port SUMO would wait for a client.
         "random": "false",
         "remote-port": "0",
     }
     if "pedestrian.model" in scenario.options:
         ours["pedestrian.model"] = "striping"
     if outputs_to is not None:
-        # SUMO puts the prefix in front of the last path component only, so it must climb to the root first.
+        # SUMO prepends the prefix to the last component of a path only, so the prefix must climb to the root first.
         ours["output-prefix"] = "../" * 40 + str(outputs_to.resolve()).lstrip("/") + "/"
         ours |= {option: str(outputs_to / option) for option in LOG_OPTIONS if option in scenario.options}
-    # SUMO refuses an option that is there twice.
+    # SUMO refuses an option that is given twice.
     options = {**scenario.added, **ours}
     return ["sumo", "-c", str(scenario.config), *(word for name in options for word in (f"--{name}", options[name]))]
 
@@ -77,11 +78,11 @@ def _sublane(scenario: Scenario) -> bool:
     try:
         return float(scenario.options.get("lateral-resolution", 0.0)) > 0.0
     except ValueError:
-        return False  # SUMO will say so
+        return False  # SUMO reports it
 
 
 def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
-    """What `start_command` changes in this scenario, one line each, for the user."""
+    """The changes of `start_command` to the scenario, one line each, for the user."""
     options = scenario.options
     lines = []
     if options.get("mesosim", "false").lower() in ("true", "1", "yes", "on", "x", "t"):

@@ -1,4 +1,4 @@
-"""SUMO scenarios: where they are and what their configuration says."""
+"""SUMO scenarios: how they are found, and the options of their configuration."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,37 +12,37 @@ from slrl_sumo.errors import InputError
 
 @dataclass(frozen=True)
 class Scenario:
-    """A SUMO configuration on disk and the options written in it (not SUMO's defaults)."""
+    """A SUMO configuration on disk and the options in it (not SUMO's defaults)."""
 
     name: str
     config: Path
     options: Mapping[str, str]
-    """Option name to value, as the file has them; with those that the user has added."""
+    """Option name to value, from the file and added by the user."""
     added: Mapping[str, str] = field(default_factory=dict)
-    """Those of `options` that are not in the file: SUMO must be told."""
+    """The part of `options` that is not in the file and goes on SUMO's command line."""
 
     def seconds(self, option: str) -> float | None:
-        """An option that is a time, in s; None where the file does not set it or sets it to -1 (SUMO's "none").
-
-        SUMO writes times as seconds or as [days:]hours:minutes:seconds.
-        """
+        """An option that is a time, in s; None where it is not set, or set to -1 (SUMO's "none")."""
         text = self.options.get(option)
         if text is None:
             return None
-        try:
-            parts = [float(p) for p in text.split(":")]
-        except ValueError:
-            raise InputError(
-                f"{self.config}: option {option} is '{text}', which is no time; give seconds or hh:mm:ss"
-            ) from None
-        value = 0.0
-        for part, scale in zip(reversed(parts), (1, 60, 3600, 86400), strict=False):
-            value += part * scale
+        value = parse_time(text)
+        if value is None:
+            raise InputError(f"{self.config}: option {option} is '{text}', which is no time; give seconds or hh:mm:ss")
         return value if value >= 0 else None
 
 
+def parse_time(text: str | None) -> float | None:
+    """Seconds from SUMO's [days:]hours:minutes:seconds or a number; None for words such as 'triggered'."""
+    try:
+        parts = [float(part) for part in (text or "").split(":")]
+    except ValueError:
+        return None
+    return sum(part * scale for part, scale in zip(reversed(parts), (1, 60, 3600, 86400), strict=False))
+
+
 def shipped_scenarios() -> list[str]:
-    """Names of the scenarios that ship with the package, sorted."""
+    """Names of the scenarios in the package, sorted."""
     root = Path(str(files("sumo_scenarios")))
     return sorted(p.parent.name for p in root.glob("*/*.sumocfg"))
 
@@ -71,14 +71,14 @@ def find_scenario(text: str) -> Scenario:
 
 
 def read_scenario(config: Path, name: str | None = None) -> Scenario:
-    """Read the options of a SUMO configuration file. Raises InputError when it is none."""
+    """Read the options of a SUMO configuration file. Raises InputError for any other file."""
     try:
         root = etree.parse(str(config)).getroot()
     except OSError as error:
         raise InputError(f"{config}: cannot be read ({error.strerror or error})") from None
     except etree.XMLSyntaxError as error:
         raise InputError(f"{config}: not a SUMO configuration ({error.msg}); give a .sumocfg") from None
-    # "configuration" and "sumoConfiguration" are both in use; a network or a route file given by mistake is neither.
+    # Both "configuration" and "sumoConfiguration" are in use; networks and route files have other roots.
     if not str(root.tag).lower().endswith("configuration"):
         raise InputError(f"{config}: this is a <{root.tag}> file, not a SUMO configuration; give a .sumocfg")
     options = {str(e.tag): e.get("value", e.get("v", "")) for e in root.iter() if isinstance(e.tag, str) and e.attrib}

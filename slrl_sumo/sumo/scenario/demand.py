@@ -1,4 +1,4 @@
-"""What a scenario's demand files ask for, read in one pass without SUMO and with bounded memory."""
+"""The demand in a scenario's route and additional files, read in one pass with bounded memory."""
 
 import gzip
 from collections.abc import Iterator
@@ -9,11 +9,11 @@ from typing import IO, cast
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.sumo.scenario.configuration import Scenario
-from slrl_sumo.sumo.scenario.options import clock, input_files
+from slrl_sumo.sumo.scenario.configuration import Scenario, parse_time
+from slrl_sumo.sumo.scenario.options import input_files
 
 OWN_PREFIX = "learned_"
-"""How ids, routes and types of learned road users begin."""
+"""Prefix of the ids, routes and types of spawned road users."""
 
 VEHICLES = frozenset({"vehicle", "trip", "flow"})
 PERSONS = frozenset({"person", "personFlow"})
@@ -23,7 +23,7 @@ DETECTORS = frozenset(
         *("entryExitDetector", "e3Detector", "edgeData", "laneData", "routeProbe", "vTypeProbe", "timedEvent"),
     }
 )
-"""Elements of additional files that write files of their own."""
+"""Elements of additional files that write output files."""
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Demand:
     first: float | None = None
     """Earliest departure."""
     stopping: int = 0
-    """Vehicles and flows with stops on their way."""
+    """Vehicles and flows with stops."""
     first_stopping: str = ""
     """Id of the first of them."""
     riding: int = 0
@@ -43,27 +43,27 @@ class Demand:
     rerouting_types: set[str] = field(default_factory=set)
     rerouters: int = 0
     writers: int = 0
-    """Detectors and the like that write files."""
+    """Detectors and similar elements that write files."""
     types: set[str] = field(default_factory=set)
-    """Ids of vTypes and of their distributions."""
+    """Ids of vTypes and vTypeDistributions."""
     types_used: dict[str, tuple[str, float]] = field(default_factory=dict)
-    """Type to the first road user that asks for it and its departure."""
+    """By type: the first road user of that type and its departure."""
     edges_used: dict[str, tuple[str, float]] = field(default_factory=dict)
-    """Edge to the first road user or route that names it and its departure."""
+    """By edge: the first road user or route that uses it and its departure."""
     own_ids: list[str] = field(default_factory=list)
-    """Ids that begin as those of learned road users do."""
+    """Ids with the prefix of spawned road users."""
     own_routes: list[str] = field(default_factory=list)
     unsorted: dict[Path, tuple[int, str]] = field(default_factory=dict)
-    """Route file to how many depart before the one above them, and the first of these. SUMO drops them."""
+    """By route file: how many road users depart before the preceding one, and the first of them. SUMO drops these."""
     unreadable: dict[Path, str] = field(default_factory=dict)
-    """File to why it is no XML."""
+    """By file: why it is no XML."""
 
 
 def read_demand(scenario: Scenario) -> Demand:
-    """Read all route and additional files, .gz too, and those that they include. Missing files are left out."""
+    """Read all route and additional files, plain or gzipped, and the files that they include, if they exist."""
     demand = Demand()
     stopping_routes: set[str] = set()
-    # In SUMO's order: types and routes of the additional files are known when the route files are read.
+    # In SUMO's order: additional files define types and routes that route files use.
     for name in ("additional-files", "route-files"):
         for path in input_files(scenario, name):
             _read_file(path, demand, stopping_routes, name == "route-files")
@@ -91,7 +91,7 @@ def _read_file(path: Path, demand: Demand, stopping_routes: set[str], in_order: 
 
 
 def elements(path: Path) -> Iterator[etree._Element]:
-    """The elements below the root of an XML file, plain or gzipped, each freed after its turn."""
+    """The elements below the root of an XML file, plain or gzipped; each is freed before the next one."""
     with path.open("rb") as probe:
         zipped = probe.read(2) == b"\x1f\x8b"
     with cast(IO[bytes], gzip.open(path)) if zipped else path.open("rb") as stream:
@@ -119,7 +119,7 @@ def net_attributes(path: Path) -> dict[str, str]:
 
 
 def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], last: float) -> float | None:
-    """Take one element into account. Returns its departure where it is a road user with one."""
+    """Count one element. Returns the departure of a road user that has one."""
     tag, name = str(item.tag), item.get("id", "")
     if tag in ("vType", "vTypeDistribution"):
         demand.types.add(name)
@@ -139,20 +139,20 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
                 demand.own_routes.append(name)
             _use_edges(item, demand, f"route {name}", last)
     elif tag == "calibrator":
-        # It inserts traffic of its own; its flows have no ids.
+        # A calibrator inserts traffic by flows without ids.
         demand.road_users, demand.first = demand.road_users + 1, 0.0
     elif tag in VEHICLES | PERSONS and name:
         # A flow without a begin starts with the simulation.
-        depart = clock(item.get("begin", "0") if tag in ("flow", "personFlow") else item.get("depart"))
+        depart = parse_time(item.get("begin", "0") if tag in ("flow", "personFlow") else item.get("depart"))
         demand.road_users += 1
         if depart is not None:
             demand.first = depart if demand.first is None else min(demand.first, depart)
         when = last if depart is None else depart
-        who = f"{tag} {name}"
+        label = f"{tag} {name}"
         for part in item.iter():
-            _use_edges(part, demand, who, when)
+            _use_edges(part, demand, label, when)
         if type_id := item.get("type"):
-            demand.types_used.setdefault(type_id, (who, when))
+            demand.types_used.setdefault(type_id, (label, when))
         if name.startswith(OWN_PREFIX):
             demand.own_ids.append(name)
         if tag in PERSONS:
@@ -168,8 +168,8 @@ def _modes(person: etree._Element) -> set[str]:
     return {mode for trip in person.iterfind(".//personTrip") for mode in trip.get("modes", "").split()}
 
 
-def _use_edges(item: etree._Element, demand: Demand, who: str, when: float) -> None:
+def _use_edges(item: etree._Element, demand: Demand, label: str, when: float) -> None:
     for key in ("edges", "from", "to", "via"):
         for edge in item.get(key, "").split():
             if edge not in demand.edges_used or when < demand.edges_used[edge][1]:
-                demand.edges_used[edge] = (who, when)
+                demand.edges_used[edge] = (label, when)

@@ -16,26 +16,26 @@ SYNONYMS = {
     "begin": ("b",),
     "end": ("e",),
 }
-"""Other names that SUMO accepts in a configuration (`sumo --save-template`)."""
+"""Synonyms that SUMO accepts in a configuration (`sumo --save-template`)."""
 
 YES = ("true", "1", "yes", "on", "x", "t")
 
 
 def option(scenario: Scenario, name: str) -> str | None:
-    """An option of the configuration under any of its names, None where it is not set."""
+    """The value of an option under any of its names; None where it is not set."""
     return next((scenario.options[key] for key in (name, *SYNONYMS.get(name, ())) if key in scenario.options), None)
 
 
 def switched_on(scenario: Scenario, name: str) -> bool:
-    """Whether a yes-or-no option is set to yes."""
+    """Whether a Boolean option is set to true."""
     return (option(scenario, name) or "false").lower() in YES
 
 
 def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
-    """The scenario with options added as SUMO's command line has them: --name value, --name=value, or --name for yes.
+    """The scenario with options added in the form of SUMO's command line: --name value, --name=value, or --name.
 
-    They go before those of the file. Whether SUMO knows them shows when it starts. Raises InputError where `words`
-    name another scenario or are no options.
+    They override those of the file; SUMO checks their names when it starts. Raises InputError where `words` name
+    another scenario or are no options.
     """
     full = {short: name for name, shorts in SYNONYMS.items() for short in shorts} | {"srand": "seed"}
     added: dict[str, str] = {}
@@ -46,7 +46,7 @@ def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
             raise InputError(f"--sumo-options: '{word}' is no option of SUMO; write --name value")
         name, equals, value = word.lstrip("-").partition("=")
         if not equals:
-            # Only a word that begins like an option is one: -1 is a value.
+            # Options begin with a letter after the dashes: -1 is a value.
             value = rest.pop(0) if rest and not re.match(r"--?[A-Za-z]", rest[0]) else "true"
         if name in ("c", "configuration", "configuration-file"):
             raise InputError(f"--sumo-options: {word} names another scenario; give that in place of {scenario.config}")
@@ -55,15 +55,6 @@ def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
 
 
 def input_files(scenario: Scenario, name: str) -> list[Path]:
-    """The files that an option lists, relative ones from the configuration's folder, as SUMO takes them."""
+    """The files that an option lists; relative paths start at the configuration's folder, as in SUMO."""
     names = [item.strip() for item in re.split("[,;]", option(scenario, name) or "")]
     return [scenario.config.parent / os.path.expandvars(item) for item in names if item]
-
-
-def clock(text: str | None) -> float | None:
-    """Seconds from SUMO's [days:]hours:minutes:seconds or a number; None for words such as 'triggered'."""
-    try:
-        parts = [float(part) for part in (text or "").split(":")]
-    except ValueError:
-        return None
-    return sum(part * scale for part, scale in zip(reversed(parts), (1, 60, 3600, 86400), strict=False))

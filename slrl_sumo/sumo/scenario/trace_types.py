@@ -1,4 +1,4 @@
-"""The vehicle types that a trace names, as a file that SUMO takes with -a: --device.fcd-replay wants to know them.
+"""The vehicle types of a trace, as an additional file (-a) for SUMO: --device.fcd-replay needs them.
 
 python -m slrl_sumo.sumo.scenario.trace_types SCENARIO OUT.add.xml
 """
@@ -24,7 +24,7 @@ SHAPES = ("passenger", "bicycle", "pedestrian")
 
 
 def trace_types(scenario: Scenario) -> etree._Element:
-    """An <additional> with all vTypes of the scenario's route and additional files, and those of learned road users."""
+    """An <additional> element with the vTypes of learned road users and of the scenario's demand files."""
     root = etree.Element("additional")
     for kind, name in enumerate(LEARNED_TYPES):
         size = {"length": f"{DEFAULT_LENGTH[kind]:g}", "width": f"{DEFAULT_WIDTH[kind]:g}"}
@@ -46,7 +46,7 @@ def _vtypes(path: Path) -> Iterator[etree._Element]:
         for element in elements(path):
             if element.tag == "include" and element.get("href"):
                 yield from _vtypes(path.parent / element.get("href", ""))
-            # Those inside distributions too: road users name them, not the distribution.
+            # Also inside distributions: in a trace, road users have these types.
             for vtype in element.iter("vType"):
                 yield copy.deepcopy(vtype)
     except (etree.XMLSyntaxError, OSError, EOFError) as error:
