@@ -39,4 +39,5 @@ def test_nothing_is_compiled_twice() -> None:
     assert {name: seen for name, seen in kinds.items() if len(seen) > 1} == {}
     # They were there: of the motion, the lookahead, the images and the background.
     used = ("scene.advance._advance", "lookahead.collision._meeting", "perception.line_raster.draw_views")
-    assert [len(kinds[f"slrl_sumo.{name}"]) for name in (*used, "background.swept_conflicts._meetings")] == [1, 1, 1, 1]
+    used = (*used, "background.swept_conflicts._conflicts")
+    assert [len(kinds[f"slrl_sumo.{name}"]) for name in used] == [1, 1, 1, 1]
