@@ -150,8 +150,8 @@ def _evaluate_recording(
     from slrl_sumo.jobs.progress import progress
     from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.studies.prediction.evaluate import evaluate as measure
+    from slrl_sumo.studies.prediction.given_ground import given_ground
     from slrl_sumo.studies.prediction.report import print_evaluation, write_evaluation
-    from slrl_sumo.sumo.recording_ground import given_ground
 
     recording, models = load_trajectories(file), load_bundle(bundle)
     roadmap, surface = given_ground(recording, *ground)

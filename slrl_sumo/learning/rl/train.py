@@ -23,6 +23,7 @@ from netgen.errors import NetgenError
 from netgen.families import Family, generate
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import Place, anywhere
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.imitation import imitate, lessons, watch
@@ -33,7 +34,6 @@ from slrl_sumo.learning.rl.training_log import EpisodeBook
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.sumo.recording_ground import everywhere_road
 from slrl_sumo.sumo.scenario import find_scenario
 
 Figures = dict[str, float]
@@ -238,7 +238,7 @@ def _taught(
         report("watching", number, len(sources), last)
         if isinstance(source, Path):
             recording = load_trajectories(source)
-            ground = everywhere_road(recording)
+            ground = everywhere_road(recording.x, recording.y)
         else:
             # Seeds of SUMO, like those of the networks, that no evaluation uses.
             recording, ground = watch(find_scenario(source), plan.seconds, settings.networks.first_seed + number)

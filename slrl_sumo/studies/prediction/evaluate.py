@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Integers, Trajectories
+from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.supervised.fit import one_thread
@@ -26,7 +27,6 @@ from slrl_sumo.studies.prediction.predictors import (
     prior_sampled,
 )
 from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Errors, Move, cast_of, rollout
-from slrl_sumo.sumo.recording_ground import everywhere_road
 
 SELECTORS = ("constant-velocity", "prior", "oracle")
 POLICY_SELECTORS = ("greedy", "sampled")
@@ -107,7 +107,7 @@ def evaluate(
         raise InputError(f"--starts {starts_every}: give a number of frames, 1 or more")
     starts = np.arange(recording.frames.start, recording.frames.stop, starts_every)
     parts: dict[str, list[Rollouts]] = {name: [] for name in selectors}
-    ground = everywhere_road(recording) if roadmap is None else roadmap
+    ground = everywhere_road(recording.x, recording.y) if roadmap is None else roadmap
     drives: list[LongRollout] = []
     reversed_ = 0
     with one_thread():

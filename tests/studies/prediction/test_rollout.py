@@ -7,6 +7,7 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.ground.road_map import Area, RoadMap, Surface, SurfaceShapes
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
@@ -16,7 +17,6 @@ from slrl_sumo.studies.prediction.evaluate import SAMPLES, evaluate
 from slrl_sumo.studies.prediction.long_rollout import long_rollout
 from slrl_sumo.studies.prediction.predictors import constant_velocity, oracle, policy_chosen, prior_sampled
 from slrl_sumo.studies.prediction.rollout import STEPS, Moment, Motion, cast_of, rollout
-from slrl_sumo.sumo.recording_ground import everywhere_road
 
 Path = tuple[int, np.ndarray]
 """First frame, and x, y, heading per row, (n, 3)."""
@@ -222,7 +222,7 @@ def test_a_trained_selector_sees_the_ground_and_its_own_scene(bundle: ModelBundl
             list(actor.parameters())[-2].normal_()
     trained = replace(bundle, policy=policy)
     made = recording([circle(30, 4.0, 0.2), circle(30, 1.2, -0.3, y=8), straight(30, 1.0, -6)], [1, 2, 2])
-    everywhere = everywhere_road(made)
+    everywhere = everywhere_road(made.x, made.y)
     starts = np.array([2, 6, 9])
     nowhere = RoadMap(SurfaceShapes(()))
     moved = {

@@ -6,10 +6,11 @@ import pytest
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.mask import everywhere_road, ground_of_mask
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.sumo.recording_ground import everywhere_road, given_ground, ground_of_mask, ground_of_net
+from slrl_sumo.studies.prediction.given_ground import given_ground
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 NET = ROOT / "sumo_scenarios" / "intersection" / "intersection.net.xml"
 WHITE, YELLOW = (255, 255, 255), (0, 255, 255)  # as OpenCV has it: BGR
 
@@ -50,19 +51,20 @@ def test_a_mask_is_what_its_pixels_say(tmp_path: Path) -> None:
 
 
 def test_a_network_is_the_ground_in_its_own_coordinates() -> None:
-    roadmap = ground_of_net(NET)
-    assert roadmap.has(Surface.ROAD)
-    assert roadmap.has(Surface.SIDEWALK)
-    x0, y0, x1, y1 = roadmap.bounds
-    found, name = given_ground(walk((x0 + x1) / 2 - 7, (y0 + y1) / 2), NET, None, None)
+    found, name = given_ground(walk(88.0, 95.0), NET, None, None)
     assert found is not None
+    assert found.has(Surface.ROAD)
+    assert found.has(Surface.SIDEWALK)
+    x0, y0, x1, y1 = found.bounds
+    assert (x0 + x1) / 2 == pytest.approx(95.0, abs=1.0)
+    assert (y0 + y1) / 2 == pytest.approx(95.0, abs=1.0)
     assert name == f"SUMO network {NET}"
 
 
 def test_without_either_there_is_road_everywhere() -> None:
     made = walk(100.0, -20.0)
     assert given_ground(made, None, None, None) == (None, "")
-    roadmap = everywhere_road(made)
+    roadmap = everywhere_road(made.x, made.y)
     assert (roadmap.surface_at(made.x, made.y + 50.0) == Surface.ROAD).all()
 
 

@@ -1,0 +1,40 @@
+"""The ground that a user gives for a recording: a SUMO network or a mask."""
+
+from pathlib import Path
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.mask import ground_of_mask
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.sumo.net_file import read_net_file
+
+
+def given_ground(
+    recording: Trajectories, net: Path | None, mask: Path | None, metres_per_pixel: float | None
+) -> tuple[RoadMap | None, str]:
+    """The ground that a user gives for a recording, and its name; None where none is given.
+
+    Raises InputError where the options do not go together, or less than 5 % of the positions lie on any surface: then
+    the coordinates differ, probably.
+    """
+    if net is not None and mask is not None:
+        raise InputError("--net and --mask were both given; give one of them")
+    if (mask is None) != (metres_per_pixel is None):
+        raise InputError("--mask and --metres-per-pixel belong together; give both")
+    if net is not None:
+        roadmap, surface = RoadMap(read_net_file(net).surfaces()), f"SUMO network {net}"
+    elif mask is not None and metres_per_pixel is not None:
+        roadmap, surface = ground_of_mask(mask, metres_per_pixel), f"mask {mask}, {metres_per_pixel:g} m per pixel"
+    else:
+        return None, ""
+    share = float((roadmap.surface_at(recording.x, recording.y) != Surface.NONE).mean()) if len(recording) else 1.0
+    if share < 0.05:
+        x0, y0, x1, y1 = roadmap.bounds
+        raise InputError(
+            f"{surface}: {share:.0%} of the recorded positions lie on its surfaces; these reach from "
+            f"({x0:.0f}, {y0:.0f}) to ({x1:.0f}, {y1:.0f}) m, the recording from "
+            f"({recording.x.min():.0f}, {recording.y.min():.0f}) to ({recording.x.max():.0f}, {recording.y.max():.0f}) "
+            "m; both must have the same coordinates"
+        )
+    return roadmap, surface
