@@ -64,7 +64,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
 
     `reset(seed=...)` loads SUMO: same seed and actions, same episodes. Without a seed the ego begins at a new place in
     the traffic as it is, which costs next to nothing; SUMO is loaded anew, by a seed drawn from the last one, where an
-    episode was broken off, the scenario's time runs out, or there is a new network. Figures: docs/training.md.
+    episode was broken off, the scenario's time runs out, or there is a new network. Measured:
+    docs/measurements/performance.md.
 
     libsumo holds one simulation per process. Of several environments in one process the one that was reset last has
     it, and the others raise InputError from `step` until they are reset. Side by side they run in processes of their

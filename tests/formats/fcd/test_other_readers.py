@@ -2,7 +2,6 @@
 
 import csv
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -201,26 +200,3 @@ def test_sumolib_reads_every_row_of_the_xml(folder: Path) -> None:
         for user in [*(step.vehicle or []), *(step.person or [])]:
             found.setdefault(user.id, []).append((float(step.time), float(user.x), float(user.y)))
     assert found == tracks(folder / "trace.xml")
-
-
-@pytest.mark.slow
-def test_the_commands_of_the_page_run_as_they_stand_there(tmp_path: Path) -> None:
-    """Shell commands and Python scripts of docs/traces.md, one after another, in a folder of their own."""
-    page = (ROOT / "docs" / "traces.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```(sh|python)\n(.*?)```", page, re.DOTALL)
-    assert [kind for kind, _ in blocks] == ["sh", "python", "sh", "sh", "python"]
-    (tmp_path / "out").mkdir()
-    programs = {"slrl-sumo": f"{sys.executable} -m slrl_sumo", "python": sys.executable}
-    for kind, block in blocks:
-        block = block.replace("path/to/your.net.xml", str(NET))
-        block = block.replace("path/to/your.sumocfg", str(NET.with_name("intersection.sumocfg")))
-        if kind == "python":
-            call(sys.executable, "-c", block, cwd=tmp_path)
-            continue
-        block = re.sub(r"\.venv/bin/(slrl-sumo|python) ", lambda found: f"{programs[found[1]]} ", block)
-        for line in block.splitlines():
-            call("bash", "-c", line, cwd=tmp_path)
-    made = {file.name for file in (tmp_path / "out").iterdir()}
-    assert made == {
-        *("trace.parquet", "replay.html", "trace.xml", "trace.gpx", "vehicles.png", "persons.png", "types.add.xml"),
-    }
