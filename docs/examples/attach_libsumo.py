@@ -20,7 +20,7 @@ def main(config: str, seconds: float) -> None:
             while libsumo.simulation.getTime() < seconds:
                 world = learned.step()
         print(f"{libsumo.simulation.getTime():g} s: {int(world.learned.sum())} of {len(world)} road users were learned")
-        libsumo.simulationStep()  # from here on everybody is SUMO's again
+        libsumo.simulationStep()  # from here on all road users are SUMO's again
     finally:
         libsumo.close()
 

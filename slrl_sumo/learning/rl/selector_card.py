@@ -12,8 +12,10 @@ from slrl_sumo.version import __version__
 
 HEADING = "\n## Selector\n"
 KNOWS = {
-    "paper": "It sees 32 m ahead and knows no destination, traffic light or right of way. Measured: docs/selectors.md.",
-    "extended": "It knows its route for 40 m, the signals and the right of way on it. Measured: docs/routes.md.",
+    "paper": "It observes 32 m ahead and neither destination, traffic light nor right of way. Measured: "
+    "docs/measurements/selectors.md.",
+    "extended": "It observes 40 m of its route with the signals and the right of way on it. Measured: "
+    "docs/measurements/routes.md.",
 }
 LAST = 20
 """Updates that the closing figures are means of."""
@@ -36,7 +38,7 @@ def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
     weights = ", ".join(f"{name} {value:g}" for name, value in settings["reward"].items() if value)
     lines = [
         "",
-        "Chooses the modes by what a road user sees (`--selector greedy` or `sampled`). Trained by PPO: `slrl-sumo "
+        "Chooses the modes from the observation (`--selector greedy` or `sampled`). Trained by PPO: `slrl-sumo "
         f"train {record['scenarios']} --bundle {record['bundle']} --steps {record['steps']} "
         f"--workers {record['workers']} --seed {record['seed']}`,",
         f"{settings['arena']['agents']} learned road users in each simulation, with background traffic; settings: "
@@ -44,7 +46,7 @@ def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
         "",
         f"Weights of the reward's terms (slrl_sumo.learning.rl.rewards): {weights}.",
         "",
-        f"Over the last {LAST} updates of training, modes drawn from the policy:",
+        f"Means over the last {LAST} updates of training, with modes sampled from the policy:",
         "",
         "| type | mean speed (m/s) | standing | contacts or losses per 1,000 steps |",
         "|---|---|---|---|",

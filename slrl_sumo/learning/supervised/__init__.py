@@ -1,1 +1,1 @@
-"""Supervised learning: windows, modes, displacement models and prior from recordings."""
+"""Supervised learning: windows, modes, displacement models and prior from trajectories."""

@@ -25,18 +25,18 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 HELD_OUT = 0.1
-"""Share of the tracks of each type that is kept out of training."""
+"""Share of the tracks of each type that is not used in training."""
 
 MIRROR_BELOW = 20_000
-"""A type with fewer windows than this is taught by its mirrored ones too. Left and right are not alike in traffic, but
-a few road users cannot show how they differ; and on held-out recordings of HC and SDD the mirror paid for all types."""
+"""A type with fewer windows than this is trained on their mirror images too. Left and right differ in traffic, but few
+road users cannot show how; on held-out recordings of HC and SDD mirroring lowered the errors of all types."""
 
 MODES_BY = ("relative", "kmeans", "balanced", "curved")
-"""How modes are found: K-Means over destinations relative to the own speed (Windows.relative), the default because it
-predicted held-out recordings of HC and SDD best (docs/prediction.md); over destinations as in the paper; the same
-balanced between turning and going straight (modes.balance); or, for vehicles, balanced over
-that distance and the curvature of the first 2 s (modes.curved), so that there are modes that slow down in
-a turn; their models learn those 2 s."""
+"""Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
+the default because it predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
+destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight (modes.balance).
+`curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so that some modes
+decelerate in a turn; the displacement models then learn these 2 s."""
 
 BALANCED = ("balanced", "curved")
 
@@ -44,10 +44,10 @@ TURNING = 0.02
 """rad/s; a road user with a higher yaw rate is turning."""
 
 MOVING_DISTANCE = 2.4
-"""m in the 4.8 s of a window from which somebody is in motion: 0.5 m/s, the paper's r3."""
+"""m in the 4.8 s of a window above which a road user is in motion: 0.5 m/s, as in the paper's r3."""
 
 FREE_TURNING = 0.5
-"""m/s from which on pedestrians turn as quickly as they ever do; below it the less the slower they are."""
+"""m/s above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
 
 Longs = NDArray[np.int64]
 
@@ -67,12 +67,12 @@ def fit(
 ) -> ModelBundle:
     """Learn a bundle called `name` from recordings of all three road user types.
 
-    Errors are measured on `tests`, recordings of all three types that nothing is learned from; without them on
-    HELD_OUT of the tracks of each type, which are kept out of training. `stride` > 1 uses every stride-th frame only;
-    `modes` is one of MODES_BY; `mirror` teaches every type by its mirrored windows too, not only those with few;
-    `forget` is that of train_displacement; `notice` is what the licence of the data wants said in the model card. The
-    same seed and recordings give the same weights on one machine, whatever the number of threads. Raises InputError
-    where the recordings have another interval or too little of a type.
+    Errors are measured on `tests`, recordings of all three types that are not used in training; without them on
+    HELD_OUT of the tracks of each type, which are excluded from training. `stride` > 1 uses every stride-th frame only;
+    `modes` is one of MODES_BY; `mirror` adds mirrored windows for every type, not only for types with few windows;
+    `forget` is passed to train_displacement; `notice` is the text that the data's licence requires in the model card.
+    The same seed and recordings give the same weights on one machine, independent of the number of threads. Raises
+    InputError where the recordings have another interval or too few tracks of a type.
     """
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
@@ -90,7 +90,7 @@ def fit(
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let torch compute in one thread: the networks are so small that threads mostly wait for each other."""
+    """Restrict torch to one thread: with networks this small, threads mostly wait for each other."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -134,7 +134,7 @@ def _fit(
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train)
     generator = torch.Generator().manual_seed(seed)
-    # Modes that say how to turn at once would go round in circles if they were held for longer than they say.
+    # `curved` modes describe a turn of 2 s; models trained for longer would continue it in circles.
     horizon = AT_ONCE if modes == "curved" else FUTURE
     train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
     train_prior(prior, train, mode, epochs, generator)
@@ -173,7 +173,7 @@ def _fit(
 
 
 def _hold_out(every: Windows, seed: int) -> NDArray[np.bool_]:
-    """Which windows, (N,), belong to the tracks that are kept out of training: HELD_OUT of each type, at least one."""
+    """Mask (N,) of the windows of held-out tracks: HELD_OUT of each type, at least one track."""
     random = np.random.default_rng(seed)
     identity = every.recording * (every.track.max(initial=0) + 1) + every.track
     chosen = []
@@ -187,7 +187,7 @@ def _check_types(every: Windows, held_out: NDArray[np.bool_]) -> None:
     identity = np.stack([every.recording, every.track])
     for t in RoadUserType:
         mine = every.type == t
-        train, test = (np.unique(identity[:, mine & who], axis=1).shape[1] for who in (~held_out, held_out))
+        train, test = (np.unique(identity[:, mine & part], axis=1).shape[1] for part in (~held_out, held_out))
         if not (train and test):
             raise InputError(
                 f"{TYPE_NAMES[t]}: {train + test} tracks of 6 s or longer in the recordings, a bundle needs at least "
@@ -196,7 +196,7 @@ def _check_types(every: Windows, held_out: NDArray[np.bool_]) -> None:
 
 
 def goals(every: Windows, modes: str) -> Floats:
-    """What modes of this kind (one of MODES_BY) are clusters of, (N, 2): m, or what `curved` gives."""
+    """The quantity (N, 2) that modes of this kind (one of MODES_BY) cluster: m, or the result of `curved`."""
     if modes == "relative":
         return every.relative
     if modes == "curved":
@@ -217,14 +217,14 @@ def _modes_of(every: Windows, modes: str, centres: Floats) -> Longs:
 
 
 def _set_bounds(models: DisplacementModels, train: Windows) -> None:
-    """Bound each type by what it was recorded to do while in motion (standing ones would only narrow the bounds)."""
+    """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
     before = train.vector[:, SPEED].astype(np.float64)
     after = before + train.acceleration * DECISION_INTERVAL
     for t in RoadUserType:
         rows = train.type == t
         moving = rows & (np.maximum(before, after) > 0.1)
         rows = moving if moving.any() else rows
-        # Most moments are straight ahead (walkers in SUMO turn at corners only): their share must not rule the turns.
+        # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
         turning = rows & (np.abs(train.yaw_rate) > TURNING)
         turning = turning if turning.any() else rows
         for bounds, values in (
@@ -246,7 +246,7 @@ def _set_normalisation(networks: StackedNetworks, train: Windows) -> None:
     for t in RoadUserType:
         vector = train.vector[train.type == t].astype(np.float64)
         mean, deviation = vector.mean(0), vector.std(0)
-        mean[HEADING], deviation[HEADING] = 0.0, np.pi / np.sqrt(3)  # every direction alike: as `turned` makes them
+        mean[HEADING], deviation[HEADING] = 0.0, np.pi / np.sqrt(3)  # uniform, as `turned` draws them
         varies = deviation > 1e-6
         networks.mean[t] = torch.from_numpy(mean)
         networks.scale[t] = torch.from_numpy(np.where(varies, 1 / np.where(varies, deviation, 1.0), 0.0))

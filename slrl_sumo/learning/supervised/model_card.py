@@ -1,21 +1,20 @@
-"""The model card: what a bundle is, for the people who use it."""
+"""The model card of a bundle: data, errors and limits, for its users."""
 
 from typing import Any
 
 from slrl_sumo.scene.types import TYPE_NAMES
 
 FEW = 2000
-"""Training windows below which the card warns."""
+"""Training windows below which the card contains a warning."""
 
 MODES_BY_TEXT = {
-    "relative": "K-Means of the position after 4.8 s relative to the own speed (three quarters of the way that "
-    "constant velocity leads are taken out)",
+    "relative": "K-Means of the position after 4.8 s, less three quarters of the displacement at constant velocity",
     "kmeans": "K-Means of the position after 4.8 s",
     "balanced": "K-Means of the position after 4.8 s, balanced between turning and going straight",
     "curved": "K-Means of the distance after 4.8 s and the curvature of the first 2 s (pedestrians: of the position "
-    "after 4.8 s), balanced between turning and going straight; models are trained over those 2 s",
+    "after 4.8 s), balanced between turning and going straight",
 }
-"""How modes are found, by the names that `slrl-sumo fit --modes` knows."""
+"""Clustered quantity by the names of `slrl-sumo fit --modes`."""
 
 
 def model_card(name: str, training: dict[str, Any]) -> str:
@@ -55,22 +54,22 @@ def model_card(name: str, training: dict[str, Any]) -> str:
         if (count := kinds[kind]["windows"] - kinds[kind]["held_out_windows"]) < FEW
     ]
     scarce = (
-        f"**Few windows to learn from**, fewer than {FEW}: {', '.join(few)}. Windows of successive moments overlap, so "
-        "these are a handful of road users: what the bundle makes of the type is hardly more than a guess.\n\n"
+        f"**Little training data**, fewer than {FEW} windows: {', '.join(few)}. Windows of successive moments overlap, "
+        "so these are a handful of road users, and the models of these types are unreliable.\n\n"
         if few
         else ""
     )
     every = "" if training["stride"] == 1 else f" (of one in {training['stride']} frames)"
     if training["tests"]:
-        held_out = f"Measured on recordings that nothing was learned from: {', '.join(training['tests'])}."
+        held_out = f"Measured on recordings that were not used in training: {', '.join(training['tests'])}."
     else:
-        held_out = f"{training['held_out_share']:.0%} of the tracks of each type were kept out of training."
+        held_out = f"{training['held_out_share']:.0%} of the tracks of each type were not used in training."
     return "\n".join(
         [
             f"# Model bundle `{name}`",
             "",
             "Learned cars, bicycles and pedestrians for slrl_sumo, after the SLRL method: per type, "
-            f"{training['modes']} modes with a displacement model each, and a prior that chooses among them.",
+            f"{training['modes']} modes with one displacement model each, and a prior that chooses among them.",
             "",
             "## Data",
             "",
@@ -79,49 +78,47 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             *recordings,
             "",
             *([training["notice"].strip(), ""] if training["notice"] else []),
-            f"One window per recorded moment{every}, with 0.8 s before, 4.8 s after.",
+            f"One window per recorded moment{every}, with 0.8 s before it and 4.8 s after it.",
             "",
-            "| type | tracks | windows | of them held out | windows in the smallest mode |",
+            "| type | tracks | windows | held-out windows | windows in the smallest mode |",
             "|---|---|---|---|---|",
             *sizes,
             "",
             "## Errors on held-out tracks",
             "",
-            f"{held_out} One step error: "
-            "mean distance to the recorded position after 0.4 s, with the mode that the recorded destination has; "
-            "beside it the error of constant velocity. Destination: the same after 4.8 s in that mode. "
-            "Cross-entropy and accuracy: of the prior's mode, beside those of the modes' frequencies and "
-            "of always taking the most frequent one.",
+            f"{held_out} One step: mean distance to the recorded position after 0.4 s, in the mode of the recorded "
+            "path, and the same for constant velocity. Destination: mean distance after 4.8 s in that mode. "
+            "Cross-entropy and accuracy of the prior, and for comparison those of the modes' frequencies and of the "
+            "most frequent mode.",
             "",
             "| type | one step (m) | constant velocity (m) | destination (m) | cross-entropy (nats) "
-            "| of frequencies | accuracy | of the most frequent |",
+            "| cross-entropy of frequencies | accuracy | accuracy of the most frequent mode |",
             "|---|---|---|---|---|---|---|---|",
             *errors,
             "",
-            "Errors over 6.4 s in closed loop, against constant velocity: `slrl-sumo evaluate FILE --bundle BUNDLE`; "
-            "those of the bundles that ship are in docs/prediction.md.",
+            "`slrl-sumo evaluate FILE --bundle BUNDLE` measures errors over 6.4 s in closed loop against constant "
+            "velocity; docs/measurements/prediction.md lists those of the shipped bundles.",
             "",
             "## Limits",
             "",
-            "What the models can do is bounded by what was recorded (1st to 99th percentile of road users in motion, "
-            "for yaw rates of those that turn, 99th of all for the top speed). Everybody turns at most by the given "
-            "curvature per metre.",
+            "The output of the models is bounded by the recorded range: accelerations by the 1st and 99th percentile "
+            "of moving road users, yaw rates by those of turning road users, the top speed by the 99th percentile of "
+            "all. The curvature of a path is bounded as well.",
             "",
             "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
             "|---|---|---|---|---|",
             *bounds,
             "",
-            f"{scarce}The models see speed, acceleration, type, heading and counts of neighbours: neither lanes, "
-            "traffic lights nor where anybody wants to go. Do not use them for safety assessment, and expect behaviour "
-            "outside the recorded range of density and speed to be a guess.",
+            f"{scarce}The models observe speed, acceleration, type, heading and numbers of neighbours, but neither "
+            "lanes, traffic lights nor destinations. Do not use them for safety assessment. Outside the recorded range "
+            "of density and speed their behaviour is an extrapolation.",
             "",
-            "## How it was made",
+            "## Training",
             "",
-            f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam; modes: "
-            f"{MODES_BY_TEXT[training['modes_by']]}; displacement models trained on the path of "
-            "the bounded motion over these 4.8 s; "
-            "headings turned at random in training; taught by mirrored windows too: "
-            f"{', '.join(training['mirrored']) or 'no type'}. "
+            f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam. Modes: "
+            f"{MODES_BY_TEXT[training['modes_by']]}. Displacement models: trained on the path of the bounded motion "
+            f"over {'the first 2 s' if training['modes_by'] == 'curved' else '4.8 s'}, with random headings. "
+            f"Mirrored windows added: {', '.join(training['mirrored']) or 'none'}. "
             f"slrl_sumo {training['versions']['slrl_sumo']}, torch {training['versions']['torch']}, "
             f"scikit-learn {training['versions']['scikit_learn']}.",
             "",

@@ -9,8 +9,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 
 ENOUGH = 200_000
-"""Distinct destinations beyond which K-Means sees a random share: 20 centres in the plane need no more."""
-
+"""Distinct destinations beyond which K-Means uses a random sample: 20 centres in the plane need no more."""
 
 BALANCE = 0.5
 """Balanced clustering gives a cell of n destinations the weight of n to the power of 1 - BALANCE."""
@@ -21,23 +20,24 @@ TURNS = np.radians([-75.0, -45.0, -20.0, -7.0, 7.0, 20.0, 45.0, 75.0])
 SPEED_CELLS = 6
 
 GENTLE = {RoadUserType.CAR: 0.75, RoadUserType.BICYCLE: 0.5}
-"""Power of the distance with which curvature counts: cars go far in 4.8 s, where a gentle curve is a lane's width."""
+"""Exponent of the distance by which curvature is weighted: cars go far in 4.8 s, where a gentle curve shifts them by a
+lane's width."""
 
 BEND = {RoadUserType.CAR: 0.22, RoadUserType.BICYCLE: 0.13}
-"""Curvature (1/m) times that power of the distance (m) that counts as much as from 4 m to 9 m does."""
+"""Curvature (1/m) times that power of the distance (m) that weighs as much as the difference of 4 m and 9 m."""
 
 AT_ONCE = 5
-"""Intervals, 2 s, over which it is seen how they turn."""
+"""Intervals, 2 s, over which the curvature is measured."""
 
 SHORT = 2.0
-"""m below which a way says little about its curvature."""
+"""m below which the curvature of a path is unreliable."""
 
 
 def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
-    """Weights (N,) under which turning and going straight, fast and slow come nearer to being equally frequent.
+    """Weights (N,) that bring the frequencies of turning and going straight, fast and slow closer together.
 
-    Destinations (N, 2) m, ego frame, that were seen `counts` (N,) times fall into cells by their bearing and their
-    distance (which is speed), SPEED_CELLS of equal width up to the 99th percentile. The paper names the bias of
+    Destinations (N, 2) m, ego frame, that occur `counts` (N,) times are sorted into cells by bearing and distance
+    (that is, speed), SPEED_CELLS of equal width up to the 99th percentile. The paper names the bias of
     K-Means towards going straight as its first limitation (section 4.3).
     """
     far = np.hypot(destinations[:, 0], destinations[:, 1])
@@ -49,14 +49,13 @@ def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
 
 
 def curved(destinations: Floats, near: Floats, kind: RoadUserType) -> Floats:
-    """What cars or bicycles (`kind`) do next, as root of the distance and curvature, (N, 2).
+    """Next motion of cars or bicycles (`kind`) as root of the distance and weighted curvature, (N, 2).
 
-    `destinations`: where they are after 4.8 s, (N, 2) m, ego frame; `near`: the same after the first AT_ONCE intervals.
-    The curvature is that of the circle from the heading through `near`. In the plane, ways of 5 m to the left, to the
-    right and straight on are near one another, so that K-Means makes one mode of them, which slows down straight on:
-    such modes know no way to slow down in a turn. And of 4.8 s a turn at a junction takes half. Roots, because 2 m and
-    5 m differ as much as 40 m and 50 m.
-    """
+    `destinations`: positions after 4.8 s, (N, 2) m, ego frame; `near`: positions after the first AT_ONCE intervals. The
+    curvature is that of the circle tangent to the heading through `near`. In the plane, paths of 5 m to the left, to
+    the right and straight on are close together, so that K-Means puts them into one mode, which decelerates straight
+    on, and no mode decelerates in a turn. A turn at a junction takes about half of the 4.8 s. Roots of distances,
+    because 2 m and 5 m differ as much as 40 m and 50 m."""
     distance, first = (np.hypot(place[:, 0], place[:, 1]) for place in (destinations, near))
     curvature = 2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(first, SHORT)
     return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND[kind]], -1)
@@ -70,8 +69,8 @@ def cluster(destinations: Floats, k: int, seed: int, name: str = "road user", *,
     `name` is the type that its message names.
     """
     destinations = np.asarray(destinations, np.float64)
-    # To the mm, standing road users share one destination: counted once, with its weight, it can neither hide how
-    # little else there is nor crowd the others out of a random share.
+    # Rounded to mm, standing road users share one destination: counted once, with its weight, it neither hides a lack
+    # of other destinations nor displaces them in a random sample.
     distinct, weight = np.unique(np.round(destinations, 3), axis=0, return_counts=True)
     if len(distinct) < k:
         raise InputError(

@@ -17,32 +17,32 @@ from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 LEARNING_RATE = 3e-3
-"""Of Adam at the start; it falls linearly to 0 over the epochs."""
+"""Initial learning rate of Adam; it falls linearly to 0 over the epochs."""
 
 TYPE_EPOCHS = 10
-"""Epochs in which all modes of a type learn as one before they part: a mode may have only a handful of windows."""
+"""Epochs in which the modes of a type share their weights before they separate: a mode may have only a few windows."""
 
 STEPS = 8
-"""Steps an epoch has at least, where there are windows enough for it: else little data would mean hardly any steps.
-Many more of them made modes with few windows overfit (tried on the HC recordings)."""
+"""Minimum number of optimiser steps of an epoch, where there are enough windows: otherwise small data sets would get
+hardly any steps. Many more steps made modes with few windows overfit (tried on the HC recordings)."""
 
 KINEMATIC_WEIGHT = 0.1
-"""Weight of the first step's acceleration and yaw rate errors beside the position errors: near standstill positions
-say nothing about the turn, and nothing about how hard a stopped road user brakes."""
+"""Weight of the first step's errors of acceleration and yaw rate relative to the position errors: near standstill
+positions contain neither the turn nor the deceleration of a stopped road user."""
 
 EPOCH_PATHS = 120_000
-"""Windows an epoch of paths draws at most: those of successive moments share 11 of 12 intervals, so of a million any
-eighth says as much. Each group of a model gets the same share, or all that it has: modes for rare manoeuvres have a few
-hundred windows of a million, and would hardly learn."""
+"""Maximum number of windows of an epoch of path training: successive windows share 11 of 12 intervals, so one in eight
+of a million contains as much. Each mode gets the same share, or all of its windows: modes of rare manoeuvres have a few
+hundred of a million windows and would hardly learn otherwise."""
 
 PRIOR_PENALTY = 1.0
-"""Of the sum of squared weights of the mode classifiers, beside the sum of the windows' cross-entropies. Found on HC:
-it made the 400 windows of cyclists and cars say less about other cyclists and cars, and changed nothing for walkers."""
+"""Weight of the sum of squared weights of the mode classifiers relative to the sum of the windows' cross-entropies.
+Chosen on HC: it reduced overfitting to the 400 windows of cyclists and cars and changed nothing for pedestrians."""
 
 MODE_PENALTY = 3.0
-"""Of the sum of squared differences between the weights of a mode's model and those its type has in common, beside
-the sum of the windows' errors: a mode with few windows keeps to what its type does. Found on HC
-(docs/prediction.md)."""
+"""Weight of the sum of squared differences between the weights of a mode's model and the shared weights of its type
+relative to the sum of the windows' errors: a mode with few windows stays close to its type. Chosen on HC
+(docs/measurements/prediction.md)."""
 
 ACCELERATION = FEATURES.index("acceleration")
 HEADING = FEATURES.index("heading")
@@ -50,14 +50,14 @@ Longs = NDArray[np.int64]
 
 
 def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
-    """Feature vectors (..., 12) with a new random heading each: which way is north must not matter to the models."""
+    """Feature vectors (..., 12) with random headings: the models must not depend on the direction of north."""
     turned = vector.clone()
     turned[..., HEADING] = (torch.rand(vector.shape[:-1], generator=generator) * 2 - 1) * torch.pi
     return turned
 
 
 def _epochs(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator[None]:
-    """Run through `count` epochs with a falling learning rate, and a bar on stderr where somebody watches it."""
+    """Run through `count` epochs with a falling learning rate, and a progress bar on stderr in a terminal."""
     console = Console(stderr=True)
     for epoch in track(range(count), what, console=console, transient=True, disable=not console.is_terminal):
         optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1 - epoch / count)
@@ -67,9 +67,8 @@ def _epochs(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator
 def _batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) -> Iterator[Tensor]:
     """One epoch: int64 indices (up to `blocks`, `rows`) of windows, in blocks that share a group.
 
-    Every window comes up once, and the last block of a group is filled up with windows of the group. The blocks of
-    each group are spread evenly over the epoch, so that every step sees the groups in the same proportion.
-    """
+    Every window occurs once, and the last block of a group is padded with windows of the group. The blocks of each
+    group are spread evenly over the epoch, so that every step contains the groups in the same proportion."""
     order = np.lexsort((random.random(len(group)), group))
     made, place = [], []
     for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
@@ -95,11 +94,11 @@ def train_displacement(
 ) -> None:
     """Train all displacement models at once, each on the windows of its type and mode (N,).
 
-    A model is rolled out over `horizon` intervals, usually the 4.8 s to the destination, fed with its own speed and
-    acceleration as in a run, and all positions on the way count: a model that is trained on single steps drifts where
-    errors add up. `forget`: share of the windows in which they are not told the acceleration. Who accelerates goes on
-    accelerating, so models that always know it wait for what they are to begin: a mode must say by itself what to do.
-    They start as constant velocity, then all modes of a type learn the same for TYPE_EPOCHS, then each its own.
+    A model is rolled out over `horizon` intervals, usually the 4.8 s to the destination, with its own speed and
+    acceleration as input as in a run, and all positions on the path count: models trained on single steps drift.
+    `forget`: share of the windows in which the acceleration is hidden. Accelerations persist, so models that always
+    observe them continue the present motion instead of starting the motion of the mode. The models start as constant
+    velocity; the modes of a type share their weights for TYPE_EPOCHS and are then trained separately.
     """
     networks = models.networks
     networks.initialise(generator)
@@ -115,7 +114,7 @@ def train_displacement(
 def rolled(
     models: DisplacementModels, vector: Tensor, kind: Tensor, mode: Tensor, horizon: int = FUTURE
 ) -> tuple[Tensor, Tensor]:
-    """What becomes of road users that follow one mode for `horizon` intervals, their surroundings staying as they are.
+    """Roll out road users that follow one mode for `horizon` intervals in unchanged surroundings.
 
     `vector` (n, rows, 12), `kind` and `mode` (n,) as in `DisplacementModels.motion_blocks`. Returns the positions
     (n, rows, horizon, 2) in m, in the ego frame of the start, and acceleration and yaw rate (n, rows, 2) of the first
@@ -152,12 +151,12 @@ def _train_paths(
 ) -> None:
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
     target = torch.from_numpy(train.path[:, :horizon].astype(np.float32))
-    # What is beyond the bounds cannot be learned; the position errors still count it.
+    # Motion beyond the bounds cannot be learned; the position errors still contain it.
     bounds = torch.stack([models.acceleration_bounds, models.yaw_rate_bounds], -1)[kind]
     kinematics = torch.from_numpy(np.stack([train.acceleration, train.yaw_rate], -1)).float()
     kinematics = kinematics.clamp(bounds[:, 0], bounds[:, 1])
-    # Errors count relative to those of constant velocity at that time, so that walking and driving, and the first
-    # step and the last, weigh alike.
+    # Errors are relative to those of constant velocity at the same time, so that walking and driving, and the first
+    # step and the last, have equal weight.
     ahead = torch.arange(1, horizon + 1) * DECISION_INTERVAL
     usual, unit = [], []
     for t in RoadUserType:
@@ -193,7 +192,7 @@ def _some(group: Longs, random: np.random.Generator) -> Longs:
     order = random.permutation(len(group))
     if len(group) <= EPOCH_PATHS:
         return order
-    # The same number of each group, as far as it goes.
+    # The same number of windows from each group, or all of a smaller group.
     share = EPOCH_PATHS // len(np.unique(group))
     grouped = order[np.argsort(group[order], kind="stable")]
     first = np.searchsorted(group[grouped], group[grouped])
@@ -203,14 +202,14 @@ def _some(group: Longs, random: np.random.Generator) -> Longs:
 
 
 def _huber(error: Tensor) -> Tensor:
-    """Mean Huber loss: a few wild recorded positions must not rule a model with few windows."""
+    """Mean Huber loss: outliers in recorded positions must not dominate a model with few windows."""
     return functional.smooth_l1_loss(error, torch.zeros_like(error))
 
 
 def train_prior(prior: Prior, train: Windows, mode: Longs, epochs: int, generator: torch.Generator) -> None:
     """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,).
 
-    The weights have a Gaussian prior (PRIOR_PENALTY): a type with few windows learns less from each of them.
+    The weights have a Gaussian prior (PRIOR_PENALTY), which regularises types with few windows more strongly.
     """
     prior.networks.initialise(generator)
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)

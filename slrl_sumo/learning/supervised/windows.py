@@ -1,4 +1,4 @@
-"""Windows: what road users saw in recordings, what they did next and where they were 4.8 s later."""
+"""Windows of recorded trajectories: observation, next motion and path over the following 4.8 s."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,15 +14,16 @@ from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 PAST = 2
-"""Intervals a road user must have been recorded for: a speed needs one, an acceleration two."""
+"""Recorded intervals that a window needs before it: a speed needs one, an acceleration two."""
 
 FUTURE = 12
 """Intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
 
 OWN_SPEED = 0.75
-"""Share of constant velocity that is taken out of relative destinations. With 1, modes only say what changes; with 0
-they are the paper's, where half of the 20 modes of pedestrians are for speeds that a given one does not have. Of 0,
-0.5, 0.75 and 1 it predicted held-out recordings of HC and SDD best (docs/prediction.md)."""
+"""Share of the constant-velocity displacement that is subtracted in relative destinations. With 1, modes describe
+changes only; with 0 they are the paper's, where half of the 20 modes of pedestrians belong to speeds that a given
+pedestrian does not have. Of 0, 0.5, 0.75 and 1 it predicted held-out recordings of HC and SDD best
+(docs/measurements/prediction.md)."""
 
 BACKWARDS = 0.3
 """m/s; a car that moves against its heading faster than this reverses."""
@@ -37,9 +38,9 @@ class Windows:
     type: NDArray[np.int64]
     """RoadUserType, (N,)."""
     acceleration: Floats
-    """m/s² carried out in the next interval, (N,)."""
+    """m/s² during the next interval, (N,)."""
     yaw_rate: Floats
-    """rad/s carried out in the next interval, (N,)."""
+    """rad/s during the next interval, (N,)."""
     path: Floats
     """Positions after each of the next 12 intervals, (N, 12, 2) m, ego frame."""
     track: NDArray[np.int64]
@@ -64,7 +65,7 @@ class Windows:
 
     @property
     def relative(self) -> Floats:
-        """Destination less OWN_SPEED of the way that the own speed would lead straight on, (N, 2) m, ego frame."""
+        """Destination less OWN_SPEED of the displacement at constant velocity, (N, 2) m, ego frame."""
         ahead = OWN_SPEED * FUTURE * DECISION_INTERVAL * self.vector[:, FEATURES.index("speed")].astype(np.float64)
         return self.destination - np.stack([ahead, np.zeros(len(self))], -1)
 
@@ -74,14 +75,13 @@ class Windows:
 
 
 def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
-    """All windows of the recordings: each row that has 2 rows before it and 12 after it in its track.
+    """All windows of the recordings: each row with 2 rows before it and 12 after it in its track.
 
-    With `stride` > 1 only every stride-th frame number counts. Parked road users have no windows, and neither have cars
-    that reverse in the intervals before or in the next one: the models drive forwards only, and would learn to speed up
-    from it. A car that stands and reverses later has some: the nearest that the models can do is to stand. Features
-    come from the same code that live simulation uses, with every recorded road user of the frame around, parked and
-    reversing ones among them.
-    """
+    With `stride` > 1 only every stride-th frame number is used. Parked road users have no windows, and neither have
+    cars that reverse in the intervals before or in the next one: the models drive forwards only and would learn to
+    accelerate. A car that stands and reverses later has windows, because standing is the models' nearest motion.
+    Features are computed by the code of live simulation, with every recorded road user of the frame as a neighbour,
+    parked and reversing ones included."""
     console = Console(stderr=True)
     numbered = track(
         enumerate(recordings),
@@ -101,14 +101,14 @@ def joined(parts: Sequence[Windows]) -> Windows:
 
 
 def mirrored(windows: Windows) -> Windows:
-    """The windows seen in a mirror: what was on the left is on the right."""
+    """The mirror images of the windows, left and right exchanged."""
     vector = windows.vector.copy()
     vector[:, FEATURES.index("heading")] *= -1
     return replace(windows, vector=vector, yaw_rate=-windows.yaw_rate, path=windows.path * np.array([1.0, -1.0]))
 
 
 def reversing(recording: Trajectories) -> NDArray[np.bool_]:
-    """Whether the row's car drove backwards in the last interval, (R,). Steps below BACKWARDS are noise."""
+    """Whether the row's car moved backwards in the last interval, (R,). Steps below BACKWARDS are noise."""
     dx, dy = np.diff(recording.x, prepend=0.0), np.diff(recording.y, prepend=0.0)
     ahead = dx * np.cos(recording.heading) + dy * np.sin(recording.heading)
     back = (ahead < 0.0) & (np.hypot(dx, dy) > BACKWARDS * recording.dt)
@@ -118,7 +118,7 @@ def reversing(recording: Trajectories) -> NDArray[np.bool_]:
 
 def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
     row = np.arange(PAST, len(recording.frame) - FUTURE)
-    # Rows of a track follow each other frame by frame, so both ends in one track mean a window without a gap.
+    # Rows of a track are consecutive frames, so a window with both ends in one track has no gap.
     whole = recording.track[row - PAST] == recording.track[row + FUTURE]
     backwards = np.cumsum(reversing(recording))
     forwards = backwards[row - PAST] == backwards[row + 1]

@@ -1,5 +1,10 @@
+from dataclasses import replace
+
+import pytest
+
+from slrl_sumo.learning.rl.selector_card import with_selector
 from slrl_sumo.learning.supervised.model_card import model_card
-from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
 
 
 def test_card_states_data_licence_sizes_and_errors(learned: ModelBundle) -> None:
@@ -20,3 +25,13 @@ def test_card_states_data_licence_sizes_and_errors(learned: ModelBundle) -> None
 def test_card_says_where_the_licence_is_not_known(learned: ModelBundle) -> None:
     training = learned.training | {"recordings": [{"source": "", "licence": "", "tracks": 3}]}
     assert "| not stated | not stated | 1 | 3 |" in model_card("x", training)
+
+
+@pytest.mark.parametrize("name", ["campus", "intersection", "shared-space"])
+def test_cards_of_shipped_bundles_are_those_of_their_records(name: str) -> None:
+    bundle = load_bundle(name)
+    made = replace(bundle, card=model_card(name, bundle.training))
+    if bundle.policy is not None:
+        record = bundle.policy_training
+        made = with_selector(made, bundle.policy, record, [record["last_updates"]])
+    assert made.card == bundle.card
