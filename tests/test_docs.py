@@ -111,7 +111,7 @@ def run(page: str, code: list[tuple[str, str]], folder: Path) -> str:
 def commands(text: str) -> str:
     """Shell commands with this interpreter's package in place of the installed script."""
     return re.sub(
-        r"^(\.venv/bin/)?slrl-sumo ", f"{shlex.quote(sys.executable)} -m slrl_sumo.cli ", text, flags=re.MULTILINE
+        r"^(\.venv/bin/)?slrl-sumo ", f"{shlex.quote(sys.executable)} -m slrl_sumo ", text, flags=re.MULTILINE
     )
 
 
