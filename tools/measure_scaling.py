@@ -24,7 +24,7 @@ from typing import Any
 import torch
 from safetensors.torch import save
 
-from slrl_sumo.jobs.pool import Place, run_jobs
+from slrl_sumo.jobs.pool import Backend, run_jobs
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, update
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
@@ -35,7 +35,7 @@ from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, play
 
 SETTINGS = EpisodeSettings("intersection", "intersection", 64)
 AGENTS, EPISODES = 32, 64
-PLACES = {"1 local": Place(1), "2 local": Place(2), "2 on Ray": Place(2, "local")}
+BACKENDS = {"1 local": Backend(1), "2 local": Backend(2), "2 on Ray": Backend(2, "local")}
 
 
 def timed(settings: EpisodeSettings, episode: Episode) -> tuple[float, float, float]:
@@ -64,13 +64,13 @@ def nothing(job: int) -> int:
 def episodes(rounds: int = 1, steps: int = 64) -> None:
     """Rates of 64 episodes, whole (with start and end of all processes) and between first begin and last end."""
     settings = replace(SETTINGS, steps=steps)
-    found: dict[str, list[dict[str, float]]] = {name: [] for name in PLACES}
+    found: dict[str, list[dict[str, float]]] = {name: [] for name in BACKENDS}
     for _ in range(rounds):
-        for name, place in PLACES.items():
+        for name, backend in BACKENDS.items():
             before = cpu_s()
             jobs = [Episode("greedy", AGENTS, 1, number) for number in range(EPISODES)]
             begin = time.time()
-            with closing(run_jobs(partial(timed, settings), jobs, place)) as results:
+            with closing(run_jobs(partial(timed, settings), jobs, backend)) as results:
                 records = [next(results).record for _ in jobs]
                 cpu = cpu_s()
             whole = time.time() - begin
@@ -85,7 +85,7 @@ def episodes(rounds: int = 1, steps: int = 64) -> None:
                 "episode_sd_s": statistics.stdev(e - b for b, e, _ in spans),
                 "cpu_s": statistics.mean(c for _, _, c in spans),
                 "all_cpu_s": (cpu - before) / EPISODES,
-                "waiting": 1 - sum(e - b for b, e, _ in spans) / ((last - first) * (place.workers or 1)),
+                "waiting": 1 - sum(e - b for b, e, _ in spans) / ((last - first) * (backend.workers or 1)),
                 "load": os.getloadavg()[0],
             }
             found[name].append(row)
@@ -98,8 +98,8 @@ def episodes(rounds: int = 1, steps: int = 64) -> None:
 
 def jobs(rounds: int = 1) -> None:
     """CPU time of this process for each job."""
-    for name, place in PLACES.items():
-        with closing(run_jobs(nothing, range(200 + 2000 * rounds), place)) as results:
+    for name, backend in BACKENDS.items():
+        with closing(run_jobs(nothing, range(200 + 2000 * rounds), backend)) as results:
             for _ in range(200):
                 next(results)
             begin, cpu = time.perf_counter(), time.process_time()
@@ -119,9 +119,9 @@ def rollouts(rounds: int = 1) -> None:
     source = ArenaSource(("intersection",), "intersection", arena)
     print(f"weights: {len(save(agent.policy.state_dict()))} bytes")
     for _ in range(rounds):
-        for name, place in PLACES.items():
+        for name, backend in BACKENDS.items():
             begin = time.perf_counter()
-            env = WorkerRollouts(source, settings.policy, settings.ppo.explore, place)
+            env = WorkerRollouts(source, settings.policy, settings.ppo.explore, backend)
             try:
                 env.reset(1)
                 times, batch = [], None
@@ -129,14 +129,14 @@ def rollouts(rounds: int = 1) -> None:
                     batch, _ = _timed(times, env, agent, settings.ppo.num_steps, number)
                     if number == 0:
                         started, cpu = time.perf_counter() - begin, cpu_s()
-                cpu = (cpu_s() - cpu) / 2 / (place.workers or 1)
+                cpu = (cpu_s() - cpu) / 2 / (backend.workers or 1)
             finally:
                 env.close()
             assert batch is not None
             begin = time.process_time()
             update(agent, batch, settings.ppo, torch.Generator().manual_seed(1), kl_coef=0.5)
             updated = time.process_time() - begin
-            size = len(pickle.dumps(batch)) / (place.workers or 1)
+            size = len(pickle.dumps(batch)) / (backend.workers or 1)
             clocks = ", ".join(f"{seconds:.2f}" for seconds in times[1:])
             print(f"{name}: first {started:.1f} s, then rollouts {clocks} s, {cpu:.2f} s of CPU each,")
             print(f"  update {updated:.2f} s of CPU, {size / 1e6:.2f} MB, load {os.getloadavg()[0]:.1f}", flush=True)

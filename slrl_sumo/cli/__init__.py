@@ -8,7 +8,7 @@ import sys
 from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.jobs.ray_address import LOCAL, may_be_address
+from slrl_sumo.jobs.ray_cluster import LOCAL, is_ray_address
 
 
 def main() -> None:
@@ -29,7 +29,7 @@ def with_ray_address(words: list[str]) -> list[str]:
     result = []
     for word, following in zip(words, [*words[1:], ""], strict=True):
         result.append(word)
-        if word == "--ray" and (following.startswith("-") or not may_be_address(following)):
+        if word == "--ray" and (following.startswith("-") or not is_ray_address(following)):
             result.append(LOCAL)
     return result
 

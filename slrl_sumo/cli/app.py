@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.jobs.pool import Place
+from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.ray_cluster import check_ray
 from slrl_sumo.version import __version__
 
@@ -30,11 +30,11 @@ RayAddress = Annotated[
 ]
 
 
-def place_of(workers: int | None, ray: str | None) -> Place:
+def backend_of(workers: int | None, ray: str | None) -> Backend:
     """Where to run: what is wrong with it is said before anything large is imported."""
     if ray is not None:
         check_ray(ray)
-    return Place(workers, ray)
+    return Backend(workers, ray)
 
 
 def _version(wanted: bool) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, app, place_of
+from slrl_sumo.cli.app import RayAddress, app, backend_of
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import check_parent
 
@@ -121,7 +121,7 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
-    place = place_of(workers, ray)
+    backend = backend_of(workers, ray)
     from slrl_sumo.cli.train_display import train_with_progress
     from slrl_sumo.learning.rl.train import TrainRequest
     from slrl_sumo.learning.rl.training_settings import read_settings
@@ -147,7 +147,7 @@ def train(
         from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, write_evaluation
 
         where = closing_scenario(scenario)
-        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, place=place)
+        closing = EvaluationSettings(where, str(out), episodes=episodes, seed=seed, backend=backend)
         interrupted_by = write_evaluation(closing, request.folder / "evaluation")
         if interrupted_by:
             raise typer.Exit(128 + interrupted_by)

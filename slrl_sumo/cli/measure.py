@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, place_of
+from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import check_parent, check_writable
 
@@ -70,10 +70,12 @@ def evaluate(
     given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
     if agents is not None:
         given["agents"] = _numbers("agents", agents)
-    place = place_of(workers, ray)
+    backend = backend_of(workers, ray)
     from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, write_evaluation
 
-    settings = EvaluationSettings(scenario=what, bundle=bundle, selectors=names or (), seed=seed, place=place, **given)
+    settings = EvaluationSettings(
+        scenario=what, bundle=bundle, selectors=names or (), seed=seed, backend=backend, **given
+    )
     interrupted_by = write_evaluation(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
@@ -115,7 +117,7 @@ def compare(
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and say what is different."""
     check_writable(out, folder=True)
-    place = place_of(workers, ray)
+    backend = backend_of(workers, ray)
     from slrl_sumo.studies.compare.comparison import ComparisonSettings, write_compared
 
     settings = ComparisonSettings(
@@ -130,7 +132,7 @@ def compare(
         seed=seed,
         seeds=seeds,
         step_length=step_length,
-        place=place,
+        backend=backend,
     )
     interrupted_by = write_compared(settings, out)
     if interrupted_by:

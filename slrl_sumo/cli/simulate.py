@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, place_of
+from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import check_parent, write_json
 
@@ -125,11 +125,11 @@ def record(
     if not 0 <= seed < 2**31:
         raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
     if seeds is not None:
-        place = place_of(workers, ray)
+        backend = backend_of(workers, ray)
         from slrl_sumo.studies.recordings import Recordings, write_recordings
 
         wanted = Recordings(scenario, range(seed, seed + seeds), seconds, step_length)
-        interrupted_by = write_recordings(wanted, out, place)
+        interrupted_by = write_recordings(wanted, out, backend)
         if interrupted_by:
             raise typer.Exit(128 + interrupted_by)
         return

@@ -1,1 +1,1 @@
-"""Worker processes with crash isolation and retry; Ray; signals."""
+"""Worker processes with crash isolation and retry, on this machine or on a Ray cluster; signals; progress bars."""

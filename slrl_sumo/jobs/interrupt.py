@@ -1,4 +1,4 @@
-"""Signals that end long work early, without losing what is finished."""
+"""SIGINT and SIGTERM end long work early without losing finished results."""
 
 import signal
 from collections.abc import Iterator
@@ -7,19 +7,19 @@ from types import FrameType
 
 
 @contextmanager
-def interruptible(patience: int = 0) -> Iterator[list[int]]:
-    """SIGINT and SIGTERM raise KeyboardInterrupt, after `patience` of them that are only collected.
+def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
+    """Raise KeyboardInterrupt on SIGINT and SIGTERM; the first `tolerated` signals are only recorded.
 
-    Yields the list of the signals' numbers.
+    Yields the list of the signal numbers received so far.
     """
     caught: list[int] = []
 
-    def note(number: int, frame: FrameType | None) -> None:
+    def handle(number: int, frame: FrameType | None) -> None:
         caught.append(number)
-        if len(caught) > patience:
+        if len(caught) > tolerated:
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught
     finally:

@@ -1,45 +1,46 @@
-"""Many independent simulations: jobs in, records out as they finish, in processes of this machine or on a Ray cluster.
+"""Requests to worker processes with retry: independent jobs in any order, or one request to each worker.
 
-libsumo holds one simulation per process and SUMO may take its process along, so every job runs in a worker process
-(job_worker.py). Where these processes are is the only difference between the two places: `ProcessCrew` has them as its
-children, `slrl_sumo.jobs.ray_jobs.RayCrew` has Ray tasks that do.
+Where the processes run is the only difference between backends: `LocalWorkers` starts them on this machine,
+slrl_sumo.jobs.ray_workers on the machines of a Ray cluster.
 """
 
-import itertools
 import pickle
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Hashable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing.connection import wait
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.jobs.worker import Died, JobWorker
+from slrl_sumo.jobs.process import WorkerDiedError
+from slrl_sumo.jobs.workers import MAX_REQUESTS, LocalWorkers, MachineLostError
+
+if TYPE_CHECKING:
+    from slrl_sumo.jobs.ray_workers import RayActors, RayTasks
 
 ATTEMPTS = 3
-"""How often a job is begun whose process dies, before it is left out."""
+"""Attempts of a job whose process dies; then the job is left out."""
 
-MACHINES = 20
-"""How often a job is begun whose machine is lost under it: that is hardly its own fault."""
+MACHINE_ATTEMPTS = 20
+"""Attempts of a job or request whose machine is lost, which is rarely caused by the job."""
 
-HOPELESS = 3
-"""Jobs left out before the first success, after which the whole study gives up."""
+MAX_FIRST_FAILURES = 3
+"""Jobs left out before the first success, after which the whole study is given up."""
 
 Job = TypeVar("Job", bound=Hashable)
 Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where simulations run; the words are those of the command line."""
+class Backend:
+    """Where worker processes run; the words are those of the command line."""
 
     workers: int | None = None
-    """How many at once. None: 2 processes, or all cores that Ray has."""
+    """How many processes at once. None: 2, or as many as Ray has cores."""
     ray: str | None = None
-    """None: processes of this machine. "local": a Ray of its own on this machine; else the address of a Ray cluster,
-    HOST:PORT of its head, or "auto" for the one that this machine belongs to."""
+    """None: this machine. "local": a Ray instance of its own on this machine; otherwise the address of a Ray cluster:
+    HOST:PORT of its head, or "auto" for the cluster of this machine."""
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
@@ -48,55 +49,50 @@ class Place:
 
 @dataclass(frozen=True)
 class Finished(Generic[Job, Record]):
-    """A job and what came of it; None where it failed, with the `reason`."""
+    """A job and its record; the record is None if the job failed, for `reason`."""
 
     job: Job
     record: Record | None
     reason: str = ""
 
 
-class Crew(Protocol):
-    """What a place gives: it takes pickled jobs and gives back pickled answers (see JobWorker), or how it was lost."""
+class Failures:
+    """How often processes and machines were lost, by job or worker."""
 
-    def free(self) -> bool:
-        """Whether another job would begin soon."""
+    def __init__(self, attempts: int) -> None:
+        self.attempts = attempts
+        self.deaths, self.losses = Counter[Hashable](), Counter[Hashable]()
 
-    def begin(self, number: int, job: bytes) -> None:
-        """Take a job; `number` is how it is called when it comes back."""
-
-    def wait(self) -> "list[tuple[int, bytes | Died | Lost]]":
-        """The jobs that have ended since, at least one unless it takes long."""
-
-    def close(self) -> None:
-        """End all processes, whatever they do."""
-
-
-class Lost(str):
-    """How a machine was lost that had a job."""
+    def add(self, key: Hashable, error: SumoError) -> int:
+        """Count a failure. Returns 0, or after the last attempt the number of attempts."""
+        lost = isinstance(error, MachineLostError)
+        counter, limit = (self.losses, MACHINE_ATTEMPTS) if lost else (self.deaths, self.attempts)
+        counter[key] += 1
+        return limit if counter[key] >= limit else 0
 
 
 def run_jobs(
-    work: Callable[[Job], Record], jobs: Iterable[Job], place: Place
+    work: Callable[[Job], Record], jobs: Iterable[Job], backend: Backend
 ) -> Generator[Finished[Job, Record], None, None]:
-    """Do `work` on each of `jobs` and yield each when it is done, in any order, exactly once.
+    """Apply `work` to each of `jobs` and yield each job once, when it is finished, in any order.
 
-    `work`, jobs and records are pickled; what `work` returns must depend on its job alone. `jobs` may be a generator:
-    it is drawn from as processes become free, so that only unfinished jobs are in memory.
+    `work`, jobs and records are pickled; the record must depend on the job alone. `jobs` may be a generator: it is
+    advanced as processes become free, so that only unfinished jobs are in memory.
 
-    A job whose process dies is begun again in a fresh process, ATTEMPTS times in all; one in which SUMO gives up is
-    not, because it would again. A job whose machine is lost is begun again on another. Raises InputError where the
-    input is wrong, SumoError where the first HOPELESS jobs all fail, RuntimeError with the traceback of a bug. Closing
-    the generator ends the processes, and so does the death of this one.
+    A job whose process dies is repeated in a fresh process, ATTEMPTS attempts in all; a job in which SUMO fails is not,
+    because it would fail again. A job whose machine is lost is repeated on another one. Raises InputError for wrong
+    input, SumoError if the first MAX_FIRST_FAILURES jobs all fail, RuntimeError with the traceback of a bug. Closing
+    the generator ends the processes, and so does the death of this process.
     """
-    with closing(_crew(work, place)) as crew:
+    with closing(_workers(work, backend)) as workers:
         fresh, again = iter(jobs), deque[Job]()
         running: dict[int, Job] = {}
-        died, lost = Counter[Job](), Counter[Job]()
-        numbers = itertools.count()
+        free: list[int] = []
+        failures = Failures(ATTEMPTS)
         succeeded = left_out = 0
 
         def start() -> None:
-            while crew.free():
+            while len(running) < workers.capacity():
                 if again:
                     job = again.popleft()
                 else:
@@ -104,9 +100,9 @@ def run_jobs(
                         job = next(fresh)
                     except StopIteration:
                         return
-                number = next(numbers)
+                number = free.pop() if free else len(running)
                 running[number] = job
-                crew.begin(number, pickle.dumps(job))
+                workers.begin(number, pickle.dumps(job))
 
         while True:
             start()
@@ -114,20 +110,19 @@ def run_jobs(
                 return
             ended: list[Finished[Job, Record]] = []
             fatal: BaseException | None = None
-            for number, answer in crew.wait():
+            for number, outcome in workers.wait():
                 job = running.pop(number)
-                outcome = answer if isinstance(answer, Died | Lost) else pickle.loads(answer)
-                if isinstance(outcome, Died | Lost):
-                    counter, limit = (died, ATTEMPTS) if isinstance(outcome, Died) else (lost, MACHINES)
-                    counter[job] += 1
-                    if counter[job] < limit:
+                free.append(number)
+                if isinstance(outcome, WorkerDiedError | MachineLostError):
+                    attempts = failures.add(job, outcome)
+                    if not attempts:
                         again.append(job)
                         continue
-                    outcome = SumoError(f"{outcome}, {limit} times")
+                    outcome = SumoError(f"{outcome}, {attempts} times")
                 if isinstance(outcome, SumoError):
                     left_out += 1
-                    if not succeeded and left_out == HOPELESS:
-                        fatal = SumoError(f"the first {HOPELESS} simulations all failed: {outcome}")
+                    if not succeeded and left_out == MAX_FIRST_FAILURES:
+                        fatal = SumoError(f"the first {MAX_FIRST_FAILURES} simulations all failed: {outcome}")
                     ended.append(Finished(job, None, str(outcome)))
                 elif isinstance(outcome, BaseException):
                     fatal = outcome
@@ -135,61 +130,56 @@ def run_jobs(
                     succeeded += 1
                     ended.append(Finished(job, outcome))
             if fatal is None:
-                start()  # processes go on while the caller looks at what has ended
+                start()  # the processes continue while the caller handles the finished jobs
             yield from ended
             if fatal is not None:
                 raise fatal
 
 
-def anywhere(name: str, shipped: Iterable[str] = ()) -> str:
-    """The name of a scenario or bundle for processes that have another working directory, perhaps on another machine.
+def ask_all(
+    workers: "LocalWorkers | RayActors",
+    numbers: Iterable[int],
+    begin: Callable[[int], None],
+    failed: Callable[[int, SumoError], None],
+    failures: Failures,
+) -> dict[int, Any]:
+    """`begin` a request at each of the workers `numbers` and wait for all answers, by number.
 
-    What ships with the package, by a name in `shipped` or because there is no such path here, is found everywhere; a
+    After each failure (a process or machine is lost, or SUMO fails) `failed` is called, then `begin` once more, with a
+    fresh process. Raises SumoError when a worker has failed too often (see Failures), and other exceptions at once.
+    """
+    missing, answers = set(numbers), dict[int, Any]()
+    for number in sorted(missing):
+        begin(number)
+    while missing:
+        for number, outcome in workers.wait():
+            if not isinstance(outcome, BaseException):
+                answers[number] = outcome
+                missing.discard(number)
+                continue
+            if not isinstance(outcome, SumoError):
+                raise outcome
+            attempts = failures.add(number, outcome)
+            if attempts:
+                raise SumoError(f"training worker {number} died {attempts} times in a row (last: {outcome})")
+            failed(number, outcome)
+            workers.replace(number)
+            begin(number)
+    return answers
+
+
+def portable_name(name: str, shipped: Iterable[str] = ()) -> str:
+    """The name of a scenario or bundle for processes with another working directory, perhaps on another machine.
+
+    Names in `shipped`, and names without a path of that name here, belong to the package and are found everywhere; a
     path becomes absolute.
     """
     return name if name in shipped or not Path(name).exists() else str(Path(name).absolute())
 
 
-def _crew(work: Callable[[Job], Record], place: Place) -> Crew:
-    if place.ray is not None:
-        from slrl_sumo.jobs.ray_jobs import RayCrew
+def _workers(work: Callable[[Job], Record], backend: Backend) -> "LocalWorkers | RayTasks":
+    if backend.ray is None:
+        return LocalWorkers(pickle.dumps(work), backend.workers or 2, MAX_REQUESTS)
+    from slrl_sumo.jobs.ray_workers import RayTasks
 
-        return RayCrew(pickle.dumps(work), place.ray, place.workers)
-    return ProcessCrew(pickle.dumps(work), place.workers or 2)
-
-
-class ProcessCrew:
-    """Worker processes of this one."""
-
-    def __init__(self, work: bytes, workers: int) -> None:
-        self._work, self._workers = work, workers
-        self._idle: list[JobWorker] = []
-        self._busy: dict[JobWorker, int] = {}
-
-    def free(self) -> bool:
-        """See Crew."""
-        return len(self._busy) < self._workers
-
-    def begin(self, number: int, job: bytes) -> None:
-        """See Crew. Raises InputError where no process can be started."""
-        worker = self._idle.pop() if self._idle else JobWorker(self._work)
-        self._busy[worker] = number
-        worker.send(job)
-
-    def wait(self) -> list[tuple[int, bytes | Died | Lost]]:
-        """See Crew."""
-        ready = wait([worker.pipe for worker in self._busy])
-        ended: list[tuple[int, bytes | Died | Lost]] = []
-        for worker in [worker for worker in self._busy if worker.pipe in ready]:
-            number, answer = self._busy.pop(worker), worker.receive()
-            if isinstance(answer, Died) or worker.old:
-                worker.stop()
-            else:
-                self._idle.append(worker)
-            ended.append((number, answer))
-        return ended
-
-    def close(self) -> None:
-        """See Crew."""
-        for worker in [*self._busy, *self._idle]:
-            worker.stop()
+    return RayTasks(pickle.dumps(work), backend.ray, backend.workers)

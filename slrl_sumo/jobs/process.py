@@ -1,25 +1,114 @@
-"""How every process of ours that holds a SUMO begins."""
+"""A child process that may crash: libsumo holds one simulation per process, and a crash of SUMO ends that process.
+
+Every process of this package that holds SUMO is a WorkerProcess: runs, studies, training and benchmarks.
+"""
 
 import ctypes
+import multiprocessing
 import os
+import pickle
+import shutil
 import signal
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+import traceback
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing, contextmanager, suppress
 from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
+
+from slrl_sumo.errors import InputError, SlrlError, SumoError
 
 PRINTED = "printed"
-"""File in its folder that gets what is printed in it."""
+"""File in the folder of a process that collects its output."""
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's mallopt (https://man7.org/linux/man-pages/man3/mallopt.3.html)."""
+EXIT_S = 5.0
+"""s that a process may take to exit after its pipe was closed."""
+
+
+class WorkerDiedError(SumoError):
+    """A worker process died, or did not answer in time."""
+
+    exitcode: int | None = None
+    """As multiprocessing.Process.exitcode: -N for signal N."""
+    printed_error: str = ""
+    """Last error message of SUMO in the output of the process."""
+
+
+class WorkerProcess:
+    """A fresh process that applies `work`, a pickled callable of one argument, to pickled requests.
+
+    A request has one pickled answer: the return value, the SlrlError that was raised, or a RuntimeError with the
+    traceback of any other exception. If `work` returns a generator, each of its items is an answer, and then None. The
+    process serves many requests because torch loads slowly; it ends with its parent. It ignores SIGINT, keeps its
+    temporary files in a folder that is removed with it, and collects its output there. Raises InputError if that folder
+    cannot be created.
+    """
+
+    def __init__(self, work: bytes) -> None:
+        _open_closed_streams()
+        self.work = work
+        self.requests = 0
+        """How many were sent."""
+        context = multiprocessing.get_context("spawn")
+        try:
+            self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+        except OSError as error:
+            raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
+        self.pipe, child_end = context.Pipe()
+        self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
+        with sigint_blocked():
+            self._process.start()
+        child_end.close()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid or 0
+
+    def send(self, request: bytes) -> None:
+        """Send a pickled request."""
+        self.requests += 1
+        with suppress(OSError):  # the process is dead: `receive` reports it
+            self.pipe.send_bytes(request)
+
+    def receive(self, timeout: float | None = None) -> bytes:
+        """Wait for a pickled answer, at most `timeout` s. Raises WorkerDiedError; the process must then be closed."""
+        try:
+            if timeout is not None and not self.pipe.poll(max(0.0, timeout)):
+                raise WorkerDiedError("no answer in time")
+            return self.pipe.recv_bytes()
+        except (EOFError, OSError):
+            raise self._death() from None
+
+    def close(self, timeout: float = 0.0) -> None:
+        """End the process: it may take `timeout` s to exit, then it is killed."""
+        self.pipe.close()
+        if timeout:
+            self._process.join(timeout)
+        self._process.kill()
+        self._process.join()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _death(self) -> WorkerDiedError:
+        self._process.join(EXIT_S)
+        code = self._process.exitcode
+        name = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
+        death = WorkerDiedError(f"its process died ({name})")
+        death.exitcode = code
+        with suppress(OSError):
+            lines = (self._folder / PRINTED).read_text(errors="replace").splitlines()
+            errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+            death.printed_error = errors[-1] if errors else ""
+        return death
 
 
 @contextmanager
-def deaf_to_interrupts() -> Iterator[None]:
-    """Processes that are started inside do not hear Ctrl-C, which reaches the whole process group: this process decides
-    what it means."""
-    # Children inherit the mask; the tracker that comes with the first child would lift it again.
+def sigint_blocked() -> Iterator[None]:
+    """Processes started inside ignore Ctrl-C, which reaches the whole process group: the parent handles it."""
+    # Children inherit the mask; the resource tracker, which starts with the first child, would unblock SIGINT.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -28,24 +117,62 @@ def deaf_to_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def settle_in(folder: str | Path) -> None:
-    """Let this process keep its temporary files in `folder`, print into a file there, and keep freed memory.
+def set_up_process(folder: str | Path) -> None:
+    """Keep temporary files of this process in `folder`, redirect its output into a file there, and keep freed memory.
 
-    What SUMO leaves behind when it dies is removed with the folder; what its C++ code prints would tear the parent's
-    progress bar apart.
+    Files that SUMO leaves behind when it crashes are removed with the folder; output of its C++ code would damage the
+    progress bar of the parent.
     """
     tempfile.tempdir = str(folder)
     descriptor = os.open(Path(folder) / PRINTED, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for number in (1, 2):
         os.dup2(descriptor, number)
     os.close(descriptor)
-    _keep_freed_memory()
-
-
-def _keep_freed_memory() -> None:
-    """Arrays of 0.1 to 1 MB come and go in every decision: glibc would give each back to the system, and have the next
-    one zeroed page by page. Other C libraries are left as they are."""
+    # Every decision allocates and frees arrays of 0.1 to 1 MB: glibc would return each to the system, and the next one
+    # would be zeroed page by page. Other C libraries have no mallopt.
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(MMAP_THRESHOLD, 32 << 20)
         mallopt(TRIM_THRESHOLD, 256 << 20)
+
+
+def _open_closed_streams() -> None:
+    """Open standard streams that the user has closed on /dev/null: otherwise the next files opened take their numbers
+    and receive printed text."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+
+
+def _serve(pipe: Connection, work: bytes, folder: Path) -> None:
+    """The child process: answers requests until the parent closes the pipe."""
+    set_up_process(folder)
+    perform: list[Callable[[Any], Any]] = []
+    try:
+        while True:
+            with closing(_answers(work, perform, pipe.recv_bytes())) as answers:
+                for answer in answers:
+                    pipe.send_bytes(answer)
+    except (EOFError, OSError):
+        # The parent has closed the pipe. If it was killed, no other process removes the folder.
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _answers(work: bytes, perform: list[Callable[[Any], Any]], request: bytes) -> Generator[bytes, None, None]:
+    """Pickled answers to a request; `perform` holds the callable once it is loaded, because it may have state."""
+    try:
+        if not perform:
+            perform.append(pickle.loads(work))
+        answer = perform[0](pickle.loads(request))
+        if isinstance(answer, Generator):
+            with closing(answer):
+                for item in answer:
+                    yield pickle.dumps(item)
+            answer = None
+        yield pickle.dumps(answer)
+    except SlrlError as error:
+        yield pickle.dumps(error)
+    except Exception:
+        yield pickle.dumps(RuntimeError(f"a simulation failed by a bug:\n{traceback.format_exc()}"))

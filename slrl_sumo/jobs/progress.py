@@ -1,4 +1,4 @@
-"""Progress bars for people; silent where nobody watches."""
+"""Progress bars on a terminal; no output otherwise."""
 
 import sys
 
@@ -7,7 +7,8 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 
 def progress(*columns: str, quiet: bool = False) -> Progress:
-    """A progress bar on stderr with extra text columns (formats over task fields); off where stderr is no terminal."""
+    """A progress bar on stderr with extra text columns (formats over task fields); disabled if stderr is no
+    terminal."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),

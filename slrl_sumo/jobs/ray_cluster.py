@@ -1,7 +1,8 @@
-"""The connection to a Ray cluster, or a Ray of our own on this machine. Ray is imported here and nowhere else before.
+"""The connection to a Ray cluster, or to a Ray instance of its own on this machine. Only this module imports Ray.
 
-Ray executes what it is sent: a Ray of our own asks for a token that only this process and its children know. Whether a
-cluster does is up to those who started it (https://docs.ray.io/en/latest/ray-security/token-auth.html).
+Ray executes whatever it receives: a Ray instance of its own requires a token that only this process and its children
+know. Whether a cluster requires one is up to its operators
+(https://docs.ray.io/en/latest/ray-security/token-auth.html).
 """
 
 import logging
@@ -23,30 +24,35 @@ from pathlib import Path
 from typing import Any
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.jobs.ray_address import AUTO, LOCAL, may_be_address
+
+LOCAL = "local"
+"""Address of a Ray instance of its own on this machine."""
+
+AUTO = "auto"
+"""Address of the cluster that this machine belongs to."""
 
 CONNECT_S = 15
 """s in which a cluster must have answered."""
 
 LOOPBACK = "127.0.0.2"
-"""Where our own Ray is: Ray turns 127.0.0.1 into the machine's outer address."""
+"""Address of a Ray instance of its own: Ray replaces 127.0.0.1 by the machine's outer address."""
 
 TOKEN = secrets.token_hex(32)
-"""Of all Rays of our own in this process, because Ray keeps the first that it has read."""
+"""Token of every Ray instance of this process, because Ray keeps the first one that it has read."""
 
 ENVIRONMENT = ("RAY_USAGE_STATS_ENABLED", "TMPDIR", "RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH")
-"""What Ray and its processes are told; all is as before when the connection has ended."""
+"""Environment variables for Ray and its processes; restored when the connection has ended."""
 
-LONGEST = 40
-"""Characters of a folder in which Ray can still make its sockets (107 for the whole path)."""
+MAX_FOLDER_LENGTH = 40
+"""Characters of a folder in which Ray can still create its sockets (107 for the whole path)."""
 
 
 @contextmanager
 def ray_cluster(address: str, cpus: int | None = None) -> Iterator[Any]:
-    """Connect to a Ray cluster (see jobs.pool.Place.ray) and give the module `ray`.
+    """Connect to a Ray cluster (see jobs.pool.Backend.ray) and yield the module `ray`.
 
-    `cpus`: cores of a Ray of our own; None: all. Raises InputError within CONNECT_S where there is no Ray, no cluster,
-    or one that cannot be used. Whatever was begun on the cluster ends with the connection.
+    `cpus`: cores of a Ray instance of its own; None: all. Raises InputError within CONNECT_S if Ray is not installed,
+    no cluster answers, or it cannot be used. Whatever runs on the cluster for this process ends with the connection.
     """
     check_ray(address)
     folder = None
@@ -81,41 +87,48 @@ def ray_cluster(address: str, cpus: int | None = None) -> Iterator[Any]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def check_head(ray: Any, address: str) -> None:
-    """InputError where the cluster's head is gone: Ray would wait for a minute, deaf to everything, and then end us."""
-    host, _, port = ray.get_runtime_context().gcs_address.rpartition(":")
-    for patience in (1.0, 3.0, 6.0):
-        try:
-            socket.create_connection((host.strip("[]"), int(port)), timeout=patience).close()
-            return
-        except ConnectionRefusedError:
-            time.sleep(patience / 3)
-        except OSError:
-            continue
-    raise InputError(
-        f"--ray {address}: the cluster's head answers no longer; what is finished is kept: give the same command again "
-        "when it is back, or without --ray"
-    )
+def is_ray_address(text: str) -> bool:
+    """Whether `text` has the form of an address: local, auto or HOST:PORT."""
+    return text in (LOCAL, AUTO) or re.fullmatch(r"([\w.\-]+|\[[\da-fA-F:]+\]):\d+", text) is not None
 
 
 def check_ray(address: str) -> None:
-    """InputError where there is no Ray here, or nobody at `address`. Quick: Ray is not imported."""
+    """Raise InputError if Ray is not installed, or `address` does not answer. Fast: does not import Ray."""
     if find_spec("ray") is None:
         raise InputError(f"--ray {address}: Ray is not installed here; pip install 'slrl-sumo[ray]'")
-    if not may_be_address(address):
+    if not is_ray_address(address):
         raise InputError(
             f"--ray {address}: give HOST:PORT of a cluster's head, auto for the one of this machine, or local"
         )
     if address in (LOCAL, AUTO):
         return
-    host, _, port = address.rpartition(":")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=3.0).close()
+        _reach(address, timeout=3.0)
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(
-            f"--ray {address}: nobody answers there ({reason}); start one with ray start --head, or name another"
+            f"--ray {address}: no answer there ({reason}); start a cluster with ray start --head, or name another"
         ) from None
+
+
+def check_head(ray: Any, address: str) -> None:
+    """Raise InputError if the cluster's head is gone: Ray would wait for a minute, ignore signals, and then exit."""
+    for timeout in (1.0, 3.0, 6.0):
+        try:
+            return _reach(ray.get_runtime_context().gcs_address, timeout)
+        except ConnectionRefusedError:
+            time.sleep(timeout / 3)
+        except OSError:
+            continue
+    raise InputError(
+        f"--ray {address}: the cluster's head does not answer any more; finished results are kept: give the same "
+        "command again when it is back, or without --ray"
+    )
+
+
+def _reach(address: str, timeout: float) -> None:
+    host, _, port = address.rpartition(":")
+    socket.create_connection((host.strip("[]"), int(port)), timeout=timeout).close()
 
 
 def _connected(address: str, options: dict[str, Any]) -> Any:
@@ -123,7 +136,7 @@ def _connected(address: str, options: dict[str, Any]) -> Any:
     import ray
 
     if ray.is_initialized():
-        raise InputError(f"--ray {address}: this process is connected to a Ray already")
+        raise InputError(f"--ray {address}: this process is connected to a Ray cluster already")
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         if address != LOCAL:
@@ -134,29 +147,33 @@ def _connected(address: str, options: dict[str, Any]) -> Any:
         raise InputError(f"--ray {address}: {in_one_line(str(error))}") from None
     finally:
         if threading.current_thread() is threading.main_thread():
-            for number, handler in handlers.items():  # Ray has set its own, which would end us without a word
+            for number, handler in handlers.items():  # Ray has set its own, which would exit without a message
                 signal.signal(number, handler)
-    _quiet()
+    with suppress(ImportError):
+        # Ray prints on stdout which of its workers and machines died, without a switch for it; callers report it.
+        from ray._private import worker
+
+        worker.print_to_stdstream = lambda *_, **__: None
     return ray
 
 
 def _try(address: str) -> None:
-    """Connect in a process of its own: Ray would wait for minutes, deaf to signals, and print what it waits for."""
+    """Connect in a process of its own: Ray would wait for minutes, ignore signals, and print messages."""
     code = "import ray, sys, logging; ray.init(sys.argv[1], log_to_driver=False, logging_level=logging.CRITICAL)"
     command = [sys.executable, "-c", code, address]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_S, check=False)
     except subprocess.TimeoutExpired:
         raise InputError(
-            f"--ray {address}: no Ray answered within {CONNECT_S} s; look whether that is the port of a cluster's "
-            "head, whether this is one of its machines, and whether it has the same token (RAY_AUTH_TOKEN_PATH)"
+            f"--ray {address}: no Ray answered within {CONNECT_S} s; check that it is the port of a cluster's head, "
+            "that this machine belongs to it, and that it has the same token (RAY_AUTH_TOKEN_PATH)"
         ) from None
     if done.returncode:
         raise ConnectionError(done.stderr)
 
 
 def in_one_line(text: str) -> str:
-    """What Ray said about a connection that failed."""
+    """Ray's message about a failed connection, shortened."""
     if "ersion mismatch" in text:
         numbers = re.findall(r"(Ray|Python): *([\d.]+\w*)", text)
         parts = [f"{name} {number}" for name, number in numbers]
@@ -164,24 +181,16 @@ def in_one_line(text: str) -> str:
     if "any running Ray instance" in text:
         return "no Ray runs on this machine; start one with ray start --head, or join a cluster"
     if "oken" in text and "uthentication" in text:
-        return "the cluster asks for its token; see RAY_AUTH_TOKEN_PATH in Ray's documentation"
+        return "the cluster requires its token; see RAY_AUTH_TOKEN_PATH in Ray's documentation"
     last = [line for line in text.splitlines() if line.strip()]
-    return f"no connection ({last[-1].strip()[:300] if last else 'Ray does not say why'})"
-
-
-def _quiet() -> None:
-    """Ray prints on our stdout which of its workers and machines died, with no switch for it; we say it ourselves."""
-    with suppress(ImportError):
-        from ray._private import worker
-
-        worker.print_to_stdstream = lambda *_, **__: None
+    return f"no connection ({last[-1].strip()[:300] if last else 'Ray gives no reason'})"
 
 
 def _folder() -> Path:
-    """A new folder with a path so short that Ray can make its sockets in it."""
+    """A new folder with a path so short that Ray can create its sockets in it."""
     try:
         for parent in (tempfile.gettempdir(), "/tmp"):
-            if len(parent) + len("/slrl_ray_12345678") <= LONGEST:
+            if len(parent) + len("/slrl_ray_12345678") <= MAX_FOLDER_LENGTH:
                 return Path(tempfile.mkdtemp(prefix="slrl_ray_", dir=parent))
     except OSError as error:
         raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None

@@ -24,7 +24,7 @@ from slrl_sumo.jobs.progress import progress
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
-from slrl_sumo.simulation.isolated_run import run_contained
+from slrl_sumo.simulation.isolated_run import run_isolated
 
 if TYPE_CHECKING:
     from slrl_sumo.report.report import ReportBuilder
@@ -61,11 +61,11 @@ def write_run(
     truth = None if recording is None else _recorded(recording)
     failures: list[SlrlError] = []
     with ExitStack() as stack:
-        caught = stack.enter_context(interruptible(patience=1))
+        caught = stack.enter_context(interruptible(tolerated=1))
         bar = stack.enter_context(progress("{task.fields[factor]:.1f}x real time", quiet=quiet))
         pictured = report is not None
         views_at = VIEWS_AT if pictured else frozenset[int]()
-        events = stack.enter_context(closing(run_contained(settings, views_at, with_surfaces=pictured)))
+        events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=pictured)))
         try:
             started = next(events)
         except KeyboardInterrupt:

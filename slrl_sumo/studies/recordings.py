@@ -12,7 +12,7 @@ from pathlib import Path
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.jobs.interrupt import interruptible
-from slrl_sumo.jobs.pool import Finished, Place, anywhere, run_jobs
+from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.simulation.record import recorded_whole
 from slrl_sumo.sumo.scenario import find_scenario
@@ -29,7 +29,7 @@ class Recordings:
     step_length: float | None = None
 
 
-def write_recordings(wanted: Recordings, folder: Path, place: Place) -> int:
+def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
     """Record every seed that `folder` does not hold yet, with a progress bar, as seed-N.npz.
 
     Returns 0, or the number of the signal that interrupted it; what was finished by then is there. Raises InputError
@@ -40,14 +40,14 @@ def write_recordings(wanted: Recordings, folder: Path, place: Place) -> int:
     scenario = find_scenario(wanted.scenario)
     _check_folder(wanted, scenario.name, folder)
     missing = (seed for seed in wanted.seeds if not _file(folder, seed).exists())
-    work = partial(recorded_whole, anywhere(wanted.scenario), wanted.seconds, wanted.step_length)
+    work = partial(recorded_whole, portable_name(wanted.scenario), wanted.seconds, wanted.step_length)
     failed: list[Finished[int, Trajectories]] = []
     with interruptible() as caught, progress_bar("{task.fields[rate]:.2f} recordings/s") as bar:
         done = sum(_file(folder, seed).exists() for seed in wanted.seeds)
         task = bar.add_task(scenario.name, total=len(wanted.seeds), completed=done, rate=0.0)
         begin = time.perf_counter()
         try:
-            with closing(run_jobs(work, missing, place)) as results:
+            with closing(run_jobs(work, missing, backend)) as results:
                 for number, finished in enumerate(results, start=1):
                     if finished.record is None:
                         failed.append(finished)

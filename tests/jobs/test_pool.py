@@ -13,9 +13,9 @@ import pytest
 from lxml import etree
 
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.jobs import pool as jobs
-from slrl_sumo.jobs.pool import ATTEMPTS, Finished, Lost, Place, run_jobs
-from slrl_sumo.jobs.worker import Died
+from slrl_sumo.jobs import pool
+from slrl_sumo.jobs.pool import ATTEMPTS, Backend, Finished, run_jobs
+from slrl_sumo.jobs.workers import MachineLostError
 from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, play
 
@@ -35,10 +35,10 @@ def episodes(count: int, agents: int = 6) -> list[Episode]:
 
 
 def play_all(settings: EpisodeSettings, some: Iterable[Episode], processes: int) -> Generator[Played, None, None]:
-    return run_jobs(partial(play, settings), some, Place(processes))
+    return run_jobs(partial(play, settings), some, Backend(processes))
 
 
-def workers() -> set[int]:
+def worker_pids() -> set[int]:
     """Process ids of the workers of this process."""
     found = set()
     for folder in Path("/proc").glob("[0-9]*"):
@@ -60,29 +60,29 @@ def test_a_worker_that_is_killed_is_replaced_and_nothing_changes() -> None:
     undisturbed = outcomes(play_all(settings, episodes(5, agents=24), 1))
     results = play_all(settings, episodes(5, agents=24), 2)
     first = next(results)
-    before = workers()
+    before = worker_pids()
     assert len(before) == 2
     victim = min(before)
     os.kill(victim, signal.SIGKILL)  # in the middle: an episode takes longer than this line
     second = next(results)
-    during = workers()
+    during = worker_pids()
     assert outcomes([first, second, *results]) == undisturbed
     assert None not in undisturbed.values()
     assert victim not in during
-    assert workers() == set()
+    assert worker_pids() == set()
 
 
 def test_an_episode_that_always_kills_its_process_is_left_out() -> None:
     results = play_all(SETTINGS, episodes(2), 1)
     first = next(results)
-    (spared,) = workers()
+    (spared,) = worker_pids()
     os.kill(spared, signal.SIGKILL)
     killed = {spared}
     ended = threading.Event()
 
     def kill_whoever_comes() -> None:
         while not ended.is_set():
-            for pid in workers() - killed:
+            for pid in worker_pids() - killed:
                 os.kill(pid, signal.SIGKILL)
                 killed.add(pid)
             time.sleep(0.01)
@@ -104,14 +104,14 @@ def test_closing_ends_the_workers_and_removes_their_files(tmp_path: Path, monkey
     next(results)
     assert len(list(tmp_path.iterdir())) == 2
     results.close()
-    assert workers() == set()
+    assert worker_pids() == set()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_wrong_input_is_told_as_such() -> None:
     with pytest.raises(InputError, match="fit into this network"):
         list(play_all(SETTINGS, episodes(2, agents=5000), 1))
-    assert workers() == set()
+    assert worker_pids() == set()
 
 
 def test_a_scenario_that_sumo_does_not_survive_is_given_up(copy_scenario: Callable[..., Path]) -> None:
@@ -146,7 +146,7 @@ def test_only_as_many_jobs_are_drawn_as_can_run_and_each_comes_back_once() -> No
             drawn.append(number)
             yield number
 
-    results = run_jobs(half_or_die, numbers(), Place(2))
+    results = run_jobs(half_or_die, numbers(), Backend(2))
     found = []
     for finished in results:
         found.append((finished.job, finished.record))
@@ -155,51 +155,51 @@ def test_only_as_many_jobs_are_drawn_as_can_run_and_each_comes_back_once() -> No
 
 
 def test_a_job_that_always_dies_is_left_out_with_the_signal_and_the_others_are_done() -> None:
-    found = {each.job: each for each in run_jobs(half_or_die, range(5), Place(2))}
+    found = {each.job: each for each in run_jobs(half_or_die, range(5), Backend(2))}
     assert {job: each.record for job, each in found.items()} == {0: 0.0, 1: 0.5, 2: 1.0, 3: None, 4: 2.0}
     assert found[3].reason == f"its process died (SIGSEGV), {ATTEMPTS} times"
 
 
 def test_a_bug_is_told_with_its_traceback() -> None:
     with pytest.raises(RuntimeError, match=r"in half_or_die[^$]*ZeroDivisionError: five"):
-        list(run_jobs(half_or_die, [5], Place(1)))
+        list(run_jobs(half_or_die, [5], Backend(1)))
 
 
-class _Unlucky:
-    """A crew of two whose machines are lost so many times, and that gives answers back in reverse."""
+class _UnluckyWorkers:
+    """Two workers whose machines are lost a number of times, and that answer in reverse order."""
 
     def __init__(self, losses: int) -> None:
         self.losses, self.begun, self.running = losses, list[int](), dict[int, bytes]()
 
-    def free(self) -> bool:
-        return len(self.running) < 2
+    def capacity(self) -> int:
+        return 2
 
     def begin(self, number: int, job: bytes) -> None:
         self.begun.append(pickle.loads(job))
         self.running[number] = job
 
-    def wait(self) -> list[tuple[int, bytes | Died | Lost]]:
-        ended = [(number, pickle.dumps(-pickle.loads(job))) for number, job in sorted(self.running.items())][::-1]
+    def wait(self) -> list[tuple[int, int | MachineLostError]]:
+        ended = [(number, -pickle.loads(job)) for number, job in sorted(self.running.items())][::-1]
         self.running.clear()
         if self.losses:
             self.losses -= 1
-            return [(number, Lost("gone")) for number, _ in ended]
+            return [(number, MachineLostError("gone")) for number, _ in ended]
         return [*ended]
 
     def close(self) -> None: ...
 
 
 def test_jobs_whose_machines_are_lost_are_done_elsewhere_and_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    crew = _Unlucky(losses=ATTEMPTS + 2)
-    monkeypatch.setattr(jobs, "_crew", lambda work, place: crew)
-    found = list(run_jobs(half_or_die, range(5), Place(2)))
+    workers = _UnluckyWorkers(losses=ATTEMPTS + 2)
+    monkeypatch.setattr(pool, "_workers", lambda work, backend: workers)
+    found = list(run_jobs(half_or_die, range(5), Backend(2)))
     assert sorted((each.job, each.record) for each in found) == [(job, -job) for job in range(5)]
-    assert len(crew.begun) == 5 + 2 * (ATTEMPTS + 2)
-    assert sorted(crew.begun[2:4]) == [0, 1]  # at once, not after all the others
+    assert len(workers.begun) == 5 + 2 * (ATTEMPTS + 2)
+    assert sorted(workers.begun[2:4]) == [0, 1]  # at once, not after all the others
 
 
 def test_jobs_that_lose_every_machine_are_left_out_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    crew = _Unlucky(losses=10**6)
-    monkeypatch.setattr(jobs, "_crew", lambda work, place: crew)
-    found = sorted((each.job, each.reason) for each in run_jobs(half_or_die, range(2), Place(2)) if not each.record)
-    assert found == [(job, f"gone, {jobs.MACHINES} times") for job in range(2)]
+    workers = _UnluckyWorkers(losses=10**6)
+    monkeypatch.setattr(pool, "_workers", lambda work, backend: workers)
+    found = sorted((each.job, each.reason) for each in run_jobs(half_or_die, range(2), Backend(2)) if not each.record)
+    assert found == [(job, f"gone, {pool.MACHINE_ATTEMPTS} times") for job in range(2)]

@@ -6,8 +6,8 @@ from pathlib import Path
 
 PROGRAM = """
 import ctypes, os, sys, tempfile
-from slrl_sumo.jobs.process import PRINTED, settle_in
-settle_in(sys.argv[1])
+from slrl_sumo.jobs.process import PRINTED, set_up_process
+set_up_process(sys.argv[1])
 print(tempfile.gettempdir(), flush=True)
 os.write(2, b"from C++")
 

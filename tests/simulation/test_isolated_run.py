@@ -20,7 +20,7 @@ from lxml import etree
 import slrl_sumo.simulation.run
 from slrl_sumo.ground.road_map import RoadMap, Surface
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
-from slrl_sumo.simulation.isolated_run import run_contained
+from slrl_sumo.simulation.isolated_run import run_isolated
 
 AGENTS = 8
 HOME = Path(sumo.SUMO_HOME)
@@ -200,7 +200,7 @@ def test_a_bug_of_ours_is_not_dressed_up_as_sumos_death() -> None:
     # Refused by no check, because nobody can type it: the child fails by a bug.
     settings = RunSettings("intersection", agents=2, seed=None)  # type: ignore[arg-type]
     with pytest.raises(RuntimeError) as error:
-        list(run_contained(settings))
+        list(run_isolated(settings))
     assert "Traceback" in str(error.value)
     assert "TypeError" in str(error.value)
 
@@ -209,7 +209,7 @@ def test_a_slow_reader_misses_nothing() -> None:
     settings = RunSettings("intersection", agents=30, steps=25, seed=4)
     direct = list(slrl_sumo.simulation.run.run(settings))
     piped = []
-    for event in run_contained(settings):
+    for event in run_isolated(settings):
         if len(piped) in (1, 2):
             time.sleep(1.0)  # long enough for the child to fill the pipe many times over
         piped.append(event)
@@ -224,7 +224,7 @@ def test_a_slow_reader_misses_nothing() -> None:
 
 
 def test_the_ground_comes_when_it_is_asked_for() -> None:
-    with closing(run_contained(RunSettings("intersection", agents=2, steps=1), with_surfaces=True)) as events:
+    with closing(run_isolated(RunSettings("intersection", agents=2, steps=1), with_surfaces=True)) as events:
         started = next(events)
     assert isinstance(started, Started)
     ground = RoadMap(started.surfaces)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.jobs.pool import Place
+from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.studies.recordings import Recordings, write_recordings
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
@@ -27,14 +27,14 @@ def test_many_seeds_are_those_of_single_commands(cli: Cli, tmp_path: Path) -> No
 
 def test_what_is_there_is_not_recorded_again_and_other_settings_are_not_mixed_in(tmp_path: Path) -> None:
     wanted = Recordings("intersection", range(1, 3), 4.0)
-    assert write_recordings(wanted, tmp_path / "many", Place(1)) == 0
+    assert write_recordings(wanted, tmp_path / "many", Backend(1)) == 0
     first, second = (tmp_path / "many" / f"seed-{seed}.npz" for seed in (1, 2))
     (whole, before), _ = (second.read_bytes(), first.stat().st_mtime_ns), second.unlink()
-    assert write_recordings(wanted, tmp_path / "many", Place(1)) == 0
+    assert write_recordings(wanted, tmp_path / "many", Backend(1)) == 0
     assert second.read_bytes() == whole
     assert first.stat().st_mtime_ns == before
     with pytest.raises(InputError, match="other settings"):
-        write_recordings(Recordings("intersection", range(1, 3), 5.0), tmp_path / "many", Place(1))
+        write_recordings(Recordings("intersection", range(1, 3), 5.0), tmp_path / "many", Backend(1))
 
 
 @pytest.mark.parametrize(

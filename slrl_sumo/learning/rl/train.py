@@ -24,7 +24,7 @@ from netgen.families import Family, generate
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
-from slrl_sumo.jobs.pool import Place, anywhere
+from slrl_sumo.jobs.pool import Backend, portable_name
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.imitation import imitate, lessons, watch
 from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
@@ -63,7 +63,7 @@ class TrainRequest:
     """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
 
     ray: str | None = None
-    """Where the simulations run: see slrl_sumo.jobs.pool.Place. It does not change the result."""
+    """Where the simulations run: see slrl_sumo.jobs.pool.Backend. It does not change the result."""
 
     @property
     def folder(self) -> Path:
@@ -111,8 +111,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         agent.optimizer.load_state_dict(state["optimizer"])
     extended = settings.policy.preset == "extended"
     arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance, extended=extended)
-    source = ArenaSource(tuple(map(anywhere, scenarios)), anywhere(request.bundle, shipped_bundles()), arena)
-    rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Place(request.workers, request.ray))
+    source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
+    rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Backend(request.workers, request.ray))
     log = _Log(folder, done, rollout_size)
     book = EpisodeBook(request.workers * arena.agents)
     reset_every = settings.networks.reset_every

@@ -3,7 +3,7 @@
 import resource
 import statistics
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -25,7 +25,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.spawn import parse_mix, type_counts
-from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Ready, Workload
+from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import bare_moves
@@ -51,7 +51,7 @@ class LearnedCost:
     """Of the process until the last decision, the floor not included."""
 
 
-def measure_learned(work: Workload, ready: Ready) -> LearnedCost:
+def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
     """Run learned road users, with summary and XML trace, then the bare calls for the same ones; in this process, whose
     preparations end with `ready`.
 
@@ -77,7 +77,7 @@ def measure_learned(work: Workload, ready: Ready) -> LearnedCost:
         with FcdWriter(Path(folder) / "fcd.xml") as writer:
             for number in range(WARM_UP + work.steps):
                 if number == WARM_UP:
-                    ready()
+                    yield
                 stopwatch.take()
                 decision = simulation.decide()
                 for step in decision.steps:

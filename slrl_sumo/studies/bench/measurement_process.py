@@ -1,21 +1,16 @@
-"""One measurement in a process of its own: with its own peak of memory, and its own simulation."""
+"""One measurement in processes of its own: each has its own simulation and its own peak of memory."""
 
-import multiprocessing
-import tempfile
-import traceback
-from collections.abc import Callable
-from contextlib import ExitStack
+import pickle
+from collections.abc import Callable, Generator
+from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
-from multiprocessing.context import SpawnProcess
-from multiprocessing.synchronize import Barrier
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from slrl_sumo.errors import SlrlError, SumoError
-from slrl_sumo.jobs.process import deaf_to_interrupts, settle_in
+from slrl_sumo.jobs.process import WorkerDiedError
+from slrl_sumo.jobs.workers import LocalWorkers
 
 Result = TypeVar("Result")
-Ready = Callable[[], object]
 
 
 @dataclass(frozen=True)
@@ -25,77 +20,60 @@ class Workload:
     scenario: str
     agents: int
     cores: int
-    """So many simulations side by side, each in one thread: more threads in one of them only wait for each other."""
+    """Number of simulations side by side, each in one thread: more threads per simulation only wait for each other."""
     mix: str
     bundle: str
     selector: str | None
-    """None: the bundle's usual one."""
+    """None: the default of the bundle."""
     steps: int
-    """Decisions that count."""
+    """Measured decisions."""
     seed: int
 
 
-class DoesNotFit(Exception):  # noqa: N818 (an outcome of a measurement, not a fault)
-    """So many road users find no place in this scenario."""
+class DoesNotFit(SlrlError):  # noqa: N818 (an outcome of a measurement, not a fault)
+    """The scenario has no room for that many road users."""
 
 
-def measured(measure: Callable[[Workload, Ready], Result], work: Workload) -> list[Result]:
-    """What `measure`, a function of a module, returns for `work`, in `work.cores` fresh processes side by side.
+Measurement = Callable[[Workload], Generator[None, None, Result]]
+"""A generator function that yields once when its preparations are done, and returns the result."""
 
-    It gets `work` and a function to call when its preparations are done, which waits for all the others. Raises what
-    it raises, SumoError where a process dies, RuntimeError with the traceback of a bug. All processes end with this
-    call, however that ends.
+
+def measured(measure: Measurement[Result], workload: Workload) -> list[Result]:
+    """Results of `measure`, a function of a module, in `workload.cores` fresh processes side by side.
+
+    All processes finish their preparations before the first one goes on. Raises the errors of `measure`, SumoError if a
+    process dies, RuntimeError with the traceback of a bug. All processes end with this call.
     """
-    context = multiprocessing.get_context("spawn")
-    barrier = context.Barrier(work.cores)
-    results = []
-    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, ExitStack() as stack:
-        pipes = []
-        with deaf_to_interrupts():
-            for _ in range(work.cores):
-                receiver, sender = context.Pipe(duplex=False)
-                process = context.Process(target=_serve, args=(sender, measure, work, barrier, folder), daemon=True)
-                process.start()
-                stack.callback(_end, process)
-                sender.close()
-                pipes.append(receiver)
-        while pipes:
-            # The first to answer is looked at first: where one has died the others wait for it in vain.
-            for pipe in wait(pipes):
-                assert isinstance(pipe, Connection)
-                pipes.remove(pipe)
-                results.append(_received(pipe, work))
+    results: list[Any] = []
+    with closing(LocalWorkers(pickle.dumps(_TwoPhases(measure, workload)), workload.cores)) as workers:
+        for _phase in ("prepare", "measure"):
+            results = []
+            for number in range(workload.cores):
+                workers.begin(number, pickle.dumps(None))
+            while len(results) < workload.cores:
+                for _, outcome in workers.wait():
+                    if isinstance(outcome, WorkerDiedError):
+                        where = f"{workload.scenario} with {workload.agents} road users"
+                        raise SumoError(f"{where}: the process that measured it died; try fewer, or run `doctor`")
+                    if isinstance(outcome, BaseException):
+                        raise outcome
+                    results.append(outcome)
     return results
 
 
-def _end(process: SpawnProcess) -> None:
-    process.kill()
-    process.join()
+class _TwoPhases(Generic[Result]):
+    """Work of a process: the first request prepares, the second one measures."""
 
+    def __init__(self, measure: Measurement[Result], workload: Workload) -> None:
+        self._measure, self._workload = measure, workload
+        self._begun: Generator[None, None, Result] | None = None
 
-def _received(pipe: Connection, work: Workload) -> Any:
-    try:
-        message = pipe.recv()
-    except (EOFError, OSError):
-        where = f"{work.scenario} with {work.agents} road users"
-        raise SumoError(f"{where}: the process that measured it died; try fewer, or look at `doctor`") from None
-    if isinstance(message, SlrlError | DoesNotFit):
-        raise message
-    if isinstance(message, str):
-        raise RuntimeError(f"a measurement failed by a bug:\n{message}")
-    return message
-
-
-def _serve(
-    sender: Connection, measure: Callable[[Workload, Ready], object], work: Workload, barrier: Barrier, folder: str
-) -> None:
-    """The child."""
-    settle_in(folder)
-    answer: object
-    try:
-        answer = measure(work, barrier.wait)
-    except (SlrlError, DoesNotFit) as error:
-        answer = error
-    except Exception:
-        answer = traceback.format_exc()
-    sender.send(answer)
+    def __call__(self, request: None) -> Result | None:
+        if self._begun is None:
+            self._begun = self._measure(self._workload)
+            return next(self._begun)
+        try:
+            next(self._begun)
+        except StopIteration as end:
+            return end.value  # type: ignore[no-any-return]
+        raise RuntimeError("a measurement yields once")

@@ -1,13 +1,14 @@
 """What SUMO's own road users cost, as many as there are learned ones beside them."""
 
 import statistics
+from collections.abc import Generator
 from time import perf_counter
 
 import numpy as np
 
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.spawn import draw_starts, parse_mix, starting_points, type_counts
-from slrl_sumo.studies.bench.measurement_process import Ready, Workload
+from slrl_sumo.studies.bench.measurement_process import Workload
 from slrl_sumo.sumo.api import StageRecord
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.road_users import (
@@ -79,7 +80,7 @@ class _Crowd:
         return points.lanes[self._random.integers(len(points.lanes))].edge
 
 
-def measure_plain(work: Workload, ready: Ready) -> float:
+def measure_plain(work: Workload) -> Generator[None, None, float]:
     """Updates of road users per second of SUMO's steps, in this process, with as many of SUMO's own as `work` has
     learned ones beside those of the scenario; all are counted. Its preparations end with `ready`.
 
@@ -90,7 +91,7 @@ def measure_plain(work: Workload, ready: Ready) -> float:
         crowd = _Crowd(session, work)
         for number in range(WARM_UP_STEPS + work.steps * session.substeps):
             if number == WARM_UP_STEPS:
-                ready()
+                yield
             begin = perf_counter()
             session.step()
             seconds = perf_counter() - begin

@@ -17,7 +17,7 @@ from slrl_sumo.agent.driver import SELECTORS, usual_selector
 from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.interrupt import interruptible
-from slrl_sumo.jobs.pool import Finished, Place, anywhere, run_jobs
+from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -51,7 +51,7 @@ class ComparisonSettings:
     seeds: int = 5
     """How many seeds, from `seed` on."""
     step_length: float | None = None
-    place: Place = field(default_factory=Place)
+    backend: Backend = field(default_factory=Backend)
     """Where the runs are done."""
 
 
@@ -78,7 +78,7 @@ def compare(
     missing = [run for run in wanted if run not in log.done]
     left_out: list[Finished[Run, Record]] = []
     progress(len(wanted) - len(missing), len(wanted))
-    with closing(run_jobs(partial(play, common), missing, settings.place)) as results:
+    with closing(run_jobs(partial(play, common), missing, settings.backend)) as results:
         for number, finished in enumerate(results, start=1):
             if finished.record is None:
                 left_out.append(finished)
@@ -222,8 +222,8 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
     parse_shares(settings.takeover)
     sumo_step_length(scenario, settings.step_length)
     return ComparedScenario(
-        scenario=anywhere(settings.scenario),
-        bundle=anywhere(settings.bundle, shipped_bundles()),
+        scenario=portable_name(settings.scenario),
+        bundle=portable_name(settings.bundle, shipped_bundles()),
         decisions=_decisions(settings, scenario),
         takeover=settings.takeover,
         region=settings.region,

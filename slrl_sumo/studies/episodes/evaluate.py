@@ -15,7 +15,7 @@ from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.formats.trajectories import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
-from slrl_sumo.jobs.pool import Finished, Place, anywhere, run_jobs
+from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.simulation.run import MOST_AGENTS
@@ -48,7 +48,7 @@ class EvaluationSettings:
     """How many seeds, from `seed` on."""
     first: int = 0
     """Number of the first episode of each seed: to repeat one that failed."""
-    place: Place = field(default_factory=Place)
+    backend: Backend = field(default_factory=Backend)
     """Where the episodes are played."""
     recording: Path | None = None
     """Trajectories of real road users, counted in the same way."""
@@ -76,8 +76,8 @@ def evaluate_scenario(
         folder.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
-    models = anywhere(settings.bundle, shipped_bundles())
-    common = EpisodeSettings(anywhere(settings.scenario), models, settings.steps)
+    models = portable_name(settings.bundle, shipped_bundles())
+    common = EpisodeSettings(portable_name(settings.scenario), models, settings.steps)
     log = EpisodeLog(folder / "episodes.jsonl", log_header(common, scenario, bundle))
     plan = _plan(settings, selectors)
     tables = EpisodeTables((*plan.parties, RECORDED), settings.steps, settings.episodes)
@@ -92,7 +92,7 @@ def evaluate_scenario(
     left_out: list[Finished[Episode, Outcome]] = []
     progress(done, len(plan), 0.0)
     begin = time.perf_counter()
-    with closing(run_jobs(partial(play, common), missing, settings.place)) as results:
+    with closing(run_jobs(partial(play, common), missing, settings.backend)) as results:
         for finished in results:
             if finished.record is None:
                 left_out.append(finished)

@@ -16,7 +16,7 @@ from lxml import etree
 
 from slrl_sumo.formats.fcd.columns import CSV_COLUMNS
 from slrl_sumo.simulation.events import Decision, RunSettings, Started
-from slrl_sumo.simulation.isolated_run import run_contained
+from slrl_sumo.simulation.isolated_run import run_isolated
 from slrl_sumo.sumo.scenario import find_scenario
 
 HOME = Path(sumo.SUMO_HOME)
@@ -167,7 +167,7 @@ def test_modes_and_learned_are_those_of_the_decisions(folder: Path) -> None:
     learned: dict[tuple[float, str], int | None] = {}
     everybody: set[tuple[float, str]] = set()
     settings = RunSettings("intersection", agents=10, takeover=TAKEOVER, steps=STEPS)
-    for event in run_contained(settings):
+    for event in run_isolated(settings):
         steps = (event.step,) if isinstance(event, Started) else event.steps if isinstance(event, Decision) else ()
         for step in steps:
             everybody |= {(round(step.time, 3), name) for name in step.world.ids}

@@ -170,7 +170,7 @@ def test_without_pyarrow_one_line_before_the_simulation(tmp_path: Path, monkeypa
         raise AssertionError("SUMO has been started")
 
     monkeypatch.setattr(fcd_columns, "find_spec", lambda name: None)
-    monkeypatch.setattr(outputs, "run_contained", no_simulation)
+    monkeypatch.setattr(outputs, "run_isolated", no_simulation)
     path = tmp_path / "t.parquet"
     with pytest.raises(InputError, match=r"Parquet needs pyarrow.*pip install 'slrl-sumo\[parquet\]'"):
         outputs.write_run(RunSettings("intersection", agents=1), fcd=path, summary=None, report=None, quiet=True)

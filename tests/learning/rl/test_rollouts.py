@@ -10,12 +10,13 @@ import pytest
 import torch
 
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.jobs.pool import Place
-from slrl_sumo.jobs.worker import Died
+from slrl_sumo.jobs.pool import Backend
+from slrl_sumo.jobs.process import WorkerDiedError
+from slrl_sumo.jobs.workers import LocalWorkers
 from slrl_sumo.learning.rl.arena import ArenaSettings
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings
-from slrl_sumo.learning.rl.rollouts import Part, ProcessTeam, Roller, WorkerRollouts
+from slrl_sumo.learning.rl.rollouts import Result, RolloutWorker, WorkerRollouts
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 
@@ -33,7 +34,7 @@ def agent() -> Agent:
 
 @pytest.fixture(scope="module")
 def rollouts() -> Iterator[WorkerRollouts]:
-    rollouts = WorkerRollouts(SOURCE, SMALL, 0.03, Place(2))
+    rollouts = WorkerRollouts(SOURCE, SMALL, 0.03, Backend(2))
     yield rollouts
     rollouts.close()
 
@@ -44,8 +45,8 @@ def collect(rollouts: WorkerRollouts, agent: Agent, kill_before: int | None = No
     arrays: list[Any] = []
     for number in range(3):
         if number == kill_before:
-            assert isinstance(rollouts._team, ProcessTeam)
-            rollouts._team.kill(1)
+            assert isinstance(rollouts._workers, LocalWorkers)
+            rollouts._workers.kill(1)
         batch, infos = rollouts.collect(agent, 4, 70 + number)
         arrays += [batch.seen["image"].numpy(), batch.actions.numpy(), batch.rewards.numpy(), batch.next_value.numpy()]
         arrays += [info["speed_mps"] for info in infos] + [batch.logprobs.numpy(), batch.guidance.numpy()]
@@ -72,20 +73,20 @@ def test_the_weights_are_those_of_the_agent(rollouts: WorkerRollouts, agent: Age
     torch.testing.assert_close(before.values.flatten(), worth.detach(), rtol=1e-4, atol=1e-4)
 
 
-class _Fragile:
-    """A team whose only worker dies over some scenarios, those of draw (seed, 0, 0)."""
+class _FragileWorkers:
+    """A single worker that dies a number of times."""
 
     def __init__(self, deaths: int) -> None:
-        self.deaths, self.draws, self.part = deaths, [], None  # type: ignore[var-annotated]
+        self.deaths, self.draws, self.result = deaths, [], None  # type: ignore[var-annotated]
 
     def publish(self, weights: bytes) -> None: ...
 
-    def begin(self, number: int, order: bytes, patience: float) -> None:
-        self.draws.append(pickle.loads(order).draw)
+    def begin(self, number: int, request: bytes, timeout: float) -> None:
+        self.draws.append(pickle.loads(request).draw)
 
-    def wait(self) -> list[tuple[int, bytes | Died]]:
+    def wait(self) -> list[tuple[int, Any]]:
         dies = len(self.draws) <= self.deaths
-        return [(0, Died("SIGSEGV") if dies else pickle.dumps(self.part))]
+        return [(0, WorkerDiedError("SIGSEGV") if dies else self.result)]
 
     def replace(self, number: int) -> None: ...
 
@@ -93,30 +94,32 @@ class _Fragile:
 
 
 @pytest.fixture
-def part() -> Part:
+def result() -> Result:
     none, no = torch.zeros(2, 8), torch.zeros(2, 8, dtype=torch.bool)
     batch = Batch({}, torch.zeros(2, 8, dtype=torch.int64), none, none, none, no, no, none, none[0], none[..., None])
-    return Part(batch, [{"replaced": np.zeros(8, np.bool_)}, {"replaced": np.zeros(8, np.bool_)}], 0.0)
+    return Result(batch, [{"replaced": np.zeros(8, np.bool_)}, {"replaced": np.zeros(8, np.bool_)}], 0.0)
 
 
-def test_after_two_deaths_another_simulation_is_drawn_and_after_more_it_is_given_up(agent: Agent, part: Part) -> None:
-    lone = WorkerRollouts(SOURCE, SMALL, 0.03, Place(1))
+def test_after_two_deaths_another_simulation_is_drawn_and_after_more_it_is_given_up(
+    agent: Agent, result: Result
+) -> None:
+    lone = WorkerRollouts(SOURCE, SMALL, 0.03, Backend(1))
     lone.close()
     for deaths, draws in ((1, [(9, 0, 0)] * 2), (2, [(9, 0, 0)] * 2 + [(9, 0, 2)])):
-        team = lone._team = _Fragile(deaths)
-        team.part = part
+        workers = lone._workers = _FragileWorkers(deaths)
+        workers.result = result
         lone.reset(9)
         _, infos = lone.collect(agent, 2, 1)
-        assert team.draws == draws
+        assert workers.draws == draws
         assert [info["replaced"].all() for info in infos] == [deaths == 2, False]
-    lone._team = _Fragile(99)
-    with pytest.raises(SumoError, match=r"training worker 0 died 4 times in a row \(last: SIGSEGV\)"):
+    lone._workers = _FragileWorkers(99)
+    with pytest.raises(SumoError, match=r"training worker 0 died 5 times in a row \(last: SIGSEGV\)"):
         lone.collect(agent, 2, 1)
 
 
 def test_what_cannot_be_loaded_is_said_in_one_line(agent: Agent) -> None:
     source = replace(SOURCE, settings=replace(SOURCE.settings, agents=5000))
-    rollouts = WorkerRollouts(source, SMALL, 0.03, Place(1))
+    rollouts = WorkerRollouts(source, SMALL, 0.03, Backend(1))
     try:
         rollouts.reset(1)
         with pytest.raises(InputError, match="fit into this network"):
@@ -129,15 +132,15 @@ def test_a_worker_that_has_grown_is_replaced_at_the_next_reset(
     rollouts: WorkerRollouts, agent: Agent, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = collect(rollouts, agent)
-    assert isinstance(rollouts._team, ProcessTeam)
-    before, replaced = [worker.pid for worker in rollouts._team.workers], rollouts.replaced
+    assert isinstance(rollouts._workers, LocalWorkers)
+    before, replaced = set(rollouts._workers.pids().values()), rollouts.replaced
     monkeypatch.setattr("slrl_sumo.learning.rl.rollouts.MEMORY_LIMIT", 1.0)
     again = collect(rollouts, agent)
-    assert not {worker.pid for worker in rollouts._team.workers} & set(before)
+    assert not set(rollouts._workers.pids().values()) & before
     assert rollouts.replaced == replaced
     for a, b in zip(first, again, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
 def test_the_work_of_a_worker_is_small_to_send() -> None:
-    assert len(pickle.dumps(Roller(SOURCE, SMALL, 0.03))) < 5000
+    assert len(pickle.dumps(RolloutWorker(SOURCE, SMALL, 0.03))) < 5000

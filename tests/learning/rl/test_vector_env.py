@@ -52,7 +52,7 @@ def test_a_worker_killed_in_the_middle_is_replaced_and_the_others_go_on(env: Are
     replaced = env.replaced
     for number, modes in enumerate(MODES):
         if number == 4:
-            env.kill(1)
+            env._workers.kill(1)
         last = seen
         seen, reward, terminated, truncated, infos = env.step(modes)
         if number == 4:
@@ -72,9 +72,9 @@ def test_a_worker_that_has_grown_is_replaced_at_the_next_reset() -> None:
     env = ArenaVectorEnv(ArenaSource(("intersection",), "intersection", SOURCE.settings), 1, memory_limit=1.0)
     try:
         first, _ = env.reset(seed=2)
-        before = env._workers[0].pid
+        before = env._workers.pids()[0]
         again, _ = env.reset(seed=2)
-        assert env._workers[0].pid != before
+        assert env._workers.pids()[0] != before
         np.testing.assert_array_equal(first["image"], again["image"])
         assert env.replaced == 0
     finally:
@@ -123,7 +123,7 @@ def test_in_the_preset_extended_everybody_sees_a_route_up_to_the_end() -> None:
             assert (seen["route"][driving, 0] == 1.0).all()
             last = seen
             if number == 3:
-                env.kill(0)
+                env._workers.kill(0)
             seen, _, terminated, truncated, infos = env.step(np.zeros(8, np.int64))
             ended = terminated | truncated
             final = infos["final_obs"]["route"]

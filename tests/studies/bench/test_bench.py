@@ -2,7 +2,7 @@ import json
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.studies.bench import bench
 from slrl_sumo.studies.bench.bench import BenchSettings, workloads, write_bench
 from slrl_sumo.studies.bench.learned import LearnedCost, typical
-from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Ready, Workload, measured
+from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload, measured
 
 KEYS = {
     *("scenario", "agents", "cores", "agent_steps_per_s", "ms_per_decision", "parts_ms", "floor_ms"),
@@ -47,16 +47,18 @@ def test_one_row_has_the_keys_and_its_figures_agree(tmp_path: Path) -> None:
     assert "fit" in found["left_out"][0]
 
 
-def _number(work: Workload, ready: Ready) -> int:
-    ready()
+def _number(work: Workload) -> Generator[None, None, int]:
+    yield
     return os.getpid()
 
 
-def _refused(work: Workload, ready: Ready) -> int:
+def _refused(work: Workload) -> Generator[None, None, int]:
     raise DoesNotFit(f"{work.agents} are too many")
+    yield
 
 
-def _killed(work: Workload, ready: Ready) -> int:
+def _killed(work: Workload) -> Generator[None, None, int]:
+    yield
     os.kill(os.getpid(), signal.SIGKILL)
     return 0
 

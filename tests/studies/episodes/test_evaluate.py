@@ -17,7 +17,7 @@ import pytest
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.jobs.pool import Place
+from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.studies.episodes.episode import Episode, recorded
@@ -36,7 +36,7 @@ PARTIES = {("prior", 4), ("prior", 9), ("sumo", 0)}
 def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
     """SMALL evaluated without disturbance by two workers: the result and its folder."""
     folder = tmp_path_factory.mktemp("evaluated")
-    return evaluate_scenario(replace(SMALL, place=Place(2)), folder), folder
+    return evaluate_scenario(replace(SMALL, backend=Backend(2)), folder), folder
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def walk() -> Trajectories:
 
 
 def test_tables_do_not_depend_on_the_number_of_workers(small: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
-    assert evaluate_scenario(replace(SMALL, place=Place(1)), tmp_path) == small[0]
+    assert evaluate_scenario(replace(SMALL, backend=Backend(1)), tmp_path) == small[0]
 
 
 def test_rows_are_those_of_the_contract(small: tuple[dict[str, Any], Path]) -> None:
