@@ -5,6 +5,7 @@ SlrlError
 └── SumoError       SUMO itself failed while a simulation was running (exit code 3)
 """
 
+import math
 import re
 from typing import Any
 
@@ -45,6 +46,18 @@ class InputError(SlrlError):
 
 class SumoError(SlrlError):
     """SUMO refused to continue, or died while a simulation was running."""
+
+
+MAX_SEED = 2**31 - 1
+"""Highest seed that SUMO takes."""
+
+
+def check_range(argument: str, value: float, low: float, high: float = math.inf) -> None:
+    """Raise InputError unless `low` <= `value` <= `high`."""
+    if not low <= value <= high:
+        kind = "a whole number" if isinstance(low, int) else "a number"
+        limits = f"{low} or more" if high == math.inf else f"from {low} to {high}"
+        raise InputError(f"give {kind} {limits}", argument=argument, value=value)
 
 
 _REFERENCE = re.compile(r"`([a-z_]+)(?:=([^`]*))?`")

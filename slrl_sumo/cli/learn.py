@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from slrl_sumo.cli.app import RayAddress, app, backend_of
-from slrl_sumo.errors import InputError
+from slrl_sumo.errors import InputError, check_range
 from slrl_sumo.formats.output_files import check_parent
 
 
@@ -127,17 +127,7 @@ def train(
     from slrl_sumo.learning.rl.training_settings import read_settings
 
     check_parent(out)
-    for name, value, most in (
-        ("steps", steps, 10**12),
-        ("workers", workers, 16_384),
-        ("threads", 1 if threads is None else threads, 1024),
-    ):
-        if not 1 <= value <= most:
-            raise InputError(f"--{name} {value}: give a whole number from 1 to {most}")
-    if not 0 <= seed < 2**31:
-        raise InputError(f"--seed {seed}: give a whole number from 0 to 2147483647")
-    if episodes < 0:
-        raise InputError(f"--episodes {episodes}: give a whole number from 0")
+    check_range("episodes", episodes, 0)
     request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()), ray)
     if not train_with_progress(request, read_settings(config), resume=resume):
         raise typer.Exit(130)

@@ -1,4 +1,4 @@
-"""A training as people see it: progress while it runs, and what it came to."""
+"""Progress of a training on the terminal."""
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -7,11 +7,11 @@ from slrl_sumo.learning.rl.train import Figures, TrainRequest, train
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 
 LINE_EVERY = 20
-"""Updates between two lines where there is no terminal to draw a bar on."""
+"""Updates between two lines of output if stderr is no terminal."""
 
 
 def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resume: bool) -> bool:
-    """Train as `slrl_sumo.learning.rl.train.train` does. Returns False where the user stopped it (Ctrl-C)."""
+    """Train as `slrl_sumo.learning.rl.train.train` does. Returns False if the user stopped it (Ctrl-C)."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal) as bar:
@@ -29,27 +29,27 @@ def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resum
         try:
             train(request, settings, resume=resume, report=report)
         except KeyboardInterrupt:
-            console.print(f"stopped; go on from the last checkpoint in {request.folder} with --resume")
+            console.print(f"stopped; --resume continues from the last checkpoint in {request.folder}")
             return False
     return True
 
 
 def closing_scenario(trained_in: str) -> str:
-    """Where a selector is evaluated after it was trained in `trained_in`.
+    """Scenario in which a selector trained in `trained_in` is evaluated.
 
-    The first scenario named there, or for a family of generated networks the shipped scenario that is like them and was
-    not among them.
+    The first scenario of that list, or for a family of generated networks the shipped scenario that resembles them and
+    was not among them.
     """
     first = trained_in.split(",")[0].strip()
     return {"random": "district", "roundabout": "intersection"}.get(first, first)
 
 
 def _text(stage: str, figures: Figures) -> str:
-    """The figures that matter to people who wait."""
+    """The most important figures, in one line."""
     if stage == "training":
         rate, mean_return = figures["speed/agent_steps_per_s"], figures["episode/return"]
         return f"{rate:.0f} steps/s  return {mean_return:.2f}  success {figures['episode/success']:.0%}"
     if stage == "imitation":
         right, by_prior = figures["imitation/accuracy"], figures["imitation/prior_accuracy"]
-        return f"{right:.0%} of modes right, {by_prior:.0%} by the prior"
+        return f"{right:.0%} of modes predicted, {by_prior:.0%} by the prior"
     return ""

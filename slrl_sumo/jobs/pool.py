@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.errors import SumoError, check_range
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.workers import MAX_REQUESTS, LocalWorkers, MachineLostError
 
@@ -43,8 +43,8 @@ class Backend:
     HOST:PORT of its head, or "auto" for the cluster of this machine."""
 
     def __post_init__(self) -> None:
-        if self.workers is not None and self.workers < 1:
-            raise InputError(f"--workers {self.workers}: give a whole number, 1 or more")
+        if self.workers is not None:
+            check_range("workers", self.workers, 1)
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def test_from_a_bundle_to_a_run_of_its_trained_selector(cli: Cli, tmp_path: Path
 
     again = cli(*words, "--steps", "600", cwd=tmp_path)
     assert again.returncode == 1
-    assert "go on with --resume" in again.stderr
+    assert "continue it with --resume" in again.stderr
 
 
 @pytest.mark.parametrize(

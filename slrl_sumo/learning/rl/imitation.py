@@ -1,7 +1,7 @@
-"""Teaching a policy what road users of recordings chose, before it is trained by reward.
+"""Imitation of the modes that recorded road users took, before the policy is trained by reward.
 
-The prior knows only the vector. Here the policy learns, from the same windows, what the image adds: where the road
-bends, who is in the way. PPO from there has to find neither lanes nor brakes by chance.
+The prior depends on the vector alone. Here the policy learns, from the same windows, what the image adds: the course of
+the road and the road users on it. PPO then does not have to discover lanes and braking by chance.
 """
 
 from collections.abc import Callable
@@ -28,21 +28,21 @@ from slrl_sumo.sumo.session import SumoSession
 
 @dataclass(frozen=True)
 class ImitationSettings:
-    """How long the policy is taught before PPO, and by how much."""
+    """Settings of the imitation before PPO."""
 
     epochs: int = 4
-    """Passes over the windows; 0 leaves it out: PPO begins at the prior."""
+    """Passes over the windows; 0: no imitation, PPO begins at the prior."""
     seconds: float = 400.0
-    """Of SUMO's own traffic that is recorded in each scenario, where no recordings are given."""
+    """s of SUMO's own traffic that are recorded in each scenario."""
     stride: int = 4
-    """Every stride-th frame counts: windows that follow each other hardly differ."""
+    """Every stride-th frame is used: successive windows hardly differ."""
     learning_rate: float = 1e-3
     batch: int = 512
 
 
 @dataclass(frozen=True, eq=False)
-class Lessons:
-    """M windows with what was seen and chosen in them."""
+class Demonstrations:
+    """M windows with observations and the modes that were taken."""
 
     vector: NDArray[np.float32]
     """(M, 12)."""
@@ -50,13 +50,13 @@ class Lessons:
     """(M, EGO_ROWS, EGO_COLS, 3)."""
     type: NDArray[np.int64]
     mode: NDArray[np.int64]
-    """The mode of the recorded destination, (M,)."""
+    """The mode nearest to the recorded motion, (M,)."""
 
     def __len__(self) -> int:
         return len(self.type)
 
 
-def lessons(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundle, stride: int) -> Lessons:
+def demonstrations(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundle, stride: int) -> Demonstrations:
     """All windows of a recording on its ground, with the modes of `bundle`."""
     every = windows([recording], stride)
     goal = goals(every, str(bundle.training.get("modes_by", "kmeans")))
@@ -69,11 +69,11 @@ def lessons(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundle, stri
         rows = recording.rows_at(int(frame))
         place = np.searchsorted(recording.track[rows], every.track[here])
         image[here] = ego_images(recording.world(int(frame)), place, roadmap)
-    return Lessons(every.vector, image, every.type, mode)
+    return Demonstrations(every.vector, image, every.type, mode)
 
 
-def watch(scenario: Scenario, seconds: float, seed: int) -> tuple[Trajectories, RoadMap]:
-    """SUMO's own traffic in a scenario, with the ground that it moves on."""
+def recorded_traffic(scenario: Scenario, seconds: float, seed: int) -> tuple[Trajectories, RoadMap]:
+    """SUMO's own traffic in a scenario, and the road map of the scenario."""
     for item in record(scenario, seconds=seconds, seed=seed):
         if isinstance(item, Trajectories):
             recording = item
@@ -84,26 +84,25 @@ def watch(scenario: Scenario, seconds: float, seed: int) -> tuple[Trajectories, 
 def imitate(
     policy: Policy,
     bundle: ModelBundle,
-    parts: list[Lessons],
+    parts: list[Demonstrations],
     settings: ImitationSettings,
     seed: int,
     report: Callable[[float, dict[str, float]], None],
 ) -> None:
-    """Fit `policy` (in place) to the modes that were chosen, and empty `parts`.
+    """Fit `policy` (in place) to the modes that were taken, and empty `parts`.
 
-    `report` is told the share done and the figures.
-
-    Figures, after each epoch, on a tenth of each part that is left out of learning: cross-entropy (nats) and
-    accuracy of the policy, `imitation/cross_entropy`, `imitation/accuracy`, and those of the prior.
+    After each epoch `report` is called with the share done and the figures, on a tenth of each part that is not used
+    for fitting: cross-entropy (nats) and accuracy of the policy, `imitation/cross_entropy` and `imitation/accuracy`,
+    and those of the prior.
     """
     generator = torch.Generator().manual_seed(seed)
     vector, image, kind, mode = (
         torch.from_numpy(np.concatenate([getattr(part, name) for part in parts]))
         for name in ("vector", "image", "type", "mode")
     )
-    # The last tenth of each part: windows of one road user follow each other, so these are of others.
+    # The last tenth of each part: windows of one road user are adjacent, so these belong to other road users.
     tested = torch.cat([torch.arange(len(part)) >= 0.9 * len(part) for part in parts])
-    parts.clear()  # images are large; these are not needed twice
+    parts.clear()  # frees the images, which are large
     train, test = (~tested).nonzero()[:, 0], tested.nonzero()[:, 0]
     optimizer = torch.optim.Adam(policy.parameters(), lr=settings.learning_rate)
     batches = -(-len(train) // settings.batch)
@@ -113,7 +112,7 @@ def imitate(
     for epoch in range(settings.epochs):
         order = train[torch.randperm(len(train), generator=generator)]
         for rows in torch.split(order, settings.batch):
-            ahead = _nothing(bundle, len(rows))
+            ahead = _no_lookahead(bundle, len(rows))
             logits, _ = policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows], ahead)
             loss = cross_entropy(logits, mode[rows])
             optimizer.zero_grad()
@@ -123,8 +122,8 @@ def imitate(
         report((epoch + 1) / settings.epochs, _measured(policy, bundle, vector, image, kind, mode, test))
 
 
-def _nothing(bundle: ModelBundle, rows: int) -> torch.Tensor:
-    """Nobody is met and nothing left: what modes lead to is judged by PPO's teacher, not by imitation."""
+def _no_lookahead(bundle: ModelBundle, rows: int) -> torch.Tensor:
+    """A lookahead without collisions and departures from the surface: PPO's teacher judges those, not imitation."""
     return torch.zeros(rows, bundle.config.modes, 4)
 
 
@@ -139,7 +138,9 @@ def _measured(
 ) -> dict[str, float]:
     with torch.no_grad():
         parts = [
-            policy_logits(policy, bundle.prior, vector[rows], image[rows], kind[rows], _nothing(bundle, len(rows)))[0]
+            policy_logits(
+                policy, bundle.prior, vector[rows], image[rows], kind[rows], _no_lookahead(bundle, len(rows))
+            )[0]
             for rows in torch.split(test, 4096)
         ]
         logits = torch.cat(parts)

@@ -1,7 +1,7 @@
 """Proximal policy optimisation of the selector, in the order and with the names of CleanRL's ppo.py (paper, 3.4).
 
-Schulman et al. 2017, https://arxiv.org/abs/1707.06347. T steps are rolled out in N slots with the policy as it is, then
-it is updated on them for some epochs of minibatches, and so on.
+Schulman et al. 2017, https://arxiv.org/abs/1707.06347. Each iteration rolls out T steps in N slots with the current
+policy, then updates the policy on them for some epochs of minibatches.
 """
 
 import copy
@@ -21,7 +21,7 @@ from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 
 CAR = FEATURES.index("car")
-"""Where the one-hot type begins in the vector."""
+"""First column of the one-hot type in the vector."""
 
 
 @dataclass(frozen=True)
@@ -41,22 +41,22 @@ class PpoSettings:
     clip_vloss: bool = False
     ent_coef: float = 0.01
     vf_coef: float = 0.05
-    """A tenth of CleanRL's: returns are of order 10, and what actor and critic share must not be the critic's alone."""
+    """A tenth of CleanRL's: returns are of order 10, and the critic must not dominate the layers that it shares."""
     max_grad_norm: float = 0.5
     explore: float = 0.03
-    """Share of choices drawn from all modes alike: a mode that is never tried is never learned, and braking is one."""
+    """Share of modes drawn uniformly: a mode that is never tried is never learned, and braking is one of them."""
     kl_coef: float = 1.0
     kl_coef_last: float = 0.1
-    """First and last weight of the divergence KL(teacher || policy), changing linearly. The teacher is the policy that
-    training began with, less what speaks against each mode for who looks ahead (Arena.guidance). So what was taught by
-    recordings fades only where the reward says so (as in human-regularised PPO, arXiv 2403.19648)."""
+    """First and last weight of the divergence KL(teacher || policy), interpolated linearly. The teacher is the initial
+    policy minus the lookahead's penalty of each mode (Arena.guidance). So behaviour imitated from recordings fades only
+    where the reward opposes it (as in human-regularised PPO, arXiv 2403.19648)."""
     teacher_first: int = 40
-    """Updates in which the policy learns from the teacher alone, while the critic learns what that is worth: a critic
-    that knows nothing would spoil what was taught before."""
+    """Updates in which the policy learns from the teacher alone while the critic learns its values: an untrained critic
+    would destroy what was imitated before."""
 
 
 class Slots(Protocol):
-    """What a rollout needs of an environment: the step of gymnasium's VectorEnv with autoreset in the same step."""
+    """Part of an environment that a rollout needs: gymnasium's VectorEnv.step with autoreset in the same step."""
 
     num_envs: int
 
@@ -70,7 +70,7 @@ class Batch:
     """One rollout: T steps of N slots."""
 
     seen: dict[str, Tensor]
-    """(T, N, ...): `vector`, `image`, `ahead` and perhaps `route` as the environment gives them."""
+    """(T, N, ...): observations `vector`, `image`, `ahead` and optionally `route` of the environment."""
     actions: Tensor
     """(T, N) int64."""
     logprobs: Tensor
@@ -78,30 +78,30 @@ class Batch:
     rewards: Tensor
     """(T, N)."""
     terminated: Tensor
-    """(T, N) bool: the episode is over and nothing comes after it."""
+    """(T, N) bool: the episode ended; its remaining return is 0."""
     truncated: Tensor
-    """(T, N) bool: the episode was cut off; what would have come is worth `final_values`."""
+    """(T, N) bool: the episode was cut off; its remaining return is estimated by `final_values`."""
     final_values: Tensor
-    """(T, N); 0 where nothing was truncated."""
+    """(T, N); 0 where `truncated` is false."""
     next_value: Tensor
-    """(N,): value of what is seen after the last step."""
+    """(N,): value of the observation after the last step."""
     guidance: Tensor
-    """(T, N, modes): what speaks against each mode."""
+    """(T, N, modes): penalty of each mode (Arena.guidance)."""
 
 
 class Rollouts(Protocol):
-    """Where PPO gets its rollouts from: from some simulations, here or elsewhere."""
+    """Source of rollouts: several simulations, on this machine or elsewhere."""
 
     def reset(self, seed: int) -> None:
-        """Begin all simulations anew, drawn by `seed` alone."""
+        """Restart all simulations, drawn by `seed` alone."""
 
     def collect(self, agent: "Agent", num_steps: int, seed: int) -> tuple[Batch, list[dict[str, Any]]]:
-        """`num_steps` more steps of all slots with the policy as it is, choices drawn by `seed` alone; and the infos
-        of every step."""
+        """`num_steps` more steps of all slots with the current policy, modes drawn by `seed` alone; and the infos of
+        every step."""
 
 
 def joined(batches: Sequence[Batch]) -> Batch:
-    """The slots of several rollouts of as many steps, side by side."""
+    """The slots of several rollouts of equal length, side by side."""
     parts: dict[str, Any] = {}
     for name in (field.name for field in fields(Batch)):
         values = [getattr(batch, name) for batch in batches]
@@ -115,8 +115,8 @@ def joined(batches: Sequence[Batch]) -> Batch:
 def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
     """Generalised advantage estimates and returns, (T, N) each (Schulman et al. 2016, arXiv 1506.02438).
 
-    A truncated episode is worth the value of its last observation, a terminated one nothing; neither knows of the
-    episode that begins in its slot afterwards.
+    A truncated episode bootstraps from the value of its last observation, a terminated one from 0; neither depends on
+    the next episode in its slot.
     """
     done = (batch.terminated | batch.truncated).float()
     advantages = torch.zeros_like(batch.rewards)
@@ -132,7 +132,7 @@ def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
 
 
 class Actor:
-    """The policy as it acts, on a device: what rollouts need."""
+    """The policy on a device, as rollouts use it."""
 
     def __init__(self, policy: Policy, prior: Prior, explore: float, device: torch.device) -> None:
         self.policy, self.prior = policy.to(device), prior.to(device)
@@ -149,7 +149,7 @@ class Actor:
 
 
 class Agent(Actor):
-    """The policy that learns: with what it was in the beginning, and the optimiser."""
+    """The policy that is trained, with a copy of its initial state and the optimiser."""
 
     def __init__(self, policy: Policy, prior: Prior, settings: PpoSettings, device: torch.device) -> None:
         super().__init__(policy, prior, settings.explore, device)
@@ -175,9 +175,9 @@ def rollout(
     num_steps: int,
     generator: torch.Generator,
 ) -> tuple[Batch, dict[str, NDArray[Any]], list[dict[str, Any]], NDArray[np.float32]]:
-    """T steps of all slots from `observation` on, about which `guidance` (N, modes) is known.
+    """T steps of all slots from `observation` on, with its `guidance` (N, modes).
 
-    Returns them, what is seen then, the infos of every step, and the guidance for what is seen then.
+    Returns the batch, the observation after it, the infos of every step, and the guidance of that observation.
     """
     shape = (num_steps, env.num_envs)
     seen = {
@@ -228,8 +228,8 @@ def update(
     kl_coef: float = 0.0,
     teacher_only: bool = False,
 ) -> dict[str, float]:
-    """One PPO update on a rollout. Returns what CleanRL logs: losses, approx_kl, clipfrac, explained_variance;
-    and kl_teacher (see PpoSettings.kl_coef)."""
+    """One PPO update on a rollout. Returns the figures that CleanRL logs (losses, approx_kl, clipfrac,
+    explained_variance) and kl_teacher (see PpoSettings.kl_coef)."""
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
     names = ("actions", "logprobs", "values")
     flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
@@ -303,13 +303,13 @@ def learn(
     seed: int,
     after: Callable[[int, Batch, list[dict[str, Any]], dict[str, float]], None],
 ) -> None:
-    """Run `iterations` (a part of range(total)) of rollout and update; `after` is told of each.
+    """Run `iterations` (a part of range(total)) of rollout and update; `after` is called after each one.
 
-    Every `reset_every` iterations all simulations begin anew, drawn by `seed` and the iteration alone: a training that
-    is resumed at such a point goes on exactly as it would have without the break. `iterations` must begin at one.
+    Every `reset_every` iterations all simulations restart, drawn by `seed` and the iteration alone: a training that is
+    resumed there continues exactly as without the interruption. `iterations` must begin at such a point.
     """
     if iterations.start % reset_every:
-        raise ValueError("training can be taken up only where simulations begin anew")
+        raise ValueError("training can be resumed only where simulations restart")
     generator = torch.Generator()
     for iteration in iterations:
         number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)

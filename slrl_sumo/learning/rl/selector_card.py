@@ -1,4 +1,4 @@
-"""A bundle with its trained selector: how it was trained, as JSON and as a section of the model card."""
+"""A bundle with its trained selector: record of the training as JSON and as a section of the model card."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,13 +18,13 @@ KNOWS = {
     "docs/measurements/routes.md.",
 }
 LAST = 20
-"""Updates that the closing figures are means of."""
+"""Number of updates over which the closing figures are averaged."""
 
 
 def with_selector(
     bundle: ModelBundle, policy: Policy, record: dict[str, Any], log: list[dict[str, float]]
 ) -> ModelBundle:
-    """`bundle` with a trained `policy`; `record` says what was asked for, `log` has the figures of every update."""
+    """`bundle` with a trained `policy`; `record`: settings of the training, `log`: figures of every update."""
     last = {name: _mean([row[name] for row in log[-LAST:]]) for name in (log[-1] if log else {})}
     wanted = ("episode/", "reward/", "motion/")
     figures = {name: value for name, value in last.items() if name.startswith(wanted)}

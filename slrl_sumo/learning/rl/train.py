@@ -1,11 +1,11 @@
 """Training a selector from a bundle: networks, PPO, checkpoints, logs, and the bundle with its selector.
 
-Beside the bundle OUT stands a folder OUT-training with all that the training needs to go on after it was stopped:
+The folder OUT-training beside the bundle OUT holds everything that is needed to resume the training:
 
-settings.json     what was asked for
-networks/         the generated scenarios
-checkpoint.pt     policy, optimiser and how far it is
-log.csv           the figures of every update; tensorboard/ holds the same as charts
+settings.json     request and settings
+networks/         generated scenarios
+checkpoint.pt     policy, optimiser and number of updates
+log.csv           figures of every update; tensorboard/ has the same as charts
 """
 
 import csv
@@ -21,16 +21,16 @@ import torch
 
 from netgen.errors import NetgenError
 from netgen.families import Family, generate
-from slrl_sumo.errors import InputError
+from slrl_sumo.errors import MAX_SEED, InputError, check_range
 from slrl_sumo.formats.trajectories import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import Backend, portable_name
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
-from slrl_sumo.learning.rl.imitation import imitate, lessons, watch
+from slrl_sumo.learning.rl.imitation import demonstrations, imitate, recorded_traffic
 from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.selector_card import with_selector
-from slrl_sumo.learning.rl.training_log import EpisodeBook
+from slrl_sumo.learning.rl.training_log import EpisodeFigures
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.models.policy import Policy
@@ -38,47 +38,52 @@ from slrl_sumo.sumo.scenario import find_scenario
 
 Figures = dict[str, float]
 Report = Callable[[str, int, int, Figures], None]
-"""Told of what is going on, how much of it is done, how much there is in all, and its figures."""
+"""Called with a stage, how much of it is done, its total, and its figures."""
 
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """What is to be trained; the words are those of `slrl-sumo train`."""
+    """What to train; the words are those of `slrl-sumo train`."""
 
     scenarios: str
-    """Families (intersection, shared-space, random) or scenarios, separated by commas."""
+    """Families (intersection, roundabout, shared-space, random) or scenarios, separated by commas."""
     bundle: str
     out: Path
     steps: int
-    """Agent-steps in all."""
+    """Agent-steps in total."""
     workers: int = 2
     seed: int = 1
     device: str = "auto"
     threads: int | None = None
-    """Of PyTorch in the update; None: as many as workers, which wait meanwhile, but no more than there are cores. On
-    cores that others keep busy, threads that wait for each other make updates slower; by ten times where they spin
-    (OMP_WAIT_POLICY)."""
+    """Threads of PyTorch in the update; None: as many as workers, which are idle then, but at most the number of cores.
+    On busy cores, threads that wait for each other make updates slower; by ten times if they spin (OMP_WAIT_POLICY)."""
 
     recordings: tuple[Path, ...] = ()
     """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
 
     ray: str | None = None
-    """Where the simulations run: see slrl_sumo.jobs.pool.Backend. It does not change the result."""
+    """Where the simulations run: see slrl_sumo.jobs.pool.Backend. The result does not depend on it."""
+
+    def __post_init__(self) -> None:
+        check_range("steps", self.steps, 1, 10**12)
+        check_range("workers", self.workers, 1, 16_384)
+        check_range("threads", 1 if self.threads is None else self.threads, 1, 1024)
+        check_range("seed", self.seed, 0, MAX_SEED)
 
     @property
     def folder(self) -> Path:
-        """Where checkpoints and logs lie."""
+        """Folder of checkpoints and logs."""
         return self.out.parent / f"{self.out.name}-training"
 
 
 def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, report: Report) -> ModelBundle:
     """Train, save the bundle with its new selector as `request.out` and return it.
 
-    The policy is taught by imitation first (slrl_sumo.learning.rl.imitation), then by PPO. `report` hears of "watching"
-    and "imitation", then of "training": agent-steps, and the figures of every update (see EpisodeBook). With `resume`
-    the training goes on at its last checkpoint, exactly as without the break, or for more steps than were asked for
-    before (learning_rate and kl_coef are then those of their share of all); otherwise the folder must not hold one.
-    Raises InputError, SumoError (a worker that dies again and again).
+    The policy is trained by imitation first (slrl_sumo.learning.rl.imitation), then by PPO. `report` is called for the
+    stages "recording" and "imitation", then for "training" with agent-steps and the figures of every update (see
+    EpisodeFigures). With `resume` the training continues from its last checkpoint, exactly as without the interruption,
+    or for more steps than before (learning_rate and kl_coef then follow the new total); otherwise the folder must not
+    hold a checkpoint. Raises InputError, SumoError (a worker fails repeatedly).
     """
     bundle = load_bundle(request.bundle)
     folder = request.folder
@@ -95,7 +100,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     agent = Agent(policy, bundle.prior, settings.ppo, device)
     done = 0
     if state is None:
-        figures = _taught(policy, bundle, request, scenarios, settings, report)
+        figures = _imitated(policy, bundle, request, scenarios, settings, report)
         _write_json(folder / "imitation.json", figures)
         agent.begin.load_state_dict(policy.state_dict())
         _save_checkpoint(folder, agent, 0)
@@ -104,7 +109,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         if done < total and done % settings.networks.reset_every:
             raise InputError(
                 f"{folder}: ended after {done} updates, in the middle of {settings.networks.reset_every} with the same "
-                "simulations, and cannot go on; train anew with more --steps"
+                "simulations, and cannot be resumed; start a new training with more --steps"
             )
         agent.policy.load_state_dict(state["policy"])
         agent.begin.load_state_dict(state["begin"])
@@ -114,18 +119,18 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
     rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Backend(request.workers, request.ray))
     log = _Log(folder, done, rollout_size)
-    book = EpisodeBook(request.workers * arena.agents)
+    episodes = EpisodeFigures(request.workers * arena.agents)
     reset_every = settings.networks.reset_every
     clock = time.perf_counter()
 
     def after(iteration: int, batch: Batch, infos: list[dict[str, Any]], losses: dict[str, float]) -> None:
         nonlocal clock
         if iteration % reset_every == 0:
-            book.start()
+            episodes.start()
         now = time.perf_counter()
         speed = {"speed/agent_steps_per_s": rollout_size / (now - clock), "speed/workers_replaced": rollouts.replaced}
         clock = now
-        figures = book.figures(batch, infos) | {f"loss/{name}": value for name, value in losses.items()} | speed
+        figures = episodes.figures(batch, infos) | {f"loss/{name}": value for name, value in losses.items()} | speed
         log.add(iteration, figures)
         report("training", (iteration + 1) * rollout_size, total * rollout_size, figures)
         if (iteration + 1) % reset_every == 0 or iteration + 1 == total:
@@ -145,15 +150,15 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     finally:
         rollouts.close()
         log.close()
-    taught = json.loads((folder / "imitation.json").read_text(encoding="utf-8"))
-    trained = with_selector(bundle, agent.policy.cpu(), record | {"imitation": taught}, log.rows)
+    imitated = json.loads((folder / "imitation.json").read_text(encoding="utf-8"))
+    trained = with_selector(bundle, agent.policy.cpu(), record | {"imitation": imitated}, log.rows)
     trained = replace(trained, name=request.out.name)
     trained.save(request.out)
     return trained
 
 
 def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
-    """What decides the result, as JSON-ready values."""
+    """Everything that determines the result, as JSON values."""
     asked = {
         "scenarios": request.scenarios,
         "bundle": request.bundle,
@@ -164,16 +169,16 @@ def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
 
 
 def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, Any] | None:
-    """Make the training's folder, or find the checkpoint to go on from."""
+    """Create the folder of the training, or load the checkpoint to resume from."""
     checkpoint, asked = folder / "checkpoint.pt", folder / "settings.json"
     if checkpoint.exists() and not resume:
-        raise InputError(f"{folder}: holds a training already; go on with --resume, or give another --out")
+        raise InputError(f"{folder}: holds a training already; continue it with --resume, or give another --out")
     if resume and asked.exists():
         before = json.loads(asked.read_text(encoding="utf-8"))
         longer = max(before.get("steps", 0), record["steps"])
         odd = _difference(before | {"steps": longer}, record)
         if odd:
-            raise InputError(f"{folder}: was begun with another {odd}; resume with the same settings")
+            raise InputError(f"{folder}: was started with another {odd}; resume with the same settings")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _write_json(asked, record)
@@ -184,7 +189,7 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
     try:
         state: dict[str, Any] = torch.load(checkpoint, weights_only=True)
     except Exception as error:
-        raise InputError(f"{checkpoint}: is damaged ({error}); delete it to begin anew") from None
+        raise InputError(f"{checkpoint}: is damaged ({error}); delete it to start again") from None
     return state
 
 
@@ -200,7 +205,7 @@ def _difference(a: Any, b: Any, where: str = "") -> str:
 
 
 def _scenarios(text: str, settings: TrainSettings, folder: Path) -> tuple[str, ...]:
-    """Scenarios to open: those named, and the generated ones of families; all are looked up first."""
+    """Scenarios of the training: those named in `text`, and the generated ones of families."""
     found: list[str] = []
     for name in (part.strip() for part in text.split(",")):
         if name not in get_args(Family):
@@ -218,7 +223,7 @@ def _scenarios(text: str, settings: TrainSettings, folder: Path) -> tuple[str, .
     return tuple(found)
 
 
-def _taught(
+def _imitated(
     policy: Policy,
     bundle: ModelBundle,
     request: TrainRequest,
@@ -226,23 +231,24 @@ def _taught(
     settings: TrainSettings,
     report: Report,
 ) -> Figures:
-    """Teach `policy` by imitation; returns the closing figures."""
+    """Train `policy` by imitation; returns the last figures."""
     plan = settings.imitation
     last: Figures = {}
-    # Recordings know no routes: the preset `extended` is taught by looking ahead alone.
+    # Recordings have no routes: the preset `extended` learns from the lookahead alone.
     if not plan.epochs or settings.policy.preset == "extended":
         return last
     parts = []
     sources: tuple[Path | str, ...] = (*request.recordings, *scenarios)
     for number, source in enumerate(sources):
-        report("watching", number, len(sources), last)
+        report("recording", number, len(sources), last)
         if isinstance(source, Path):
             recording = load_trajectories(source)
             ground = everywhere_road(recording.x, recording.y)
         else:
-            # Seeds of SUMO, like those of the networks, that no evaluation uses.
-            recording, ground = watch(find_scenario(source), plan.seconds, settings.networks.first_seed + number)
-        parts.append(lessons(recording, ground, bundle, plan.stride))
+            # SUMO seeds, like those of the networks, that no evaluation uses.
+            seed = settings.networks.first_seed + number
+            recording, ground = recorded_traffic(find_scenario(source), plan.seconds, seed)
+        parts.append(demonstrations(recording, ground, bundle, plan.stride))
 
     def after(share: float, figures: Figures) -> None:
         last.update(figures)
@@ -262,12 +268,12 @@ def _device(name: str) -> torch.device:
     try:
         torch.zeros(1, device=name)
     except (RuntimeError, AssertionError):
-        raise InputError(f"--device {name}: PyTorch has none of that name here; use cpu, or auto") from None
+        raise InputError(f"--device {name}: PyTorch has no such device here; use cpu, or auto") from None
     return torch.device(name)
 
 
 def _save_checkpoint(folder: Path, agent: Agent, iteration: int) -> None:
-    """All or nothing: a training that is killed while it writes goes on from the checkpoint before."""
+    """Write atomically: a training killed while it writes resumes from the checkpoint before."""
     state = {
         "iteration": iteration,
         "policy": agent.policy.state_dict(),
@@ -279,7 +285,7 @@ def _save_checkpoint(folder: Path, agent: Agent, iteration: int) -> None:
 
 
 class _Log:
-    """log.csv and TensorBoard; what a stopped training wrote after its checkpoint is taken back."""
+    """log.csv and TensorBoard; rows after the checkpoint of a stopped training are dropped."""
 
     def __init__(self, folder: Path, done: int, rollout_size: int) -> None:
         from torch.utils.tensorboard.writer import SummaryWriter

@@ -1,4 +1,4 @@
-"""What a training reports: per update, the figures of episodes, rewards and losses, by type."""
+"""Figures of a training per update: episodes, rewards and motion, by road-user type."""
 
 from typing import Any
 
@@ -11,23 +11,23 @@ from slrl_sumo.metrics.counters import STANDING_SPEED
 from slrl_sumo.scene.types import TYPE_NAMES
 
 
-class EpisodeBook:
-    """Follows the episodes of n slots from step to step."""
+class EpisodeFigures:
+    """Returns of the episodes of n slots, accumulated from step to step."""
 
     def __init__(self, slots: int) -> None:
         self._return = np.zeros(slots)
 
     def start(self) -> None:
-        """All simulations begin anew: episodes under way are forgotten."""
+        """All simulations restart: discard the episodes under way."""
         self._return[:] = 0.0
 
     def figures(self, batch: Batch, infos: list[dict[str, Any]]) -> dict[str, float]:
-        """The figures of one rollout, for a chart: names with a slash as TensorBoard groups them. Slots of which an
-        info says `replaced` began anew just before that step.
+        """The figures of one rollout; names have a slash, by which TensorBoard groups them. Slots with `replaced` in an
+        info restarted just before that step.
 
-        `episode/return`: mean over episodes that ended in it (NaN where none did); `episode/success`: their share that
+        `episode/return`: mean over the episodes that ended (NaN if none did); `episode/success`: share of them that
         ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
-        `motion/…`: mean speed (m/s) and standing share per type.
+        `motion/…`: mean speed (m/s) and share of time standing, per type.
         """
         reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()
         ended = terminated | batch.truncated.numpy()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.errors import MAX_SEED, check_range
 from slrl_sumo.formats.output_files import write_json
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.progress import progress
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from slrl_sumo.studies.bench.learned import LearnedCost
 
 DEFAULT_MIX = "car=0.2,bicycle=0.2,pedestrian=0.6"
-"""With the usual half of cars, 256 road users do not fit into the small scenarios, nor 1,024 into `district`; like this
-all do, and nobody starts bumper to bumper."""
+"""With 50 % cars, the default of `run`, 256 road users do not fit into the small scenarios, nor 1,024 into `district`;
+with this mix all fit, and none starts bumper to bumper."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class BenchSettings:
     scenarios: tuple[str, ...] = ("intersection", "shared-space", "district")
     agents: tuple[int, ...] = (16, 64, 256, 1024)
     cores: tuple[int, ...] = ()
-    """So many simulations side by side; nothing: one, and as many as the machine has cores."""
+    """Numbers of simulations side by side; empty: one, and the number of cores of the machine."""
     steps: int = 60
-    """Decisions that count, of each measurement."""
+    """Decisions in each measurement, after the warm-up."""
     bundle: str = "intersection"
     selector: str | None = None
     mix: str = DEFAULT_MIX
@@ -45,13 +45,11 @@ class BenchSettings:
 
 
 def workloads(settings: BenchSettings) -> list[Workload]:
-    """What is measured, one after the other. Raises InputError where the settings are wrong."""
+    """The measurements, in order. Raises InputError if the settings are wrong."""
     for name, values in (("agents", settings.agents), ("cores", settings.cores), ("steps", (settings.steps,))):
         for value in values:
-            if value < 1:
-                raise InputError(f"--{name} {value}: give whole numbers of at least 1")
-    if not 0 <= settings.seed < 2**31:
-        raise InputError(f"--seed {settings.seed}: give a whole number from 0 to 2147483647")
+            check_range(name, value, 1)
+    check_range("seed", settings.seed, 0, MAX_SEED)
     from slrl_sumo.simulation.spawn import parse_mix
     from slrl_sumo.sumo.scenario import find_scenario
 
@@ -77,9 +75,9 @@ def workloads(settings: BenchSettings) -> list[Workload]:
 
 
 def measure(works: list[Workload]) -> Iterator[dict[str, Any] | str]:
-    """A row for each of `works`, ready for JSON, or why it is left out; each is measured in processes of its own.
+    """A row of JSON values for each of `works`, or the reason for leaving it out; each runs in processes of its own.
 
-    Raises InputError where bundle, selector or scenario cannot be used, SumoError where SUMO gives up.
+    Raises InputError if bundle, selector or scenario cannot be used, SumoError if SUMO fails.
     """
     from slrl_sumo.studies.bench.learned import measure_learned
     from slrl_sumo.studies.bench.plain import measure_plain
@@ -94,7 +92,7 @@ def measure(works: list[Workload]) -> Iterator[dict[str, Any] | str]:
 
 
 def _row(work: Workload, learned: "list[LearnedCost]", updates_per_s: list[float]) -> dict[str, Any]:
-    """One row: of simulations side by side times are means, rates and memory sums."""
+    """One row; for simulations side by side, times are means, rates and memory are sums."""
     parts = _means([cost.parts_s for cost in learned])
     floor = _means([cost.floor_s for cost in learned])
     decision, bare = sum(parts.values()), sum(floor.values())
@@ -122,7 +120,7 @@ def _means(seconds: list[dict[str, float]]) -> dict[str, float]:
 
 def write_bench(settings: BenchSettings, file: Path | None) -> int:
     """Measure with a progress bar, print the table and write `file`. Returns 0, or the number of the signal (SIGINT or
-    SIGTERM) that interrupted it: rows that are finished by then are written and printed."""
+    SIGTERM) that interrupted it; finished rows are written and printed in any case."""
     works = workloads(settings)
     rows: list[dict[str, Any]] = []
     left_out: dict[str, None] = {}
@@ -143,7 +141,7 @@ def write_bench(settings: BenchSettings, file: Path | None) -> int:
             except KeyboardInterrupt:
                 interrupted_by = caught[0]
     finally:
-        # Also where SUMO dies: what has been measured is worth keeping.
+        # Also if SUMO dies: finished measurements are kept.
         if file is not None and (rows or not sys.exc_info()[0]):
             write_json(file, {"rows": rows, "left_out": list(left_out), **_circumstances(settings)})
         if rows:
@@ -158,7 +156,7 @@ def _milliseconds(seconds: dict[str, float]) -> dict[str, float]:
 
 
 def _circumstances(settings: BenchSettings) -> dict[str, Any]:
-    """What the figures belong to."""
+    """Settings, machine and versions of the measurement."""
     return {
         "bundle": settings.bundle,
         "mix": settings.mix,
@@ -173,7 +171,7 @@ def _circumstances(settings: BenchSettings) -> dict[str, Any]:
 
 
 def print_rows(rows: list[dict[str, Any]]) -> None:
-    """Print the table on stdout: what is measured in ms is per decision of all road users."""
+    """Print the table on stdout; times in ms are per decision of all road users."""
     parts = list(rows[0]["parts_ms"])
     table = Table(
         title="ms per decision (0.4 s) of all learned road users of a simulation; n cores: n simulations at once",

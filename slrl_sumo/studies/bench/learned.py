@@ -1,4 +1,4 @@
-"""What learned road users cost in a scenario, and what the bare library calls behind them would."""
+"""Cost of learned road users in a scenario, and of the bare library calls that they need."""
 
 import resource
 import statistics
@@ -31,31 +31,31 @@ from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import bare_moves
 
 WARM_UP = 10
-"""Decisions before it counts: the first ones paint the ground and ask SUMO about everybody."""
+"""Decisions before the measurement: the first ones draw the ground and read every road user from SUMO."""
 REPEATS = 20
-"""Of each bare call; the median counts."""
+"""Repetitions of each bare call; the median is used."""
 
 
 @dataclass(frozen=True)
 class LearnedCost:
-    """What a workload costs; seconds are per decision of all its road users."""
+    """Cost of a workload; seconds are per decision of all its road users."""
 
     selector: str
     substeps: int
-    """SUMO steps in a decision."""
+    """SUMO steps per decision."""
     parts_s: dict[str, float]
-    """By PARTS."""
+    """Seconds by PARTS."""
     floor_s: dict[str, float]
-    """The bare library calls: moves, SUMO's steps, crops, displacement models, image encoder."""
+    """Seconds of the bare library calls: moves, SUMO's steps, crops, displacement models, image encoder."""
     peak_memory_mib: float
-    """Of the process until the last decision, the floor not included."""
+    """Peak memory of the process until the last decision, without the bare calls."""
 
 
 def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
-    """Run learned road users, with summary and XML trace, then the bare calls for the same ones; in this process, whose
-    preparations end with `ready`.
+    """Run learned road users, with summary and XML trace, then the bare calls for the same ones, in this process.
+    Yields once after the warm-up.
 
-    Raises DoesNotFit where they find no place, InputError where the workload is wrong, SumoError where SUMO gives up.
+    Raises DoesNotFit if the scenario has no room, InputError if the workload is wrong, SumoError if SUMO fails.
     """
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
@@ -71,7 +71,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
         try:
             simulation.spawn(counts, bundle.max_speed, work.seed)
         except InputError as error:
-            raise DoesNotFit(str(error)) from None
+            raise DoesNotFit(error.as_options()) from None
         start = simulation.start()
         tally = RunCounters(start.world)
         with FcdWriter(Path(folder) / "fcd.xml") as writer:
@@ -92,8 +92,8 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
 
 
 def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
-    """The mean of each part over the middle half of the decisions by their sums: so the parts of the result sum up, and
-    what disturbs single decisions has no say."""
+    """Mean of each part over the middle half of the decisions, ordered by their sums: the parts of the result are
+    additive, and disturbed decisions have no effect."""
     table = np.array([[decision[part] for part in PARTS] for decision in seconds])
     order = np.argsort(table.sum(axis=1))
     middle = order[len(order) // 4 : len(order) - len(order) // 4]
@@ -101,7 +101,7 @@ def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
 
 
 def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int) -> dict[str, float]:
-    """Seconds per decision of the calls that no implementation of the method can do without."""
+    """Seconds per decision of the calls that every implementation of the method needs."""
     learned = simulation.population.world
     observation = simulation.observe(np.arange(len(learned)), with_image=True)
     roadmap = simulation.roadmap
@@ -116,8 +116,8 @@ def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, 
 
 
 def _bare_sumo(session: SumoSession, learned: WorldState, steps: int) -> tuple[float, float]:
-    """Seconds that moveToXY takes for everybody, to where they are, and the SUMO step after it."""
-    # The reader's subscriptions are read in SUMO's step: bare calls have none.
+    """Seconds of moveToXY for all road users, to their current positions, and of the SUMO step after it."""
+    # SUMO's step fills the reader's subscriptions: bare calls have none.
     session.reader.forget()
     move = bare_moves(session.api, learned)
     times = []
@@ -132,7 +132,7 @@ def _bare_sumo(session: SumoSession, learned: WorldState, steps: int) -> tuple[f
 
 
 def _bare_crops(ground: NDArray[np.uint8], heading: Floats, resolution: float) -> None:
-    """One affine crop a road user, of the size that images are drawn in, out of the middle of a tile of ground."""
+    """One affine crop per road user, of the size in which ego images are drawn, from the middle of a ground tile."""
     crop = np.empty((FINE * EGO_ROWS, FINE * EGO_COLS), np.uint8)
     scale, middle = resolution / FINE, 0.5 * len(ground)
     c, s = scale * np.cos(heading), scale * np.sin(heading)

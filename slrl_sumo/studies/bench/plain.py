@@ -1,4 +1,4 @@
-"""What SUMO's own road users cost, as many as there are learned ones beside them."""
+"""Cost of SUMO's own road users, in the same number as the learned ones."""
 
 import statistics
 from collections.abc import Generator
@@ -24,13 +24,13 @@ from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
 
 WARM_UP_STEPS = 50
-"""SUMO steps before it counts: until then those that find no gap at once have come in."""
+"""SUMO steps before the measurement: road users that find no gap at first have been inserted by then."""
 ATTEMPTS = 8
-"""Destinations that are tried for somebody before it only drives to the end of its street."""
+"""Destinations that are tried for a road user before its route ends on its first edge."""
 
 
-class _Crowd:
-    """So many road users of SUMO's own that start where learned ones would; who arrives starts anew."""
+class _Traffic:
+    """Road users of SUMO's own that start where learned ones would, and start again when they have arrived."""
 
     def __init__(self, session: SumoSession, work: Workload) -> None:
         self._api = session.api
@@ -45,7 +45,7 @@ class _Crowd:
             self._add(f"plain_{number}")
 
     def renew(self) -> None:
-        """After a SUMO step: who has arrived starts once more."""
+        """After a SUMO step: road users that have arrived start again."""
         for user in sorted(arrived_ids(self._api)):
             if user in self._starts:
                 self._add(user)
@@ -81,14 +81,14 @@ class _Crowd:
 
 
 def measure_plain(work: Workload) -> Generator[None, None, float]:
-    """Updates of road users per second of SUMO's steps, in this process, with as many of SUMO's own as `work` has
-    learned ones beside those of the scenario; all are counted. Its preparations end with `ready`.
+    """Updates of road users per second of SUMO's steps, in this process: of `work.agents` road users of SUMO's own and
+    those of the scenario. Yields once after the warm-up.
 
-    Raises InputError where so many find no place, SumoError where SUMO gives up.
+    Raises InputError if the scenario has no room for them, SumoError if SUMO fails.
     """
     rates: list[float] = []
     with SumoSession(find_scenario(work.scenario), seed=work.seed) as session:
-        crowd = _Crowd(session, work)
+        traffic = _Traffic(session, work)
         for number in range(WARM_UP_STEPS + work.steps * session.substeps):
             if number == WARM_UP_STEPS:
                 yield
@@ -97,5 +97,5 @@ def measure_plain(work: Workload) -> Generator[None, None, float]:
             seconds = perf_counter() - begin
             if number >= WARM_UP_STEPS:
                 rates.append(loaded_count(session.api) / seconds)
-            crowd.renew()
+            traffic.renew()
     return statistics.median(rates)

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.learning.rl.imitation import ImitationSettings, Lessons, imitate, lessons, watch
+from slrl_sumo.learning.rl.imitation import Demonstrations, ImitationSettings, demonstrations, imitate, recorded_traffic
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
@@ -15,8 +15,8 @@ from slrl_sumo.sumo.scenario import find_scenario
 
 
 def test_lessons_show_what_the_road_user_of_the_window_saw(shipped_bundle: ModelBundle) -> None:
-    recording, ground = watch(find_scenario("intersection"), 60.0, 3)
-    shown = lessons(recording, ground, shipped_bundle, 5)
+    recording, ground = recorded_traffic(find_scenario("intersection"), 60.0, 3)
+    shown = demonstrations(recording, ground, shipped_bundle, 5)
     every = windows([recording], 5)
     assert len(shown) == len(every) > 50
     np.testing.assert_array_equal(shown.vector, every.vector)
@@ -33,7 +33,7 @@ def test_lessons_show_what_the_road_user_of_the_window_saw(shipped_bundle: Model
     assert (ground.surface_at(recording.x, recording.y) != Surface.NONE).mean() > 0.85
 
 
-def _made(n: int, seed: int) -> Lessons:
+def _made(n: int, seed: int) -> Demonstrations:
     """Windows in which the brightness of the image says which of two modes was chosen."""
     random = np.random.default_rng(seed)
     bright = random.random(n) < 0.5
@@ -41,7 +41,7 @@ def _made(n: int, seed: int) -> Lessons:
     kind = random.integers(0, 3, n)
     vector[np.arange(n), 2 + kind] = 1.0
     image = np.where(bright, 220, 30)[:, None, None, None] + random.integers(0, 30, (n, 20, 40, 3))
-    return Lessons(vector, image.astype(np.uint8), kind, np.where(bright, 4, 11))
+    return Demonstrations(vector, image.astype(np.uint8), kind, np.where(bright, 4, 11))
 
 
 def test_the_policy_learns_what_only_the_image_tells(shipped_bundle: ModelBundle) -> None:

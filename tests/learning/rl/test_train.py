@@ -50,8 +50,8 @@ def _train(out: Path, *, resume: bool = False, stop_after: int | None = None) ->
     else:
         with pytest.raises(_StoppedError):
             train(request, SETTINGS, resume=resume, report=report)
-    # Who resumes has been taught already.
-    assert stages[0] == ("training" if resume else "watching")
+    # A resumed training has imitated already.
+    assert stages[0] == ("training" if resume else "recording")
     return seen
 
 
@@ -60,7 +60,7 @@ def _comparable(rows: list[dict[str, float]]) -> list[Any]:
     return [{k: repr(v) for k, v in row.items() if not k.startswith("speed/") and k[-2:] != "_s"} for row in rows]
 
 
-def test_a_training_that_was_stopped_goes_on_exactly(tmp_path: Path) -> None:
+def test_a_stopped_training_resumes_exactly(tmp_path: Path) -> None:
     whole = _train(tmp_path / "whole")
     begun = _train(tmp_path / "parts", stop_after=4)  # the checkpoint is that of update 2: 3 and 4 are done again
     rest = _train(tmp_path / "parts", resume=True)
@@ -82,13 +82,13 @@ def test_a_training_that_was_stopped_goes_on_exactly(tmp_path: Path) -> None:
 
     request = TrainRequest("shared-space", "intersection", tmp_path / "whole", steps=6 * 32, workers=1)
     nothing = lambda *_: None  # noqa: E731
-    with pytest.raises(InputError, match="holds a training already; go on with --resume"):
+    with pytest.raises(InputError, match="holds a training already; continue it with --resume"):
         train(request, SETTINGS, resume=False, report=nothing)
-    with pytest.raises(InputError, match=r"begun with another seed \(1 then, 2 now\)"):
+    with pytest.raises(InputError, match=r"started with another seed \(1 then, 2 now\)"):
         train(replace(request, seed=2), SETTINGS, resume=True, report=nothing)
-    with pytest.raises(InputError, match=r"begun with another settings.ppo.gamma"):
+    with pytest.raises(InputError, match=r"started with another settings.ppo.gamma"):
         train(request, replace(SETTINGS, ppo=replace(SETTINGS.ppo, gamma=0.5)), resume=True, report=nothing)
-    with pytest.raises(InputError, match=r"begun with another steps \(192 then, 96 now\)"):
+    with pytest.raises(InputError, match=r"started with another steps \(192 then, 96 now\)"):
         train(replace(request, steps=3 * 32), SETTINGS, resume=True, report=nothing)
 
     # For more steps than were asked for it goes on where it ended, unless that was between two starts.

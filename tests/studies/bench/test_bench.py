@@ -121,10 +121,10 @@ def test_an_interrupt_keeps_the_rows_that_are_finished(
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (BenchSettings(agents=(0,)), "--agents 0"),
-        (BenchSettings(cores=(0,)), "--cores 0"),
-        (BenchSettings(steps=0), "--steps 0"),
-        (BenchSettings(seed=-1), "--seed -1"),
+        (BenchSettings(agents=(0,)), "agents=0"),
+        (BenchSettings(cores=(0,)), "cores=0"),
+        (BenchSettings(steps=0), "steps=0"),
+        (BenchSettings(seed=-1), "seed=-1"),
         (BenchSettings(scenarios=("nowhere",)), "nowhere"),
         (BenchSettings(mix="boat=1"), "boat"),
     ],
