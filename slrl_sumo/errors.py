@@ -5,7 +5,6 @@ SlrlError
 └── SumoError       SUMO itself failed while a simulation was running (exit code 3)
 """
 
-import math
 import re
 from typing import Any
 
@@ -48,16 +47,10 @@ class SumoError(SlrlError):
     """SUMO refused to continue, or died while a simulation was running."""
 
 
-MAX_SEED = 2**31 - 1
-"""Highest seed that SUMO takes."""
-
-
-def check_range(argument: str, value: float, low: float, high: float = math.inf) -> None:
-    """Raise InputError unless `low` <= `value` <= `high`."""
-    if not low <= value <= high:
-        kind = "a whole number" if isinstance(low, int) else "a number"
-        limits = f"{low} or more" if high == math.inf else f"from {low} to {high}"
-        raise InputError(f"give {kind} {limits}", argument=argument, value=value)
+def check_whole_number(argument: str, value: int, least: int, most: int) -> None:
+    """Raise InputError where `value` is no whole number from `least` to `most`."""
+    if isinstance(value, bool) or not hasattr(value, "__index__") or not least <= value <= most:
+        raise InputError(f"give a whole number from {least} to {most}", argument=argument, value=value)
 
 
 _REFERENCE = re.compile(r"`([a-z_]+)(?:=([^`]*))?`")

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from slrl_sumo.cli.app import RayAddress, app, backend_of
-from slrl_sumo.errors import InputError, check_range
+from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.output_files import check_parent
 
 
@@ -127,7 +127,7 @@ def train(
     from slrl_sumo.learning.rl.training_settings import read_settings
 
     check_parent(out)
-    check_range("episodes", episodes, 0)
+    check_whole_number("episodes", episodes, 0, 1_000_000)
     request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()), ray)
     if not train_with_progress(request, read_settings(config), resume=resume):
         raise typer.Exit(130)

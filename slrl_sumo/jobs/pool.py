@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from slrl_sumo.errors import SumoError, check_range
+from slrl_sumo.errors import SumoError, check_whole_number
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.workers import MAX_REQUESTS, LocalWorkers, MachineLostError
 
@@ -27,6 +27,8 @@ MACHINE_ATTEMPTS = 20
 
 MAX_FIRST_FAILURES = 3
 """Jobs left out before the first success, after which the whole study is given up."""
+
+MAX_WORKERS = 16_384
 
 Job = TypeVar("Job", bound=Hashable)
 Record = TypeVar("Record")
@@ -44,7 +46,7 @@ class Backend:
 
     def __post_init__(self) -> None:
         if self.workers is not None:
-            check_range("workers", self.workers, 1)
+            check_whole_number("workers", self.workers, 1, MAX_WORKERS)
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ import torch
 
 from netgen.errors import NetgenError
 from netgen.families import Family, generate
-from slrl_sumo.errors import MAX_SEED, InputError, check_range
+from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectories import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
-from slrl_sumo.jobs.pool import Backend, portable_name
+from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.imitation import demonstrations, imitate, recorded_traffic
 from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
@@ -65,10 +65,10 @@ class TrainRequest:
     """Where the simulations run: see slrl_sumo.jobs.pool.Backend. The result does not depend on it."""
 
     def __post_init__(self) -> None:
-        check_range("steps", self.steps, 1, 10**12)
-        check_range("workers", self.workers, 1, 16_384)
-        check_range("threads", 1 if self.threads is None else self.threads, 1, 1024)
-        check_range("seed", self.seed, 0, MAX_SEED)
+        check_whole_number("steps", self.steps, 1, 10**12)
+        check_whole_number("workers", self.workers, 1, MAX_WORKERS)
+        check_whole_number("threads", 1 if self.threads is None else self.threads, 1, 1024)
+        check_whole_number("seed", self.seed, 0, 2**31 - 1)
 
     @property
     def folder(self) -> Path:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
-from slrl_sumo.errors import MAX_SEED, check_range
+from slrl_sumo.errors import check_whole_number
 from slrl_sumo.formats.output_files import write_json
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.progress import progress
@@ -46,10 +46,12 @@ class BenchSettings:
 
 def workloads(settings: BenchSettings) -> list[Workload]:
     """The measurements, in order. Raises InputError if the settings are wrong."""
-    for name, values in (("agents", settings.agents), ("cores", settings.cores), ("steps", (settings.steps,))):
-        for value in values:
-            check_range(name, value, 1)
-    check_range("seed", settings.seed, 0, MAX_SEED)
+    for agents in settings.agents:
+        check_whole_number("agents", agents, 1, 1_000_000)
+    for cores in settings.cores:
+        check_whole_number("cores", cores, 1, 1024)
+    check_whole_number("steps", settings.steps, 1, 1_000_000)
+    check_whole_number("seed", settings.seed, 0, 2**31 - 1)
     from slrl_sumo.simulation.spawn import parse_mix
     from slrl_sumo.sumo.scenario import find_scenario
 
