@@ -46,10 +46,10 @@ class BenchSettings:
 
 def workloads(settings: BenchSettings) -> list[Workload]:
     """The measurements, in order. Raises InputError if the settings are wrong."""
-    for agents in settings.agents:
-        check_whole_number("agents", agents, 1, 1_000_000)
-    for cores in settings.cores:
-        check_whole_number("cores", cores, 1, 1024)
+    for value in settings.agents:
+        check_whole_number("agents", value, 1, 1_000_000)
+    for value in settings.cores:
+        check_whole_number("cores", value, 1, 1024)
     check_whole_number("steps", settings.steps, 1, 1_000_000)
     check_whole_number("seed", settings.seed, 0, 2**31 - 1)
     from slrl_sumo.simulation.spawn import parse_mix
