@@ -4,7 +4,7 @@ python tools/schedule.py study    [--cores 16,256,4096] [--jobs-per-core 64] [--
 python tools/schedule.py training [--cores 16,256,4096] [--rollout S] [--sd S] [--update S] [--gbit 10]
 
 study     independent simulations: who is free takes the next; one process hands out jobs and writes down results, one
-          after the other; so many more jobs than cores are handed out that cores find one waiting (ray_workers.QUEUED_SHARE)
+          after the other; more jobs than cores are handed out, so that no core waits (ray_workers.QUEUED_SHARE)
 training  PPO: weights to all machines, rollouts side by side, all of them back, one update; and so on
 """
 
