@@ -1,6 +1,6 @@
 """Road users on the paths of driven vehicles, also those that SUMO has on other lanes or on none."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
     boxes = predicted(world, MOMENTS)
     # In SUMO's networks, vehicles that go straight on graze those that wait to turn.
     boxes[~walks, :, 3:] -= GRAZE
-    narrow = replace(ahead, width=np.maximum(ahead.width - 2.0 * MARGIN - GRAZE, 0.3))
+    narrow = ahead._replace(width=np.maximum(ahead.width - 2.0 * MARGIN - GRAZE, 0.3))
     for others, mine in ((walks, ahead), (~walks, narrow)):
         vehicle, other = np.nonzero(near & others)
         close = approaching(approach.path_x, approach.path_y, size, vehicle, boxes, other)

@@ -1,7 +1,7 @@
 """The boxes that vehicles will sweep on their paths."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,7 @@ STRAIGHTENING = 15.0
 """m within which a vehicle beside its lane's centre is expected to return to it, at the latest."""
 
 
-@dataclass(frozen=True)
-class Sweep:
+class Sweep(NamedTuple):
     """Boxes of n vehicles at k places ahead, `SPACING` m apart, the first where they are now; arrays (n, k)."""
 
     x: Floats
@@ -38,19 +37,15 @@ def sweep(
     `front_x`, `front_y`, `heading`: the middle of the front edge and the direction now, (n,); `size`: rows of length
     and width, (n, 2). Fronts follow the path, rears follow the fronts: long vehicles cut corners, as SUMO draws them.
     """
-    boxes = np.empty((4, *path_x.shape))
-    valid = np.empty(path_x.shape, np.bool_)
-    paths = np.stack([path_x, path_y])
-    _swept(paths, room, np.stack([front_x, front_y, heading]), size, SPACING, boxes, valid)
+    boxes, valid = _swept(np.stack([path_x, path_y]), room, np.stack([front_x, front_y, heading]), size)
     return Sweep(boxes[0], boxes[1], boxes[2], boxes[3], size[:, 0].copy(), valid)
 
 
 @compiled
-def _swept(
-    paths: Floats, room: Floats, fronts: Floats, size: Floats, spacing: float, boxes: Floats, valid: NDArray[np.bool_]
-) -> None:
-    """Write x, y, heading and width (4, n, k) for paths (2, n, k), and front x, y and heading (3, n)."""
+def _swept(paths: Floats, room: Floats, fronts: Floats, size: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """x, y, heading, width (4, n, k) and validity of boxes, for paths (2, n, k), and front x, y, heading (3, n)."""
     _, n, k = paths.shape
+    boxes, valid = np.empty((4, n, k)), np.empty((n, k), np.bool_)
     along, front = np.empty((2, k)), np.empty((2, k))
     for i in range(n):
         front_x, front_y, length, width = fronts[0, i], fronts[1, i], size[i, 0], size[i, 1]
@@ -68,9 +63,9 @@ def _swept(
         first_x = front_x if off_path else paths[0, i, 0]
         first_y = front_y if off_path else paths[1, i, 0]
         beside = (front_y - first_y) * along[0, 0] - (front_x - first_x) * along[1, 0]
-        behind = round(length / spacing) if 0.0 <= length < k * spacing else k
+        behind = round(length / SPACING) if 0.0 <= length < k * SPACING else k
         for j in range(k):
-            s = j * spacing
+            s = j * SPACING
             kept = max(1.0 - s / STRAIGHTENING, 0.0)
             # The box covers both staying beside the centre and returning to it.
             lateral = beside * (1.0 + kept) / 2.0
@@ -89,3 +84,4 @@ def _swept(
             boxes[2, i, j] = turned
             boxes[3, i, j] = width + abs(beside) * (1.0 - kept)
             valid[i, j] = off_path or j == 0 or s <= room[i] + 1e-9
+    return boxes, valid

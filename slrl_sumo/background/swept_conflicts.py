@@ -47,17 +47,12 @@ def approaching(
 ) -> NDArray[np.bool_]:
     """Whether the path comes near the road user, by circles around all its boxes, for each of p pairs."""
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
-    return _approaching(np.stack([path_x, path_y]), size, vehicle, boxes, agent, SPACING)
+    return _approaching(np.stack([path_x, path_y]), size, vehicle, boxes, agent)
 
 
 @compiled
 def _approaching(
-    paths: Floats,
-    size: Floats,
-    vehicle: NDArray[np.intp],
-    boxes: Floats,
-    agent: NDArray[np.intp],
-    spacing: float,
+    paths: Floats, size: Floats, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """See `approaching`; `paths`: (2, n, k)."""
     stride = 4
@@ -70,7 +65,7 @@ def _approaching(
             radius = max(radius, math.hypot(box[m, 0] - x, box[m, 1] - y))
         radius += 0.5 * math.hypot(box[0, 3], box[0, 4])
         # From the path to the farthest corner: behind the vehicle, or ahead on the other side of the lane.
-        reach = radius + size[v, 0] + size[v, 1] + stride * spacing + MARGIN
+        reach = radius + size[v, 0] + size[v, 1] + stride * SPACING + MARGIN
         for j in range(0, paths.shape[2], stride):
             dx, dy = paths[0, v, j] - x, paths[1, v, j] - y
             if dx * dx + dy * dy < reach * reach:
@@ -88,57 +83,48 @@ def conflicts(
     that are not `moving` (n,) count at their first moment only. Vehicles keep `MARGIN` on either side from road users
     ahead of their front now; one that they are passing is no reason to stop, unless they would cut into it.
     """
-    enter, leave = np.full((2, len(vehicle), boxes.shape[1]), np.inf)
-    leave *= -1.0
-    swept = np.stack([ahead.x, ahead.y, ahead.heading, ahead.width])
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
-    _conflicts(swept, ahead.length, ahead.valid, vehicle, boxes, agent, moving, SPACING, enter, leave)
-    return enter, leave
+    return _conflicts(ahead, vehicle, boxes, agent, moving)
 
 
 @compiled
 def _conflicts(
-    swept: Floats,
-    lengths: Floats,
-    valid: NDArray[np.bool_],
-    vehicle: NDArray[np.intp],
-    boxes: Floats,
-    agent: NDArray[np.intp],
-    moving: NDArray[np.bool_],
-    spacing: float,
-    enter: Floats,
-    leave: Floats,
-) -> None:
-    """Write `enter` and `leave`, (p, q), which hold inf and -inf; `swept`: x, y, heading and width, (4, n, k)."""
+    ahead: Sweep, vehicle: NDArray[np.intp], boxes: Floats, agent: NDArray[np.intp], moving: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """See `conflicts`."""
+    enter = np.full((len(vehicle), boxes.shape[1]), np.inf)
+    leave = -enter
     for p in range(len(vehicle)):
         v, a = vehicle[p], agent[p]
-        length = lengths[v]
+        x_ahead, y_ahead, headings, widths = ahead.x[v], ahead.y[v], ahead.heading[v], ahead.width[v]
+        length = ahead.length[v]
         widest = 0.0
-        for j in range(swept.shape[2]):
-            widest = max(widest, swept[3, v, j])
+        for width in widths:
+            widest = max(widest, width)
         their_length, their_width = boxes[a, 0, 3], boxes[a, 0, 4]
         close = 0.5 * (math.hypot(length, widest + 2.0 * MARGIN) + math.hypot(their_length, their_width))
-        towards_x, towards_y = math.cos(swept[2, v, 0]), math.sin(swept[2, v, 0])
+        towards_x, towards_y = math.cos(headings[0]), math.sin(headings[0])
         for m in range(boxes.shape[1] if moving[a] else 1):
             x, y = boxes[a, m, 0], boxes[a, m, 1]
-            before = (x - swept[0, v, 0]) * towards_x + (y - swept[1, v, 0]) * towards_y > 0.5 * length
+            before = (x - x_ahead[0]) * towards_x + (y - y_ahead[0]) * towards_y > 0.5 * length
             # With a margin around predictions, vehicles would brake that can pass just in time.
             room = 2.0 * MARGIN if before and m == 0 else 0.0
-            for j in range(swept.shape[2]):
-                dx, dy = x - swept[0, v, j], y - swept[1, v, j]
+            for j in range(len(x_ahead)):
+                dx, dy = x - x_ahead[j], y - y_ahead[j]
                 # Circles first, then boxes.
-                if not valid[v, j] or dx * dx + dy * dy >= close * close:
+                if not ahead.valid[v, j] or dx * dx + dy * dy >= close * close:
                     continue
-                ours, theirs = swept[2, v, j], boxes[a, m, 2]
-                width = swept[3, v, j] + room
+                ours, theirs = headings[j], boxes[a, m, 2]
+                width = widths[j] + room
                 mine = Box(math.cos(ours), math.sin(ours), length, width)
                 if not overlap(dx, dy, mine, Box(math.cos(theirs), math.sin(theirs), their_length, their_width)):
                     continue
                 if j == 0 and not before:
                     enter[p, m], leave[p, m] = np.inf, -np.inf
                     break
-                enter[p, m] = min(enter[p, m], j * spacing)
-                leave[p, m] = j * spacing
+                enter[p, m] = min(enter[p, m], j * SPACING)
+                leave[p, m] = j * SPACING
+    return enter, leave
 
 
 def speed_along(

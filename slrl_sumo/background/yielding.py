@@ -158,6 +158,7 @@ def _look_ahead(speed: Floats, deceleration: Floats, dt: float) -> Floats:
     return speed * (dt + 0.5) + speed * speed / (2.0 * deceleration) + STOP_SHORT + 5.0
 
 
+@compiled
 def safe_speeds(
     enter: Floats, leave: Floats, speed: Floats, leading: Floats, limits: Floats, dt: float
 ) -> tuple[Floats, NDArray[np.bool_]]:
@@ -169,34 +170,19 @@ def safe_speeds(
     (https://sumo.dlr.de/docs/Car-Following-Models.html); where `decel` does not suffice, it follows from the least
     sufficient deceleration, up to the emergency deceleration.
     """
-    return _safe_speeds(enter, leave, speed, leading, limits, dt, MOMENTS, SPACING)
-
-
-@compiled
-def _safe_speeds(
-    enter: Floats,
-    leave: Floats,
-    speed: Floats,
-    leading: Floats,
-    limits: Floats,
-    dt: float,
-    moments: Floats,
-    spacing: float,
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """See `safe_speeds`."""
     targets, hard = np.full(len(speed), np.inf), np.zeros(len(speed), np.bool_)
     for p, v in enumerate(speed):
         acceleration, comfortable, emergency = limits[p, 0], limits[p, 1], limits[p, 2]
         delay = comfortable * dt
-        for m, moment in enumerate(moments):
+        for m, moment in enumerate(MOMENTS):
             first, following = enter[p, m], leading[p, m]
-            needed = (v * v - following * following) / (2.0 * max(first - spacing, 1e-3))
+            needed = (v * v - following * following) / (2.0 * max(first - SPACING, 1e-3))
             # A later position matters if the road user stays there (last moment), or the vehicle may be there then ...
             now, last = moment == 0.0, moment >= HORIZON
             matters = now or last or first <= v * moment + 0.5 * acceleration * moment * moment + STOP_SHORT
             # ... and has not passed before. A vehicle that can no longer stop should pass, even closely.
             ahead_by = 0.0 if needed > emergency else AHEAD_BY
-            if not matters or not (now or leave[p, m] + spacing >= v * max(moment - ahead_by, 0.0)):
+            if not matters or not (now or leave[p, m] + SPACING >= v * max(moment - ahead_by, 0.0)):
                 continue
             gap = max(first - STOP_SHORT, 0.0)
             target = math.sqrt(delay * delay + following * following + 2.0 * comfortable * gap) - delay
