@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,6 @@ from slrl_sumo.scene.geometry import Floats, cos_sin
 Ids = NDArray[np.uint8]
 Longs = NDArray[np.int64]
 Words = NDArray[np.uint32]
-Store = tuple[Longs, Longs, Longs, int, Words]
-"""Keys of all squares, their slots, when each slot was last used, the time now, and what is painted in the slots."""
 
 PACKED = 8
 """Pixels in a word of 32 bits, the first one in its lowest bits."""
@@ -22,6 +21,41 @@ MISSING = -1
 """Slot of a square that is not painted."""
 FARTHEST = 2**31
 """Squares are numbered below this, to either side of the origin; what is farther away has no ground."""
+
+
+class Store(NamedTuple):
+    """The squares for compiled loops."""
+
+    keys: Longs
+    """Of all squares, sorted."""
+    slots: Longs
+    """Where each of them is painted, or MISSING."""
+    used: Longs
+    """When each slot was last asked for."""
+    now: int
+    squares: Words
+    """The slots, (slots, pixels, words)."""
+    resolution: float
+    """px/m."""
+    core: float
+    """m; side of a square."""
+    margin: float
+    """m painted around it."""
+
+
+class Views(NamedTuple):
+    """n views from places `x`, `y` (m) in directions `cos`, `sin`, (n,) each.
+
+    The first pixel lies `ahead` m ahead and `left` m to the left, the next ones every `step` m.
+    """
+
+    x: Floats
+    y: Floats
+    cos: Floats
+    sin: Floats
+    ahead: float
+    left: float
+    step: float
 
 
 class Tiles:
@@ -72,7 +106,7 @@ class Tiles:
         pending = np.ones(len(x), np.bool_)
         x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
         self._now += 1
-        while (square := _look_up(x, y, found, pending, self._state(), self._measures())) != MISSING:
+        while (square := _look_up(x, y, found, pending, self._state())) != MISSING:
             self._paint(square)
         return found
 
@@ -81,20 +115,16 @@ class Tiles:
         cols). The first pixel lies at `begin` (m ahead, m to the left), the next ones every `step` m, columns ahead and
         rows to the right. All of a view must lie within the margin round its place. ValueError where lengths differ."""
         _alike(x, y, heading)
-        cos, sin = cos_sin(heading)
+        places = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
+        views = Views(*places, *cos_sin(heading), *begin, step)
         pending = np.ones(len(x), np.bool_)
-        x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
         self._now += 1
-        while (
-            square := _cut_out(x, y, cos, sin, begin, step, out, pending, self._state(), self._measures())
-        ) != MISSING:
+        while (square := _cut_out(views, out, pending, self._state())) != MISSING:
             self._paint(square)
 
     def _state(self) -> Store:
-        return self._keys, self._slots, self._used, self._now, self._squares
-
-    def _measures(self) -> tuple[float, float, float]:
-        return self._resolution, self._core, self._margin
+        measures = self._resolution, self._core, self._margin
+        return Store(self._keys, self._slots, self._used, self._now, self._squares, *measures)
 
     def _paint(self, square: int) -> None:
         """Paint a square, in place of the one that was not asked for for longest if there is no room."""
@@ -155,17 +185,9 @@ def _square(x: float, y: float, core: float, keys: Longs) -> int:
 
 
 @compiled
-def _look_up(
-    x: Floats,
-    y: Floats,
-    found: Ids,
-    pending: NDArray[np.bool_],
-    store: Store,
-    measures: tuple[float, float, float],
-) -> int:
+def _look_up(x: Floats, y: Floats, found: Ids, pending: NDArray[np.bool_], store: Store) -> int:
     """Find what lies under the `pending` points whose square is painted; returns a square that is not, or MISSING."""
-    keys, slots, used, now, squares = store
-    resolution, core, margin = measures
+    keys, slots, used, now, squares, resolution, core, margin = store
     missing = square = MISSING
     west, south = 0.0, 0.0
     for i in range(len(x)):
@@ -191,25 +213,13 @@ def _look_up(
 
 
 @compiled
-def _cut_out(
-    x: Floats,
-    y: Floats,
-    cos: Floats,
-    sin: Floats,
-    begin: tuple[float, float],
-    step: float,
-    out: Ids,
-    pending: NDArray[np.bool_],
-    store: Store,
-    measures: tuple[float, float, float],
-) -> int:
+def _cut_out(views: Views, out: Ids, pending: NDArray[np.bool_], store: Store) -> int:
     """Cut the `pending` views out of squares that are painted; returns a square that is not, or MISSING.
 
     The nearest pixel counts, in single precision: what OpenCV 5 does in warpAffine, to the bit.
     """
-    keys, slots, used, now, squares = store
-    resolution, core, margin = measures
-    ahead, left = begin
+    keys, slots, used, now, squares, resolution, core, margin = store
+    x, y, cos, sin, ahead, left, step = views
     missing = MISSING
     rows, cols = out.shape[1], out.shape[2]
     words = squares.shape[2]

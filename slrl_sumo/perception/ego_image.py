@@ -1,11 +1,14 @@
 """What a road user sees: the image of the ground and of the others around it (paper, section 3.1 and Fig. 2)."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.perception.line_raster import CHANNEL, draw_views
-from slrl_sumo.scene.geometry import cos_sin
+from slrl_sumo.perception.line_raster import EDGE, SIXTEENTHS, draw_lines
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats, cos_sin
 from slrl_sumo.scene.route import HERE, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -23,6 +26,8 @@ DRAWN_WIDTH = np.array([2.9, 4.7, 6.6, 8.3])
 """How wide lines of these thicknesses really are, in px (mean over directions and sub-pixel places)."""
 WIDTH_BOUNDS = (DRAWN_WIDTH[1:] + DRAWN_WIDTH[:-1]) / 2
 """Widths of boxes (px) from which on the next thickness is nearer."""
+WIDEST = float(DRAWN_WIDTH[-1]) / FINE
+"""The same of the thickest one, in m."""
 CUT = 4.5
 """Lines are cut this many rows outside their view, from where the thickest one just does not show."""
 MIN_LENGTH = 1.0
@@ -49,6 +54,10 @@ EXTENDED_PALETTE[PATH] = 255, 0, 255
 PATH_THICKNESS = 2
 """px: a metre."""
 VALUES = PAINT + len(RoadUserType)
+CHANNEL = 10
+"""Bits of a colour channel where four of them are added up."""
+LINES = 256
+"""Lines that are drawn at once: numba counts references to the canvas in every function that takes it."""
 
 
 def _channels(palette: NDArray[np.uint8]) -> NDArray[np.uint32]:
@@ -57,6 +66,35 @@ def _channels(palette: NDArray[np.uint8]) -> NDArray[np.uint32]:
 
 
 PAPER_COLOURS, EXTENDED_COLOURS = _channels(PAPER_PALETTE), _channels(EXTENDED_PALETTE)
+
+
+class _Users(NamedTuple):
+    """All road users of a scene, (n,) each."""
+
+    x: Floats
+    y: Floats
+    cos: Floats
+    """Of the heading."""
+    sin: Floats
+    length: Floats
+    width: Floats
+
+
+class _Sorting(NamedTuple):
+    """The order in which road users are searched and drawn: by group, later ones on top, then by x or y."""
+
+    order: NDArray[np.intp]
+    groups: NDArray[np.intp]
+    """Where each group begins in `order`, and the end."""
+    by_x: bool
+
+
+class _Paths(NamedTuple):
+    """Paths ahead: which road users have one, (n,), and its points, (n, POINTS)."""
+
+    known: NDArray[np.bool_]
+    x: Floats
+    y: Floats
 
 
 def ego_images(
@@ -74,16 +112,16 @@ def ego_images(
         return images
     rows = np.ascontiguousarray(rows, np.intp)
     columns = (world.x, world.y, *cos_sin(world.heading), world.length, world.width)
-    x, y, cos, sin, length, width = (np.ascontiguousarray(column, np.float64) for column in columns)
+    users = _Users(*(np.ascontiguousarray(column, np.float64) for column in columns))
+    x, y = users.x, users.y
     # Cars first: whoever is vulnerable is never hidden. Within a type along the longer side of the scene, so that few
     # have to be looked at for a view.
     by_x = bool(np.ptp(x) >= np.ptp(y))
     order = np.lexsort((x if by_x else y, world.type))
     groups = np.searchsorted(world.type[order], np.arange(len(RoadUserType) + 1))
+    sorting = _Sorting(order, groups, by_x)
     way = RouteAhead.unknown(len(rows)) if route is None else route
     path_x, path_y = (np.ascontiguousarray(column, np.float64) for column in (way.x, way.y))
-    window = BEHIND, AHEAD, SIDE, float(FINE), CUT
-    look = PATH, PATH_THICKNESS, PAINT, MIN_LENGTH, float(DRAWN_WIDTH[-1]) / FINE
     colours = PAPER_COLOURS if route is None else EXTENDED_COLOURS
     for start in range(0, len(rows), VIEWS_AT_ONCE):
         some = slice(start, start + VIEWS_AT_ONCE)
@@ -91,21 +129,122 @@ def ego_images(
         views = roadmap.ego_surfaces(
             x[egos], y[egos], world.heading[egos], behind=BEHIND, ahead=AHEAD, side=SIDE, resolution=FINE
         )
-        draw_views(
-            views,
-            images[some],
-            egos,
-            (x, y, cos, sin, length, width),
-            (order, groups, by_x),
-            (way.known[some], path_x[some], path_y[some], HERE),
-            window,
-            look,
-            (WIDTH_BOUNDS, THICKNESS),
-            colours,
-        )
+        paths = _Paths(way.known[some], path_x[some], path_y[some])
+        _draw_views(views, images[some], egos, users, sorting, paths, colours)
     return images
 
 
 def ego_picture(image: NDArray[np.uint8], scale: int = 10) -> NDArray[np.uint8]:
     """One ego image enlarged for people, (rows * scale, cols * scale, 3): every pixel becomes a square."""
     return image.repeat(scale, axis=0).repeat(scale, axis=1)
+
+
+@compiled
+def _draw_views(
+    views: NDArray[np.uint8],
+    images: NDArray[np.uint8],
+    rows: NDArray[np.intp],
+    users: _Users,
+    sorting: _Sorting,
+    paths: _Paths,
+    colours: NDArray[np.uint32],
+) -> None:
+    """Draw paths and road users on the ground of `views` (n, rows, cols), and put them into `images` (n, rows / 2,
+    cols / 2, 3): the mean colour of every four pixels.
+
+    The views are those of the road users `rows` (n,) of `users`; `paths` are theirs. `colours`: (VALUES,), channels of
+    CHANNEL bits each, the first lowest.
+    """
+    height = views.shape[1]
+    lines = np.empty((paths.x.shape[1] + LINES, 7), np.int64)
+    canvas = np.empty((height + 2 * EDGE, views.shape[2] + 2 * EDGE), np.uint8)
+    along = np.empty(len(sorting.order))
+    reach = np.empty(len(sorting.order))
+    most = 0.0
+    for k in range(len(sorting.order)):
+        i = sorting.order[k]
+        along[k] = users.x[i] if sorting.by_x else users.y[i]
+        reach[k] = (max(users.length[i], MIN_LENGTH) + WIDEST) / 2
+        most = max(most, reach[k])
+    middle = (AHEAD - BEHIND) / 2
+    sight = np.sqrt(((AHEAD + BEHIND) / 2) ** 2 + SIDE**2) + most
+
+    for v in range(len(rows)):
+        for r in range(height):
+            for k in range(views.shape[2]):
+                canvas[r + EDGE, k + EDGE] = views[v, r, k]
+        count = 0 * len(rows)  # not just 0: lines would be compiled for that number, then for any
+        ego = rows[v]
+        x, y, c, s = users.x[ego], users.y[ego], users.cos[ego], users.sin[ego]
+        if paths.known[v]:
+            for k in range(HERE, paths.x.shape[1]):
+                dx, dy = paths.x[v, k] - x, paths.y[v, k] - y
+                # A path that leaves the view goes on beside it.
+                left = min(max(c * dy - s * dx, -SIDE - 1.5), SIDE + 1.5)
+                lines[count, 2] = int(np.rint(((c * dx + s * dy + BEHIND) * FINE - 0.5) * SIXTEENTHS))
+                lines[count, 3] = int(np.rint(((SIDE - left) * FINE - 0.5) * SIXTEENTHS))
+                lines[count, 4], lines[count, 5], lines[count, 6] = PATH, PATH_THICKNESS, k == HERE + 1
+                # It is where the next one begins; the first point ends nothing.
+                lines[count + 1, 0], lines[count + 1, 1] = lines[count, 2], lines[count, 3]
+                if k > HERE:
+                    count += 1
+                else:
+                    lines[count, 0], lines[count, 1] = lines[count, 2], lines[count, 3]
+        centre = x + middle * c if sorting.by_x else y + middle * s
+        for group in range(len(sorting.groups) - 1):
+            low, high = sorting.groups[group], sorting.groups[group + 1]
+            while low < high:  # the first one that may be seen
+                half_way = (low + high) // 2
+                if along[half_way] < centre - sight:
+                    low = half_way + 1
+                else:
+                    high = half_way
+            for k in range(low, sorting.groups[group + 1]):
+                if along[k] > centre + sight:
+                    break
+                i = sorting.order[k]
+                dx, dy = users.x[i] - x, users.y[i] - y
+                front, left = c * dx + s * dy, c * dy - s * dx
+                if not (abs(front - middle) < (AHEAD + BEHIND) / 2 + reach[k] and abs(left) < SIDE + reach[k]):
+                    continue
+                thickness = THICKNESS[0]
+                for nth in range(len(WIDTH_BOUNDS)):
+                    if WIDTH_BOUNDS[nth] < users.width[i] * FINE:
+                        thickness = THICKNESS[nth + 1]
+                # Thick lines have round caps, which add half the thickness at both ends.
+                half = max((max(users.length[i], MIN_LENGTH) * FINE - thickness) / 2, 0.0)
+                col, row = (front + BEHIND) * FINE - 0.5, (SIDE - left) * FINE - 0.5
+                step_col = half * (users.cos[i] * c + users.sin[i] * s)
+                step_row = -half * (users.sin[i] * c - users.cos[i] * s)
+                # Where, from -1 to 1 along itself, a line enters and leaves the rows within which it is drawn.
+                slope = 1e-9 if abs(step_row) < 1e-9 else step_row
+                enter, leave = (-0.5 - CUT - row) / slope, (height - 0.5 + CUT - row) / slope
+                first = min(max(min(enter, leave), -1.0), 1.0)
+                last = min(max(max(enter, leave), -1.0), 1.0)
+                if first < last:
+                    lines[count, 0] = int(np.rint((col + first * step_col) * SIXTEENTHS))
+                    lines[count, 1] = int(np.rint((row + first * step_row) * SIXTEENTHS))
+                    lines[count, 2] = int(np.rint((col + last * step_col) * SIXTEENTHS))
+                    lines[count, 3] = int(np.rint((row + last * step_row) * SIXTEENTHS))
+                    lines[count, 4], lines[count, 5], lines[count, 6] = PAINT + group, thickness, 1
+                    count += 1
+                    if count == len(lines):
+                        draw_lines(canvas, lines, count)
+                        count -= len(lines)
+        draw_lines(canvas, lines, count)
+        _shrink(canvas, images, v, colours)
+
+
+@compiled
+def _shrink(canvas: NDArray[np.uint8], images: NDArray[np.uint8], v: int, colours: NDArray[np.uint32]) -> None:
+    """The mean colour of every four pixels, halves rounded up."""
+    mask = np.uint32(255)
+    halves = np.uint32(2 | 2 << CHANNEL | 2 << 2 * CHANNEL)
+    for r in range(images.shape[1]):
+        for k in range(images.shape[2]):
+            row, col = 2 * r + EDGE, 2 * k + EDGE
+            total = halves + colours[canvas[row, col]] + colours[canvas[row, col + 1]]
+            total += colours[canvas[row + 1, col]] + colours[canvas[row + 1, col + 1]]
+            images[v, r, k, 0] = total >> np.uint32(2) & mask
+            images[v, r, k, 1] = total >> np.uint32(2 + CHANNEL) & mask
+            images[v, r, k, 2] = total >> np.uint32(2 + 2 * CHANNEL) & mask

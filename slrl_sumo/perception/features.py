@@ -10,6 +10,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
+CAR = int(RoadUserType.CAR)
 RADII = (5.0, 10.0, 20.0)
 """Distances in m within which others are counted, from centre to centre, inclusive."""
 
@@ -37,10 +38,10 @@ def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64]
     several scenes that do not see each other, `scene` (n,) says which one each road user belongs to.
     """
     scene = np.zeros(len(world), np.int64) if scene is None else scene
-    # Scene by scene, from west to east: who is near is found side by side.
+    # Scene by scene, from west to east: near road users are neighbours in this order.
     order = np.lexsort((world.x, scene))
     own = np.column_stack([world.speed[rows], world.acceleration[rows], world.heading[rows]])
-    return _table(own, world.x, world.y, world.type, scene, rows, order, int(RoadUserType.CAR))
+    return _table(own, world.x, world.y, world.type, scene, rows, order)
 
 
 @compiled
@@ -52,9 +53,8 @@ def _table(
     scene: NDArray[np.int64],
     rows: NDArray[np.intp],
     order: NDArray[np.intp],
-    car: int,
 ) -> NDArray[np.float32]:
-    """`own`: speed, acceleration and heading of `rows`, (len(rows), 3); `order`: everybody by scene, then by x."""
+    """`own`: speed, acceleration and heading of `rows`, (len(rows), 3); `order`: all road users by scene, then by x."""
     table = np.zeros((len(rows), 2 + 3 + 1 + 2 * len(RADII)), np.float32)
     place = np.empty(len(order), np.intp)
     place[order] = np.arange(len(order))
@@ -70,7 +70,7 @@ def _table(
                 if abs(dx) > RADII[-1] or scene[other] != scene[ego]:
                     break
                 distance = math.sqrt(dx * dx + dy * dy)
-                first = 6 + len(RADII) * (kinds[other] == car)
+                first = 6 + len(RADII) * (kinds[other] == CAR)
                 for ring in range(len(RADII)):
                     table[i, first + ring] += distance <= RADII[ring]
                 k += step

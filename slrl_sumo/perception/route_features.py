@@ -1,4 +1,4 @@
-"""What a road user knows of its route as numbers (preset `extended`)."""
+"""The route of a road user as numbers (preset `extended`)."""
 
 import math
 
@@ -11,13 +11,13 @@ from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 
 FAR = 60.0
-"""m beyond which lines and leaders are all alike."""
+"""m at which distances to lines and leaders are cut off."""
 TURN = 0.3
-"""rad from which on the path counts as turning."""
+"""rad; a path that deviates by more than this turns."""
 SHARP = math.sin(TURN) / (math.sin(TURN) + math.cos(TURN))
-"""The same as the share of what is aside."""
+"""The same as a ratio: lateral over lateral plus longitudinal."""
 BACK = 2.0 - 1e-9
-"""Straight back as that share."""
+"""A turn straight back on that scale."""
 
 ROUTE_FEATURES: tuple[str, ...] = (
     "known",
@@ -35,10 +35,10 @@ ROUTE_FEATURES: tuple[str, ...] = (
     "leader_gap",
     "leader_speed",
 )
-"""Columns of `route_features`: 1 where there is a route; m and rad to the left of the path and of its direction;
-distance to the next turn, and rad that the path turns in what is known of it; distances to where it must stop and to
-the next line, one-hot signal there; speed that limits, junctions and curves allow; distance to the destination; gap to
-who is ahead on the path, and its speed. These distances are in tens of metres, speeds in tens of m/s, at most FAR."""
+"""Columns of `route_features`: 1 where there is a route; lateral offset (m) and heading error (rad) to the left of the
+path; distance to the next turn, and the largest turn (rad) of the known path; distances to the stop position and to the
+next line, one-hot signal there; speed allowed by limits, junctions and curves; distance to the destination; gap to the
+leader on the path, and its speed. Distances are in tens of metres, speeds in tens of m/s, at most FAR."""
 
 
 def route_features(
@@ -50,10 +50,9 @@ def route_features(
     """
     _, aside, direction = on_path(route, world.x[rows, None], world.y[rows, None])
     askew = wrap_angle(world.heading[rows] - direction[:, 0])
-    # m and m/s that are all alike where they are too many, in the order of their columns.
+    # m and m/s that are cut off at FAR, in the order of their columns.
     far = np.column_stack([route.stop, route.line, route.desired, route.left, gap, leading])
-    # What other modules say must not be a constant of the compiled function.
-    return _table(route.known, route.x, route.y, route.signal, aside, askew, direction, far, HERE, SPACING)
+    return _table(route.known, route.x, route.y, route.signal, aside, askew, direction, far)
 
 
 @compiled
@@ -66,16 +65,14 @@ def _table(
     askew: Floats,
     direction: Floats,
     far: Floats,
-    here: int,
-    spacing: float,
 ) -> NDArray[np.float32]:
     table = np.zeros((len(known), 14), np.float32)
     for i in range(len(known)):
         if not known[i]:
             continue
-        until, turn = _turns(x[i], y[i], direction[i, 0], here)
+        until, turn = _turns(x[i], y[i], direction[i, 0])
         table[i, 0], table[i, 1], table[i, 2] = 1.0, min(max(aside[i, 0], -5.0), 5.0), askew[i]
-        table[i, 3], table[i, 4] = until * spacing / 10.0, turn
+        table[i, 3], table[i, 4] = until * SPACING / 10.0, turn
         table[i, 5], table[i, 6] = min(far[i, 0], FAR) / 10.0, min(far[i, 1], FAR) / 10.0
         if signal[i] > 0:
             table[i, 6 + signal[i]] = 1.0
@@ -85,12 +82,12 @@ def _table(
 
 
 @compiled
-def _turns(x: Floats, y: Floats, direction: float, here: int) -> tuple[int, float]:
-    """Pieces of a path from `here` to the first that turns by more than TURN from a direction (rad), all that there are
-    if none does, and by how much (rad) that piece turns that does so most."""
+def _turns(x: Floats, y: Floats, direction: float) -> tuple[int, float]:
+    """Number of pieces of a path from HERE to the first that turns by more than TURN from a direction (rad), or to the
+    end of the path, and the largest turn of a piece in rad."""
     c, s = math.cos(direction), math.sin(direction)
-    until, most, most_ahead, most_aside = len(x) - 1 - here, -1.0, 1.0, 0.0
-    for k in range(here, len(x) - 1):
+    until, most, most_ahead, most_aside = len(x) - 1 - HERE, -1.0, 1.0, 0.0
+    for k in range(HERE, len(x) - 1):
         dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
         ahead, aside = c * dx + s * dy, c * dy - s * dx
         # Grows with the angle, from 0 straight on to 2 straight back, without libm.
@@ -99,6 +96,6 @@ def _turns(x: Floats, y: Floats, direction: float, here: int) -> tuple[int, floa
         if sharp > most:
             most, most_ahead, most_aside = sharp, ahead, aside
         if sharp > SHARP:
-            until = min(until, k - here)
+            until = min(until, k - HERE)
     # Straight back is to the left, whatever the last bits say.
     return until, math.pi if most > BACK else math.atan2(most_aside, most_ahead)

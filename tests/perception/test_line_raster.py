@@ -6,14 +6,14 @@ import pytest
 from numpy.typing import NDArray
 
 from slrl_sumo.perception import ego_image as raster
-from slrl_sumo.perception.line_raster import EDGE, _draw_lines, _shrink
+from slrl_sumo.perception.line_raster import EDGE, draw_lines
 
 ROWS, COLS = 40, 80
 
 
 def ours(line: NDArray[np.int64], thickness: int, first: bool = True) -> NDArray[np.uint8]:
     canvas = np.zeros((ROWS + 2 * EDGE, COLS + 2 * EDGE), np.uint8)
-    _draw_lines(canvas, np.array([[*line, 9, thickness, first]], np.int64), 1)
+    draw_lines(canvas, np.array([[*line, 9, thickness, first]], np.int64), 1)
     return canvas[EDGE:-EDGE, EDGE:-EDGE]
 
 
@@ -68,7 +68,7 @@ def test_lines_beyond_all_bounds_draw_nothing(far: int) -> None:
 def test_small_pictures_are_the_mean_colours(palette: NDArray[np.uint8], colours: NDArray[np.uint32]) -> None:
     view = np.random.default_rng(0).integers(0, raster.VALUES, (ROWS, COLS)).astype(np.uint8)
     small = np.zeros((2, ROWS // 2, COLS // 2, 3), np.uint8)
-    _shrink(np.pad(view, EDGE), small, 1, colours)
+    raster._shrink(np.pad(view, EDGE), small, 1, colours)
     large = cv2.applyColorMap(view, palette)
     assert np.array_equal(small[1], cv2.resize(large, (COLS // 2, ROWS // 2), interpolation=cv2.INTER_AREA))
     assert not small[0].any()
