@@ -5,7 +5,7 @@ from typing import Literal
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import foe_lanes, internal_foe_lanes, read_links
+from slrl_sumo.sumo.links import Link, foe_lanes, internal_foe_lanes, read_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 STOP_LINE = 1.0
@@ -14,6 +14,8 @@ LINE_OF_SIGHT = 4.5
 """m before a junction from which vehicles see road users that have priority (SUMO's foeVisibilityDistance)."""
 TRUST_TIME = 10.0
 """s of standing after which a vehicle no longer trusts SUMO's judgement of a link; after twice that it goes first."""
+ALWAYS_OPEN = Link("", "", True, True, "M")
+"""Where SUMO has no link."""
 _SHOWN = {"g": 1, "G": 1, "y": 2, "Y": 2, "r": 3, "u": 3}
 """https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: junctions without a signal have other letters."""
 
@@ -26,14 +28,14 @@ class RightOfWay:
         self._api = api
         self._trust_sumo = trust_sumo
         self._graph = graph
-        self._states: dict[str, dict[tuple[str, str], tuple[bool, bool, str]]] = {}
+        self._links: dict[str, dict[tuple[str, str], Link]] = {}
         self._foes: dict[tuple[str, str], tuple[str, ...]] = {}
         self._origins: dict[str, str] = {}
         self._internal_foes: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
-        self._states.clear()
+        self._links.clear()
 
     def speed(
         self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], standing_time: float
@@ -56,22 +58,22 @@ class RightOfWay:
         """The rule at an entry: go on, approach slowly and look, or stop at the line; arguments as for `speed`."""
         acceleration, deceleration = limits
         to_stop = speed * speed / (2.0 * deceleration)
-        has_priority, is_open, state = self._state(entry)
-        if state in "ru":
+        link = self._link(entry)
+        if link.state in "ru":
             return "stop"
-        if state in "yY":
+        if link.state in "yY":
             return "stop" if to_stop + STOP_LINE <= distance else "go"
         # Too late to stop: foes were far away when stopping was possible.
-        if has_priority or state in "GM" or to_stop > distance + 1.0:
+        if link.has_priority or link.state in "GM" or to_stop > distance + 1.0:
             return "go"
         if distance > LINE_OF_SIGHT + speed:
             return "look"
         clear = _time(distance + entry.exit - entry.stop_line + 5.0, speed, acceleration)
         if self._trust_sumo and standing_time < TRUST_TIME:
-            return "stop" if not is_open or self._foe_arrives(entry, clear) else "look"
+            return "stop" if not link.is_open or self._foe_arrives(entry, clear) else "look"
         # SUMO counts a vehicle with speed mode 0, as all taken-over ones have, as a foe even where it waits at red: a
         # link may never be open. Then moving vehicles decide, and at last only those that move inside the junction.
-        closed = self._trust_sumo or not is_open
+        closed = self._trust_sumo or not link.is_open
         trust_time = TRUST_TIME * (2.0 if self._trust_sumo else 1.0)
         blocked = closed and (
             self._foe_inside(entry) or (standing_time < trust_time and self._foe_arrives(entry, clear))
@@ -80,21 +82,17 @@ class RightOfWay:
 
     def signal(self, entry: JunctionEntry) -> int:
         """The signal at an entry: 0 none, 1 green, 2 yellow, 3 red."""
-        return _SHOWN.get(self._state(entry)[2], 0)
+        return _SHOWN.get(self._link(entry).state, 0)
 
-    def _state(self, entry: JunctionEntry) -> tuple[bool, bool, str]:
-        """Of the entry's link: whether it has priority and is open now, and its state as SUMO's letter."""
-        return self._links(entry.lane).get((entry.target, entry.via), (True, True, "M"))
+    def _link(self, entry: JunctionEntry) -> Link:
+        return self._links_from(entry.lane).get((entry.target, entry.via), ALWAYS_OPEN)
 
-    def _links(self, lane: str) -> dict[tuple[str, str], tuple[bool, bool, str]]:
-        """Of the links from a lane, by target and via: whether each has priority and is open, and its letter."""
-        states = self._states.get(lane)
-        if states is None:
-            states = self._states[lane] = {
-                (link.target, link.via): (link.has_priority, link.is_open, link.state)
-                for link in read_links(self._api, lane)
-            }
-        return states
+    def _links_from(self, lane: str) -> dict[tuple[str, str], Link]:
+        """The links from a lane, by target and via."""
+        links = self._links.get(lane)
+        if links is None:
+            links = self._links[lane] = {(link.target, link.via): link for link in read_links(self._api, lane)}
+        return links
 
     def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:
         """Whether a moving vehicle with priority reaches the junction within `within` s."""
@@ -114,8 +112,8 @@ class RightOfWay:
 
     def _all_red(self, lane: str) -> bool:
         """Whether all links from a lane are red now."""
-        states = self._links(lane).values()
-        return bool(states) and all(state in "ru" for _, _, state in states)
+        links = self._links_from(lane).values()
+        return bool(links) and all(link.state in "ru" for link in links)
 
     def _foe_inside(self, entry: JunctionEntry) -> bool:
         """Whether a vehicle from another lane moves on an internal lane that crosses this one."""
