@@ -21,12 +21,10 @@ STEP_LENGTH = 0.4
 def write_scenario(spec: NetSpec, demand: DemandSpec, folder: Path, command: str | None = None) -> Path:
     """Make a scenario in `folder`: NAME.net.xml, NAME.rou.xml, NAME.sumocfg and README.md, NAME from the folder's name.
 
-    The same spec and demand give the same bytes (with the same version of SUMO). `command` is what the README names to
-    make it again; without it, the README shows the call of this function. Files of those names are replaced, others are
-    left alone; where anything fails, nothing is written. Returns the path of the .sumocfg.
-    Raises NetgenError: SUMO's programs missing or failing, a class of road users with nowhere to go, an unwritable
-    folder.
-    """
+    The same spec and demand give the same bytes (with the same version of SUMO). The README names `command` as the way
+    to generate the files; without it, the README shows the call of this function. Files of those names are replaced,
+    others are left alone; where anything fails, nothing is written. Returns the path of the .sumocfg. Raises
+    NetgenError: SUMO's programs missing or failing, a class of road users with nowhere to go, an unwritable folder."""
     # SUMO splits lists of file names at commas and trims blanks, so the files' names have neither.
     name = re.sub(r"[^A-Za-z0-9_-]+", "-", folder.resolve().name).strip("-") or "scenario"
     _place(scenario_files(spec, demand, name, command), folder)
@@ -67,21 +65,21 @@ def _readme(name: str, spec: NetSpec, demand: DemandSpec, command: str | None) -
     call = f"write_scenario(\n    {spec!r},\n    {demand!r},\n    Path({name!r}),\n)"
     script = "```python\nfrom pathlib import Path\n\nfrom netgen.scenario import write_scenario\n"
     script += f"from netgen.specs import DemandSpec, {kind}\n\n{call}\n```"
-    again = f"Made again by `{command}`, which does this:" if command else "Made again by"
+    again = f"`{command}` generates it by this call:" if command else "This call generates it:"
     return f"""# {name}
 
 {summary}
 
 - `{name}.net.xml`: the road network.
 - `{name}.rou.xml`: per hour {demand.cars_per_hour:g} cars, {demand.bicycles_per_hour:g} bicycles and \
-{demand.pedestrians_per_hour:g} pedestrians, of types that differ in how they drive, ride and walk.
+{demand.pedestrians_per_hour:g} pedestrians, of types with different driving, riding and walking parameters.
 - `{name}.sumocfg`: {demand.duration:g} s in steps of {STEP_LENGTH:g} s. Run it with `sumo -c {name}.sumocfg`.
 
 {again}
 
 {script}
 
-Its content is free to use under the licence of slrl_sumo; it holds no recorded data.
+The content may be used under the licence of slrl_sumo; it contains no recorded data.
 """
 
 
