@@ -1,7 +1,7 @@
 """Soak test: learned road users in many scenarios for many agent-steps. Counts crashes, losses and jumps.
 
-    python tools/soak.py --agent-steps 1000000 --json soak.json
-    python tools/soak.py --scenarios district town/my.sumocfg --motions random --seeds 5 --agent-steps 50000
+    python -m tools.soak --agent-steps 1000000 --json soak.json
+    python -m tools.soak --scenarios district town/my.sumocfg --motions random --seeds 5 --agent-steps 50000
 
 Every (scenario, motion, sublane or not, seed) is a process of its own, so that a crash is one more count, with the
 command that repeats it. An agent-step is one learned road user in one SUMO step. Motions:
@@ -34,6 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.games import WaitingSignals, scenario_or_game
 from slrl_sumo.agent.driver import Driver, Modes, make_driver
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter
@@ -48,7 +49,7 @@ from slrl_sumo.simulation.spawn import starting_points, type_counts
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Reader, Snapshot
-from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
+from slrl_sumo.sumo.scenario import shipped_scenarios
 from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
@@ -58,8 +59,6 @@ SUBLANE = ["--lateral-resolution", "0.8"]
 JUMP = 0.005
 """Probability that a road user on a random walk jumps in a decision."""
 TOP_SPEED = np.array([15.0, 6.0, 2.0])
-GREEN = 30.0
-"""s; the signals of the wheel's games wait for a player, so they are switched on after this time."""
 AFTER = 10.0
 """s of SUMO alone at the end of each run."""
 DISPLACED = 0.5
@@ -74,9 +73,9 @@ COLUMNS = (
     *COUNTS,
     "taken",
     "handed_back",
-    "strayed",
+    "returned_to_route",
     "arrived",
-    "looped",
+    "wrapped_around",
     "edge_share",
     "lane_share",
     "fcd_ok",
@@ -218,8 +217,8 @@ class Watch:
         count["taken"] += len(decision.taken_over)
         count["handed_back"] += len(decision.handed_back)
         count["arrived"] += len(decision.arrived)
-        count["looped"] += int(decision.looped.sum())
-        count["strayed"] += len(decision.strayed)
+        count["wrapped_around"] += int(decision.looped.sum())
+        count["returned_to_route"] += len(decision.strayed)
         # Those that had left the scene are put on their route again, wherever that is.
         self.keep_returned(tuple(set(decision.handed_back) - set(decision.strayed)))
 
@@ -239,27 +238,6 @@ class Watch:
         self.count["jumps"] += int(jumped.sum())
         for row in np.flatnonzero(jumped).tolist():
             self.examples.append(f"{ids[row]} at {self._session.time:g} s: {far[row]:.1f} m {how}")
-
-
-def scenario_of(name: str) -> Scenario:
-    """A shipped scenario, one of the games of the SUMO wheel, or a path."""
-    if name in WHEEL:
-        import sumo
-
-        return find_scenario(str(Path(sumo.SUMO_HOME) / "tools" / "game" / f"{name}.sumocfg"))
-    return find_scenario(name)
-
-
-def play_signals(api: Any, now: float, last: float) -> float:
-    """Switch signals that wait for a player; returns when that was done last."""
-    if now - last < GREEN:
-        return last
-    for light in api.trafficlight.getIDList():
-        if api.trafficlight.getPhaseDuration(light) >= 1000.0:
-            logics = api.trafficlight.getAllProgramLogics(light)
-            phases = next(len(p.phases) for p in logics if p.programID == api.trafficlight.getProgram(light))
-            api.trafficlight.setPhase(light, (api.trafficlight.getPhase(light) + 1) % phases)
-    return now
 
 
 def spawn(simulation: CoSimulation, session: SumoSession, agents: int, seed: int) -> int:
@@ -282,7 +260,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
     import torch
 
     torch.set_num_threads(1)
-    scenario = with_options(scenario_of(options.scenario), SUBLANE if options.sublane else [])
+    scenario = with_options(scenario_or_game(options.scenario), SUBLANE if options.sublane else [])
     motion = options.motion
     taking = motion.startswith("takeover")
     with tempfile.TemporaryDirectory() as folder, SumoSession(scenario, seed=options.seed) as session:
@@ -299,11 +277,11 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         agents = 0 if taking else spawn(simulation, session, options.agents, options.seed)
         begin, wall = session.time, time.perf_counter()
         simulation.start()
-        switched, steps = begin, 0
+        signals, steps = WaitingSignals(session.api, begin), 0
         while watch.count["agent_steps"] < options.agent_steps:
             if taking and session.time - begin > NEVER_BUSY:
                 break
-            switched = play_signals(session.api, session.time, switched)
+            signals.update(session.time)
             watch.play(simulation)
             steps += 1
             if steps % 20 == 0:
@@ -313,7 +291,10 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         while session.time < end + AFTER:
             session.step()
         result: dict[str, Any] = {name: watch.count[name] for name in ("agent_steps", "lost", "jumps", "teleports")}
-        result |= {name: watch.count[name] for name in ("taken", "handed_back", "strayed", "arrived", "looped")}
+        result |= {
+            name: watch.count[name]
+            for name in ("taken", "handed_back", "returned_to_route", "arrived", "wrapped_around")
+        }
         result |= {name: watch.mapping.count[name] for name in ("on_edge", "edge_right", "on_lane", "lane_right")}
         result |= {"agents": agents, "sumo_steps": steps, "sumo_step_s": session.step_length}
         result |= {"simulated_s": round(end - begin, 1), "wall_s": round(time.perf_counter() - wall, 1)}
@@ -337,7 +318,18 @@ def valid(file: Path) -> bool:
 def child(options: argparse.Namespace, case: tuple[str, str, bool, int], agent_steps: int) -> dict[str, Any]:
     """One run in a process of its own."""
     name, motion, sublane, seed = case
-    command = [sys.executable, "-X", "faulthandler", __file__, "--one", "--scenario", name, "--motion", motion]
+    command = [
+        sys.executable,
+        "-X",
+        "faulthandler",
+        "-m",
+        "tools.soak",
+        "--one",
+        "--scenario",
+        name,
+        "--motion",
+        motion,
+    ]
     command += ["--seed", str(seed), "--agents", str(options.agents), "--agent-steps", str(agent_steps)]
     command += [*(["--sublane"] if sublane else []), *(["--fcd"] if options.fcd else [])]
     row: dict[str, Any] = {"scenario": name, "motion": motion, "sublane": sublane, "seed": seed}

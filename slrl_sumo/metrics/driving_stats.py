@@ -1,144 +1,95 @@
-"""How road users drive and walk: speeds, braking, surfaces and overlaps, summed over decision intervals."""
+"""Driving behaviour of road users over a whole run: speeds, braking, surfaces and contacts."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.metrics.counters import STANDING_SPEED
-from slrl_sumo.metrics.lane_keeping import LaneKeeping
-from slrl_sumo.scene.contacts import overlapping_pairs
+from slrl_sumo.metrics.counters import NewContacts, UserSums, id_pair, ratio
+from slrl_sumo.scene.contacts import Pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.network import Network
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 
 HARD_BRAKING = -4.5
 """m/s²."""
 SHRUNK = 0.1
-"""m all round by which boxes are smaller in the second count of overlaps: a touch is not one."""
+"""m all round by which boxes are smaller in the second count of overlaps, so that mere touches do not count."""
 SMALLEST = 0.01
 """m; no box is made smaller than this."""
-
-
-@dataclass
-class Sums:
-    """Of one road user type, or of all."""
-
-    steps: int = 0
-    speed: float = 0.0
-    """m/s, added up."""
-    standing: int = 0
-    off_surface: int = 0
-    changes: int = 0
-    """Steps that followed one of the same road user: those whose acceleration is known."""
-    hard_braking: int = 0
-    overlaps: int = 0
-    overlaps_background: int = 0
-    overlaps_shrunk: int = 0
-
-    def __add__(self, other: "Sums") -> "Sums":
-        return Sums(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
-
-    def record(self) -> dict[str, Any]:
-        """Shares and means (None without steps) and counts, ready for JSON."""
-        return {
-            "steps": self.steps,
-            "mean_speed_mps": _ratio(self.speed, self.steps),
-            "standing_share": _ratio(self.standing, self.steps),
-            "off_surface_share": _ratio(self.off_surface, self.steps),
-            "hard_braking_share": _ratio(self.hard_braking, self.changes),
-            "overlaps": self.overlaps,
-            "overlaps_background": self.overlaps_background,
-            "overlaps_shrunk": self.overlaps_shrunk,
-        }
+CONTACTS = ("collisions", "overlaps", "overlaps_background", "overlaps_shrunk")
+ALL = len(TYPE_NAMES)
+"""Row of `DrivingStats._contacts` for all types together."""
 
 
 class DrivingStats:
-    """Watches some road users of a scene; call `add` after every decision interval.
+    """Counts some road users of a scene; call `add` after every decision interval.
 
-    Overlaps are pairs of boxes that intersect and did not in the interval before, with at least one of those watched:
-    each pair counts once in a run. A pair of two types counts for both, and once for all. Who is taken over while it
-    overlaps already has not driven into that.
+    Contacts are pairs whose centres come closer than 0.5 m (collisions) or whose boxes intersect (overlaps) and did not
+    in the interval before, with at least one counted road user: each pair counts once in a run. A pair of two types
+    counts for both, and once for all. A contact that exists when a road user is taken over does not count.
     """
 
-    def __init__(self, roadmap: RoadMap, network: Network) -> None:
-        self.lanes = LaneKeeping(network)
-        self.paths: dict[str, list[tuple[float, float, float]]] = {}
-        """x, y (m) and speed (m/s) of each car that was watched, one for each interval."""
+    def __init__(self, roadmap: RoadMap) -> None:
         self._roadmap = roadmap
-        self._sums = [Sums() for _ in TYPE_NAMES]
+        self._sums = UserSums()
         self._speed: dict[str, float] = {}
-        self._touching: tuple[set[tuple[str, str]], ...] = (set(), set())
-        self._counted: tuple[set[tuple[str, str]], ...] = (set(), set())
-        self._pairs = Sums()
+        self._speed_changes = np.zeros(ALL, np.int64)
+        self._hard_braking = np.zeros(ALL, np.int64)
+        self._new, self._new_shrunk = NewContacts(), NewContacts()
+        self._seen: set[tuple[str, str, str]] = set()
+        """Contacts that have been counted: the kind and both ids."""
+        self._contacts = np.zeros((ALL + 1, len(CONTACTS)), np.int64)
 
-    def add(self, world: WorldState, who: frozenset[str]) -> None:
-        """Count the road users `who` of `world`, the state of everybody at the end of the interval."""
-        rows = np.array([i for i, road_user in enumerate(world.ids) if road_user in who], np.intp)
-        users = world.take(rows)
-        off = ~OWN_SURFACE[users.type, self._roadmap.surface_at(users.x, users.y)]
+    def add(self, world: WorldState, counted: frozenset[str]) -> None:
+        """Count the road users `counted` of `world`, the state of all road users at the end of the interval."""
+        users = world.take(np.array([i for i, road_user in enumerate(world.ids) if road_user in counted], np.intp))
         before, self._speed = self._speed, dict(zip(users.ids, users.speed.tolist(), strict=True))
-        for i, road_user in enumerate(users.ids):
-            sums, speed = self._sums[users.type[i]], float(users.speed[i])
-            sums.steps += 1
-            sums.speed += speed
-            sums.standing += speed < STANDING_SPEED
-            sums.off_surface += bool(off[i])
-            if road_user in before:
-                sums.changes += 1
-                sums.hard_braking += (speed - before[road_user]) / DECISION_INTERVAL < HARD_BRAKING
-            if users.type[i] == RoadUserType.CAR:
-                self.paths.setdefault(road_user, []).append((float(users.x[i]), float(users.y[i]), speed))
-        self.lanes.add(users.take(np.flatnonzero(users.type == RoadUserType.CAR)))
-        self._overlaps(world, who, 0)
-        self._overlaps(replace(world, length=_shrunk(world.length), width=_shrunk(world.width)), who, 1)
+        last = np.array([before.get(road_user, np.nan) for road_user in users.ids])
+        known, braking = np.isfinite(last), (users.speed - last) / DECISION_INTERVAL < HARD_BRAKING
+        self._speed_changes += np.bincount(users.type[known], minlength=ALL)
+        self._hard_braking += np.bincount(users.type[known & braking], minlength=ALL)
+        off_surface = ~OWN_SURFACE[users.type, self._roadmap.surface_at(users.x, users.y)]
+        none = np.zeros(len(users), np.int64)  # contacts are counted by pair
+        self._sums.add(users, off_surface=off_surface, collisions=none, overlaps=none)
+        collisions, overlaps = self._new.begun(world)
+        smaller = replace(world, length=_shrunk(world.length), width=_shrunk(world.width))
+        self._count(world, counted, "collisions", collisions)
+        self._count(world, counted, "overlaps", overlaps)
+        self._count(world, counted, "overlaps_shrunk", self._new_shrunk.begun(smaller)[1])
 
     def record(self) -> dict[str, dict[str, Any]]:
-        """What was counted by type name and for "all", ready for JSON; cars also have how they keep to their lane."""
-        whole = sum(self._sums, Sums())
-        pairs = self._pairs
-        whole = replace(
-            whole,
-            overlaps=pairs.overlaps,
-            overlaps_background=pairs.overlaps_background,
-            overlaps_shrunk=pairs.overlaps_shrunk,
-        )
-        result = {name: sums.record() for name, sums in zip(TYPE_NAMES, self._sums, strict=True)}
-        result["all"] = whole.record()
-        lanes, distances = self.lanes, np.array(self.lanes.distances)
-        result["car"] |= {
-            "lane_distance_mean_m": round(float(distances.mean()), 4) if len(distances) else None,
-            "lane_distance_p95_m": round(float(np.percentile(distances, 95)), 4) if len(distances) else None,
-            "sways_per_100_m": _ratio(100.0 * lanes.sways, lanes.metres),
-            "against_share": _ratio(lanes.against, len(distances)),
-        }
+        """Counts, shares and means (None without steps) by type name and for "all", ready for JSON."""
+        result = {}
+        sums = [self._sums.of_type(kind) for kind in range(ALL)]
+        for row, name in enumerate((*TYPE_NAMES, "all")):
+            kinds = range(ALL) if row == ALL else [row]
+            total = {key: sum(float(sums[kind][key].sum()) for kind in kinds) for key in sums[0]}
+            steps, kinds = int(total["steps"]), list(kinds)
+            result[name] = {
+                "steps": steps,
+                "mean_speed_mps": ratio(total["speed"], steps, 5),
+                "standing_share": ratio(total["standing"], steps, 5),
+                "off_surface_share": ratio(total["off_surface"], steps, 5),
+                "hard_braking_share": ratio(self._hard_braking[kinds].sum(), int(self._speed_changes[kinds].sum()), 5),
+                **dict(zip(CONTACTS, self._contacts[row].tolist(), strict=True)),
+            }
         return result
 
-    def _overlaps(self, world: WorldState, who: frozenset[str], which: int) -> None:
-        now = set()
-        for i, j in overlapping_pairs(world).tolist():
-            pair = (min(world.ids[i], world.ids[j]), max(world.ids[i], world.ids[j]))
-            now.add(pair)
-            ours = [row for row in (i, j) if world.ids[row] in who]
-            if not ours or pair in self._touching[which] or pair in self._counted[which]:
+    def _count(self, world: WorldState, counted: frozenset[str], contact: str, pairs: Pairs) -> None:
+        for i, j in pairs.tolist():
+            ours = [row for row in (i, j) if world.ids[row] in counted]
+            key = (contact, *id_pair(world, i, j))
+            if not ours or key in self._seen:
                 continue
-            self._counted[which].add(pair)
-            for sums in [self._pairs, *(self._sums[kind] for kind in {int(world.type[row]) for row in ours})]:
-                if which:
-                    sums.overlaps_shrunk += 1
-                else:
-                    sums.overlaps += 1
-                    sums.overlaps_background += len(ours) == 1
-        self._touching[which].clear()
-        self._touching[which].update(now)
+            self._seen.add(key)
+            rows = [ALL, *{int(world.type[row]) for row in ours}]
+            self._contacts[rows, CONTACTS.index(contact)] += 1
+            if contact == "overlaps" and len(ours) == 1:
+                self._contacts[rows, CONTACTS.index("overlaps_background")] += 1
 
 
 def _shrunk(side: Floats) -> Floats:
     return np.maximum(side - 2.0 * SHRUNK, SMALLEST)
-
-
-def _ratio(value: float, count: float) -> float | None:
-    return round(float(value) / count, 5) if count else None

@@ -1,4 +1,4 @@
-"""Who goes past a signal, and what the signal showed."""
+"""Road users that pass a signal, and what the signal showed."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,35 +19,35 @@ from slrl_sumo.sumo.road_users import vehicle_ids, vehicle_lane, vehicle_route
 
 Aspect = Literal["red", "yellow", "green"]
 PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
-"""From the least to the most."""
+"""From the least permissive to the most."""
 
 BEYOND, ASIDE = 0.5, 10.0
-"""m behind a stop line, and beside its lane, within which a vehicle that SUMO has on no lane has gone past it."""
+"""m behind a stop line, and beside its lane, within which a vehicle without a lane in SUMO has passed the line."""
 KERB = 1.0
-"""m of a crossing's ends on which persons may wait for green, or cut the corner."""
+"""m at each end of a crossing on which persons may wait for green, or cut the corner."""
 AWAY = 3.0
-"""m outside of a crossing at which a person that comes again enters it anew."""
+"""m outside a crossing from which a person that returns makes a new crossing."""
 
 
 @dataclass(frozen=True)
-class Passage:
-    """One road user that went past a signal: a vehicle into a junction, a person onto a crossing."""
+class SignalCrossing:
+    """One road user that passed a signal: a vehicle into a junction, a person onto a crossing."""
 
     time: float
-    """s; after the SUMO step in which it happened."""
+    """s; the end of the SUMO step in which it passed."""
     road_user: str
     type: RoadUserType
     lane: str
-    """The lane before the junction, or that of the crossing."""
+    """The lane before the junction, or the lane of the crossing."""
     aspect: Aspect
 
 
 @dataclass(frozen=True)
 class _Link:
-    """A way over the lanes inside a junction to an edge."""
+    """A connection over lanes inside a junction to an edge."""
 
     signal: str
-    """'' where no signal controls it, as a right turn beside the signal."""
+    """'' where no signal controls it, such as a right turn beside the signal."""
     index: int
     inside: frozenset[str]
     edge: str
@@ -58,22 +58,22 @@ class _Crossing:
     lane: str
     line: Floats
     inner: Floats
-    """The line without its ends, at which people wait."""
+    """The line without its ends, where people wait."""
     half_width: float
     link: _Link
 
 
-class Passages:
-    """Watches signals through `api` (libsumo or a TraCI connection); call `look` after every SUMO step.
+class SignalCrossings:
+    """Observes signals through `api` (libsumo or a TraCI connection); call `update` after every SUMO step.
 
-    A vehicle passes when SUMO's lane for it goes from one that ends at a signal to one behind it; a vehicle that SUMO
-    has on no lane, because it is moved from outside and far from its route, when its front is behind the stop line. A
-    person passes when its centre is on a signalised crossing, more than KERB from its ends, from whatever side it came;
-    it saw the most permissive of what was shown since it stepped on.
+    A vehicle passes when SUMO moves it from a lane that ends at a signal to a lane behind the signal. A vehicle without
+    a lane in SUMO, because it is moved from outside and far from its route, passes when its front is behind the stop
+    line. A person passes when its centre is on a signalised crossing, more than KERB from the ends, from any side; the
+    most permissive aspect since it stepped on counts.
 
-    Red is what was red before the step and after it: SUMO switches at the begin of a step, so that somebody who goes
-    in the very step in which the light turns green has not run a red light, and neither has who goes in the step in
-    which yellow ends.
+    Red means red before the step and after it. SUMO switches at the beginning of a step, so a road user that moves in
+    the step in which the light turns green has not run a red light, nor has one that moves in the step in which yellow
+    ends.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
@@ -91,12 +91,12 @@ class Passages:
         self._passed: dict[str, str] = {}
         self._stepped: dict[str, str] = {}
         self._waiting: dict[tuple[str, str], Aspect] = {}
-        """What persons on a crossing have seen there, until they have passed or gone: by person and crossing."""
+        """Aspect that persons at the end of a crossing have seen, until they pass or leave: by person and crossing."""
         self._states = signal_states(api)
 
-    def look(self, world: WorldState, who: Iterable[str]) -> list[Passage]:
-        """Passages of the road users `who` in the SUMO step that has just been made; `world` is the state after it."""
-        wanted = frozenset(who)
+    def update(self, world: WorldState, counted: Iterable[str]) -> list[SignalCrossing]:
+        """Crossings of the road users `counted` in the last SUMO step; `world` is the state after it."""
+        wanted = frozenset(counted)
         before, self._states = self._states, signal_states(self._api)
         rows = np.array([i for i, road_user in enumerate(world.ids) if road_user in wanted], np.intp)
         users = world.take(rows)
@@ -120,7 +120,7 @@ class Passages:
 
     def _link(self, signal: str, index: int, end: str, via: str) -> _Link:
         inside = [via] if via else []
-        # Where vehicles wait inside a junction, a second lane follows.
+        # Where vehicles wait inside a junction, a second internal lane follows.
         while inside and len(inside) < 5:
             onward = [via for _, via in self._following(inside[-1]) if via]
             if not onward:
@@ -131,7 +131,7 @@ class Passages:
     def _is_crossing(self, lane: str) -> bool:
         return lane in self._lanes and self._lanes[lane].surface == Surface.CROSSING
 
-    def _vehicles(self, users: WorldState, before: dict[str, str]) -> list[Passage]:
+    def _vehicles(self, users: WorldState, before: dict[str, str]) -> list[SignalCrossing]:
         if not self._links:
             return []
         found = []
@@ -151,10 +151,10 @@ class Passages:
                 if self._passed.get(vehicle) != edge and controlled:
                     self._passed[vehicle] = edge
                     aspect = self._aspect(controlled, before)
-                    found.append(Passage(users.time, vehicle, RoadUserType(users.type[row]), came, aspect))
+                    found.append(SignalCrossing(users.time, vehicle, RoadUserType(users.type[row]), came, aspect))
             if lane and not lane.startswith(":"):
-                # On a road again: whoever comes back to the same signal passes it once more. A moved vehicle that
-                # stands at the stop line may be now before it, now behind it for SUMO: that is one passage.
+                # On a road again: a vehicle that returns to the same signal passes it once more. For SUMO, a moved
+                # vehicle that stands at the stop line may alternate between both sides of it: that is one crossing.
                 if self._passed.get(vehicle) not in (None, self._lanes[lane].edge):
                     del self._passed[vehicle]
                 if lane in self._links:
@@ -166,7 +166,7 @@ class Passages:
     def _taken(
         self, vehicle: str, lane: str, links: list[_Link], front_x: float, front_y: float, came: str | None
     ) -> list[_Link]:
-        """The links that a vehicle on its way from the lane `came` has taken with this step; none if it has not."""
+        """The links from the lane `came` that a vehicle has taken in this step; empty if it has taken none."""
         if came is None or not links:
             return []
         if not lane:
@@ -189,14 +189,14 @@ class Passages:
         return any(inside.rsplit("_", 2)[0] == junction for link in links for inside in link.inside)
 
     def _on_route(self, vehicle: str, came: str, links: list[_Link]) -> list[_Link]:
-        """Of the links from a lane those to the route's next edge; all of them where none leads there."""
+        """The links from a lane to the next edge of the route; all links where none leads there."""
         route, _ = vehicle_route(self._api, vehicle)
         here = self._lanes[came].edge
         following = {route[i + 1] for i in range(len(route) - 1) if route[i] == here}
         return [link for link in links if link.edge in following] or links
 
-    def _walkers(self, users: WorldState, before: dict[str, str]) -> list[Passage]:
-        found: list[Passage] = []
+    def _walkers(self, users: WorldState, before: dict[str, str]) -> list[SignalCrossing]:
+        found: list[SignalCrossing] = []
         if not len(users):
             return found
         waiting, self._waiting = self._waiting, {}
@@ -212,7 +212,7 @@ class Passages:
                 seen = max(shown, waiting.get((person, crossing.lane), shown), key=PERMISSIVE.index)
                 if passes:
                     self._stepped[person] = crossing.lane
-                    found.append(Passage(users.time, person, RoadUserType.PEDESTRIAN, crossing.lane, seen))
+                    found.append(SignalCrossing(users.time, person, RoadUserType.PEDESTRIAN, crossing.lane, seen))
                 else:
                     self._waiting[person, crossing.lane] = seen
             for row in np.flatnonzero(outside > AWAY).tolist():
@@ -221,7 +221,7 @@ class Passages:
         return found
 
     def _aspect(self, links: list[_Link], before: dict[str, str]) -> Aspect:
-        """What links showed; where it is not known which of several was taken, the most permissive of them counts."""
+        """The aspect of links; where it is unknown which of several was taken, the most permissive one counts."""
         seen = [
             (before.get(link.signal, self._states[link.signal])[link.index], self._states[link.signal][link.index])
             for link in links
@@ -232,9 +232,9 @@ class Passages:
 
 
 def outside_by(x: Floats, y: Floats, line: Floats, half_width: float) -> NDArray[np.float64]:
-    """How far n points lie outside of a ribbon with straight ends round the polyline `line` (k, 2), in m, (n,).
+    """Distance of n points from a ribbon with straight ends around the polyline `line` (k, 2), m, (n,).
 
-    Negative or 0 inside. The nearest piece of the line decides; its ends bound the ribbon.
+    Negative or 0 inside. The nearest segment decides; the ends of the line bound the ribbon.
     """
     best = np.full(len(x), np.inf)
     for number, (a, b) in enumerate(pairwise(line)):

@@ -1,4 +1,4 @@
-"""Everybody's trip, from the departure to the arrival."""
+"""Trips of all road users, from departure to arrival."""
 
 from dataclasses import dataclass
 
@@ -9,61 +9,61 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import arrived_ids, departure_delay, loaded_ids, type_id, wanted_speed
 
 MOVING_SPEED = 0.5
-"""m/s; who has stopped has started again when it is faster than this: swaying about the limit is one stop."""
+"""m/s above which a stopped road user has started again, so that speeds around STANDING_SPEED make one stop."""
 SHORTEST_STOP = 1.0
-"""s; who is handed back to SUMO as a pedestrian stands for a step, which is none."""
+"""s; a pedestrian that is handed back to SUMO stands for one step, which is no stop."""
 
 
 @dataclass
 class Trip:
-    """One road user; times in s. Sums go from the departure to the arrival, or to the last step that was seen."""
+    """One road user; times in s. Sums run from the departure to the arrival, or to the last observed step."""
 
     type: int
     """RoadUserType."""
     sumo_type: str
-    """vType, without what SUMO appends to that of a vehicle that was changed."""
+    """vType, without the suffix that SUMO appends for a vehicle with changed parameters."""
     departed: float
-    """When it was first on the network."""
+    """Time at which it entered the network."""
     departure_delay: float
-    """How long a vehicle had to wait until there was room for it on its first lane; 0 for persons."""
+    """Time for which a vehicle waited for room on its first lane; 0 for persons."""
     arrived: float | None = None
-    """The begin of the SUMO step in which it arrived, as in SUMO's tripinfo. None where it had not arrived at the
-    end."""
+    """Beginning of the SUMO step in which it arrived, as in SUMO's tripinfo. None where it has not arrived."""
     time_loss: float = 0.0
-    """Time beyond what the same way takes at the speed wanted: the sum of dt (1 - v / v_wanted), as SUMO's tripinfo has
-    it. A vehicle wants the lane's limit times its speed factor, at most its own; a person its own walking speed."""
+    """Time beyond that of the same path at the desired speed: the sum of dt (1 - v / v_desired), as in SUMO's tripinfo.
+    The desired speed of a vehicle is the lane's limit times its speed factor, at most its top speed; that of a person
+    is its walking speed."""
     stops: int = 0
-    """How often it came to stand (below 0.1 m/s) for at least SHORTEST_STOP, after it had moved."""
+    """Times at which it stood (below 0.1 m/s) for at least SHORTEST_STOP after it had moved."""
     standing: float = 0.0
     distance: float = 0.0
     """m."""
 
 
 class Trips:
-    """Follows everybody through `api` (libsumo or a TraCI connection); call `look` after every SUMO step."""
+    """Follows all road users through `api` (libsumo or a TraCI connection); call `update` after every SUMO step."""
 
     def __init__(self, api: SumoApi, step_length: float) -> None:
         self.all: dict[str, Trip] = {}
         self._api, self._step = api, step_length
         self._moving: set[str] = set()
         self._still: dict[str, float] = {}
-        """s for which a road user has been standing."""
+        """s for which each standing road user has stood."""
 
-    def look(self, world: WorldState, now: float) -> None:
-        """`world`: everybody after the step, `now`: the time then, s."""
+    def update(self, world: WorldState, now: float) -> None:
+        """`world`: all road users after the step; `now`: the time then, s."""
         api, dt = self._api, self._step
         for road_user in arrived_ids(api):
             if road_user in self.all:
                 self.all[road_user].arrived = now - dt
         known = loaded_ids(api)
         for road_user, kind, speed in zip(world.ids, world.type.tolist(), world.speed.tolist(), strict=True):
-            if road_user not in known:  # it has arrived with this step
+            if road_user not in known:  # arrived in this step
                 continue
             trip = self.all.get(road_user) or self._begin(road_user, kind, now)
             walking = kind == RoadUserType.PEDESTRIAN
-            wanted = wanted_speed(api, road_user, walking)
-            if wanted > 0.0:
-                trip.time_loss += dt * max(0.0, 1.0 - speed / wanted)
+            desired = wanted_speed(api, road_user, walking)
+            if desired > 0.0:
+                trip.time_loss += dt * max(0.0, 1.0 - speed / desired)
             trip.distance += speed * dt
             if speed >= STANDING_SPEED:
                 self._still.pop(road_user, None)

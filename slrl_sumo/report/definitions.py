@@ -33,10 +33,10 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "cars, all surfaces for others.",
     ),
     "lost": (
-        "lost, looped, taken over, handed back, strayed, arrived",
-        "Counts of road users. Lost: gone from SUMO without arriving. Looped: left the scene and were put to another "
-        "place. Taken over: became learned; handed back: became SUMO's again. Strayed: handed back because they had "
-        "left the network. Arrived: reached their destination while learned.",
+        "lost, wrapped around, taken over, handed back, returned to route, arrived",
+        "Counts of road users. Lost: gone from SUMO without arriving. Wrapped around: left the scene and were put back "
+        "elsewhere. Taken over: became learned; handed back: became SUMO's again. Returned to route: had left the "
+        "network, were put on their route and handed back. Arrived: reached their destination while learned.",
     ),
     "real_time": (
         "times real time",

@@ -115,7 +115,7 @@ def _summary(traced: "Traced", summary: Mapping[str, Any]) -> str:
         if summary["per_type"][name]["count"]
     ]
     text += _table(["type", *(_link(definition, title) for title, definition, *_ in SUMMARY)], lines)
-    words = ("lost", "looped", "taken_over", "handed_back", "strayed", "arrived")
+    words = ("lost", "wrapped_around", "taken_over", "handed_back", "returned_to_route", "arrived")
     ends = [str(summary[word]) for word in words]
     text += _table(["", *(_link("lost", f"{word.replace('_', ' ')}") for word in words)], [["road users", *ends]])
     for notice in summary["notices"]:

@@ -166,7 +166,8 @@ def summary_table(result: dict[str, Any]) -> Table:
     table = Table(
         title=(
             f"{result['scenario']}: {result['agent_steps']} agent-steps in {result['wall_s']:.1f} s "
-            f"({result['real_time_factor'] or 0:.1f}x real time), {result['looped']} looped, {result['lost']} lost"
+            f"({result['real_time_factor'] or 0:.1f}x real time), "
+            f"{result['wrapped_around']} wrapped around, {result['lost']} lost"
         ),
         title_justify="left",
     )

@@ -30,7 +30,7 @@ KEYS = {
     "agent_steps": int,
     "agent_steps_per_s": NUMBER,
     "lost": int,
-    "looped": int,
+    "wrapped_around": int,
     "taken_over": int,
     "handed_back": int,
     "per_type": dict,

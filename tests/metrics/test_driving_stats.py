@@ -10,7 +10,6 @@ from builders import make_world
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.metrics.driving_stats import DrivingStats
-from slrl_sumo.metrics.lane_keeping import LaneKeeping
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.network import Network
@@ -40,42 +39,42 @@ CAR, BICYCLE, PEDESTRIAN = RoadUserType
 
 
 def test_pairs_count_once_when_they_begin_and_only_with_somebody_watched(street: Network) -> None:
-    conduct = DrivingStats(RoadMap(street.surfaces()), street)
+    stats = DrivingStats(RoadMap(street.surfaces()))
     apart = scene(("a", CAR, 20.0, -1.6, 5.0), ("b", CAR, 30.0, -1.6, 5.0), ("p", PEDESTRIAN, 60.0, 0.0, 1.0))
     both = frozenset({"a", "p"})
-    conduct.add(apart, both)
+    stats.add(apart, both)
     # a and b overlap by 5 cm: an overlap with the background, but none of boxes that are 10 cm smaller.
     near = replace(apart, x=np.array([25.05, 30.0, 60.0]))
     for world in (near, near, apart, near):
-        conduct.add(world, both)
-    found = conduct.record()
+        stats.add(world, both)
+    found = stats.record()
     assert [found["car"][k] for k in ("overlaps", "overlaps_background", "overlaps_shrunk")] == [1, 1, 0]
     # The person walks into a: counts for both types, once for all.
-    conduct.add(replace(near, x=np.array([25.05, 40.0, 25.0]), y=np.array([-1.6, -1.6, -1.6])), both)
-    found = conduct.record()
+    stats.add(replace(near, x=np.array([25.05, 40.0, 25.0]), y=np.array([-1.6, -1.6, -1.6])), both)
+    found = stats.record()
     kinds = ("car", "bicycle", "pedestrian", "all")
     assert [found[k]["overlaps"] for k in kinds] == [2, 0, 1, 2]
     assert [found[k]["overlaps_background"] for k in kinds] == [1, 0, 0, 1]
     assert [found[k]["overlaps_shrunk"] for k in kinds] == [1, 0, 1, 1]
     # Nobody watched.
-    conduct.add(replace(near, x=np.array([80.0, 82.0, 60.0])), frozenset({"p"}))
-    assert conduct.record()["all"]["overlaps"] == 2
+    stats.add(replace(near, x=np.array([80.0, 82.0, 60.0])), frozenset({"p"}))
+    assert stats.record()["all"]["overlaps"] == 2
 
 
 def test_who_is_taken_over_in_contact_has_not_driven_into_it(street: Network) -> None:
-    conduct = DrivingStats(RoadMap(street.surfaces()), street)
+    stats = DrivingStats(RoadMap(street.surfaces()))
     touching = scene(("a", CAR, 20.0, -1.6, 5.0), ("b", CAR, 24.0, -1.6, 5.0))
-    conduct.add(touching, frozenset())
-    conduct.add(touching, frozenset({"a"}))
-    assert conduct.record()["all"]["overlaps"] == 0
+    stats.add(touching, frozenset())
+    stats.add(touching, frozenset({"a"}))
+    assert stats.record()["all"]["overlaps"] == 0
 
 
 def test_speeds_braking_and_surfaces_are_shares_of_steps(street: Network) -> None:
-    conduct = DrivingStats(RoadMap(street.surfaces()), street)
+    stats = DrivingStats(RoadMap(street.surfaces()))
     # -4.4 and -4.6 m/s², then standing beside the street.
     for x, y, speed in ((20.0, -1.6, 9.0), (23.0, -1.6, 7.24), (26.0, -1.6, 5.4), (28.0, 40.0, 0.05)):
-        conduct.add(scene(("a", CAR, x, y, speed), ("b", BICYCLE, 60.0, -1.6, 4.0)), frozenset({"a", "b"}))
-    found = conduct.record()
+        stats.add(scene(("a", CAR, x, y, speed), ("b", BICYCLE, 60.0, -1.6, 4.0)), frozenset({"a", "b"}))
+    found = stats.record()
     assert found["car"]["steps"] == 4
     assert found["car"]["mean_speed_mps"] == pytest.approx((9.0 + 7.24 + 5.4 + 0.05) / 4, abs=1e-4)
     assert found["car"]["standing_share"] == 0.25
@@ -84,23 +83,3 @@ def test_speeds_braking_and_surfaces_are_shares_of_steps(street: Network) -> Non
     assert found["bicycle"]["hard_braking_share"] == 0.0
     assert found["pedestrian"]["mean_speed_mps"] is None
     assert found["all"]["steps"] == 8
-    assert list(conduct.paths) == ["a"]
-
-
-def test_lane_keeping_measures_offsets_sways_and_driving_against_the_lane(street: Network) -> None:
-    lanes = LaneKeeping(street)
-    offsets = [0.0, 0.2, 0.1, -0.1, -0.3, -0.1, 0.1, -0.2, 0.5]
-    for k, offset in enumerate(offsets):
-        lanes.add(scene(("a", CAR, 10.0 + 5.0 * k, -1.6 + offset, 12.5)))
-    assert lanes.distances == pytest.approx(np.abs(offsets), abs=1e-6)
-    # + to - and - to +; crossing the line within 0.15 m of it is nothing.
-    assert lanes.sways == 2
-    assert lanes.metres == pytest.approx(40.0, abs=0.1)
-    assert lanes.against == 0
-    turned = scene(("a", CAR, 60.0, -1.6, 5.0))
-    lanes.add(replace(turned, heading=np.array([np.pi])))
-    assert lanes.against == 1
-    steps = len(lanes.distances)
-    # Beside the street, and at the junction between the two edges.
-    lanes.add(scene(("a", CAR, 60.0, 8.0, 5.0)))
-    assert len(lanes.distances) == steps

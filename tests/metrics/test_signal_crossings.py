@@ -9,7 +9,7 @@ from builders import make_world
 
 from netgen.scenario import write_scenario
 from netgen.specs import DemandSpec, IntersectionSpec
-from slrl_sumo.metrics.signal_crossings import Passages, outside_by, shortened
+from slrl_sumo.metrics.signal_crossings import SignalCrossings, outside_by, shortened
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import background_world
@@ -32,12 +32,12 @@ def world_of(session: SumoSession) -> WorldState:
     return background_world(session.reader.read(), session.time, frozenset())
 
 
-def first_at_red(session: SumoSession, passages: Passages) -> str:
+def first_at_red(session: SumoSession, passages: SignalCrossings) -> str:
     """Drive on until a car stands before a red light in front of everybody; its id."""
     for _ in range(500):
         session.step()
         world = world_of(session)
-        passages.look(world, world.ids)
+        passages.update(world, world.ids)
         for vehicle in session.api.vehicle.getIDList():
             signal = session.api.vehicle.getNextTLS(vehicle)
             at_line = signal and signal[0][2] < 4.0 and signal[0][3] == "r"
@@ -48,13 +48,13 @@ def first_at_red(session: SumoSession, passages: Passages) -> str:
 
 def test_sumos_own_road_users_run_no_red_light_and_pass_once_each(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = Passages(session.api, session.network)
+        passages = SignalCrossings(session.api, session.network)
         found = []
         through = set()
         for _ in range(500):
             session.step()
             world = world_of(session)
-            found += passages.look(world, world.ids)
+            found += passages.update(world, world.ids)
             for vehicle in session.api.vehicle.getIDList():
                 if session.api.vehicle.getRoadID(vehicle).startswith("out"):
                     through.add(vehicle)
@@ -73,7 +73,7 @@ def test_sumos_own_road_users_run_no_red_light_and_pass_once_each(made: Scenario
 @pytest.mark.parametrize("way", ["heedless", "moved on its lane", "moved beside every lane"])
 def test_a_car_that_goes_at_red_is_one_run(made: Scenario, way: str) -> None:
     with SumoSession(made, seed=2) as session:
-        api, passages = session.api, Passages(session.api, session.network)
+        api, passages = session.api, SignalCrossings(session.api, session.network)
         loans = TakenOverControl(api, session.network)
         car = first_at_red(session, passages)
         lane = api.vehicle.getLaneID(car)
@@ -98,7 +98,7 @@ def test_a_car_that_goes_at_red_is_one_run(made: Scenario, way: str) -> None:
             session.step()
             world = world_of(session)
             if car in world.ids:
-                found += passages.look(world, (car,))
+                found += passages.update(world, (car,))
     assert [(p.road_user, p.aspect, p.lane) for p in found] == [(car, "red", lane)]
 
 
@@ -109,7 +109,7 @@ def test_a_light_that_changes_in_the_step_of_the_passage_counts_as_the_more_perm
     made: Scenario, before: str, after: str, aspect: str
 ) -> None:
     with SumoSession(made, seed=2) as session:
-        light, passages = session.api.trafficlight, Passages(session.api, session.network)
+        light, passages = session.api.trafficlight, SignalCrossings(session.api, session.network)
         car = first_at_red(session, passages)
         signal = light.getIDList()[0]
         size = len(light.getRedYellowGreenState(signal))
@@ -117,16 +117,16 @@ def test_a_light_that_changes_in_the_step_of_the_passage_counts_as_the_more_perm
         session.api.vehicle.setSpeedMode(car, 0)
         session.api.vehicle.setSpeed(car, 0.0)
         session.step()
-        assert passages.look(world_of(session), (car,)) == []
+        assert passages.update(world_of(session), (car,)) == []
         light.setRedYellowGreenState(signal, after * size)
         session.api.vehicle.setSpeed(car, 15.0)
         session.step()
-        assert [p.aspect for p in passages.look(world_of(session), (car,))] == [aspect]
+        assert [p.aspect for p in passages.update(world_of(session), (car,))] == [aspect]
 
 
 def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages, loans = Passages(session.api, session.network), TakenOverControl(session.api, session.network)
+        passages, loans = SignalCrossings(session.api, session.network), TakenOverControl(session.api, session.network)
         car = first_at_red(session, passages)
         world = world_of(session)
         loans.take_over((car,), np.zeros(1, np.bool_))
@@ -137,7 +137,7 @@ def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) ->
             loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
             session.step()
             lanes.append(session.api.vehicle.getLaneID(car))
-            found += passages.look(world_of(session), (car,))
+            found += passages.update(world_of(session), (car,))
     assert [lane.startswith(":") for lane in lanes] == [True, False, True, False, True]
     assert [p.aspect for p in found] == ["red"]
 
@@ -145,12 +145,12 @@ def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) ->
 def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:
     # Bicycles turn right there without a signal, while the rest of their lane has red.
     with SumoSession(find_scenario(str(game / "fkk_in.sumocfg")), seed=1) as session:
-        passages = Passages(session.api, session.network)
+        passages = SignalCrossings(session.api, session.network)
         found, turned = [], False
         for _ in range(100):
             session.step()
             world = world_of(session)
-            found += passages.look(world, world.ids)
+            found += passages.update(world, world.ids)
             turned |= "4_right.0" in world.ids and session.api.vehicle.getLaneID("4_right.0") == ":gneJ21_0_0"
     assert turned
     assert len(found) > 2
@@ -159,12 +159,12 @@ def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:
 
 def test_the_same_car_held_until_green_is_none(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = Passages(session.api, session.network)
+        passages = SignalCrossings(session.api, session.network)
         car = first_at_red(session, passages)
         found = []
         for _ in range(300):
             session.step()
-            found += passages.look(world_of(session), (car,))
+            found += passages.update(world_of(session), (car,))
             if found:
                 break
     assert [p.aspect for p in found] == ["green"]
@@ -172,7 +172,7 @@ def test_the_same_car_held_until_green_is_none(made: Scenario) -> None:
 
 def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = Passages(session.api, session.network)
+        passages = SignalCrossings(session.api, session.network)
         crossing = next(lane for lane in session.network.lanes if lane.id == ":centre_c0_0")
         signal, index = next(
             (signal, i)
@@ -187,14 +187,14 @@ def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(mad
         while session.api.trafficlight.getRedYellowGreenState(signal)[index] != "r" or not len(world):
             session.step()
             world = world_of(session)
-            passages.look(world, ())
+            passages.update(world, ())
 
         def at(metres: float) -> WorldState:
             x, y = a + metres * along
             return make_world(x, y, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
 
         def go(metres: float) -> list[str]:
-            return [p.aspect for p in passages.look(at(metres), ("somebody",))]
+            return [p.aspect for p in passages.update(at(metres), ("somebody",))]
 
         assert [go(metres) for metres in (-3.0, -0.5, 0.4, 0.4, -0.2)] == [[]] * 5
         assert [go(metres) for metres in (0.5, 1.2, 2.0, 1.2, 0.5, -1.0, 2.0)] == [[], ["red"], [], [], [], [], []]

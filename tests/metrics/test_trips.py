@@ -12,7 +12,7 @@ from slrl_sumo.metrics.trips import Trips
 from slrl_sumo.scene.state import WorldState, empty_world
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import Differences, background_world
-from slrl_sumo.studies.compare.run import Exhaust
+from slrl_sumo.studies.compare.run import Emissions
 from slrl_sumo.sumo.emissions import emission_rates
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
@@ -39,7 +39,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
         for _ in range(round(100 / session.step_length)):
             session.step()
             world = differences.complete(background_world(session.reader.read(), session.time, frozenset()))
-            trips.look(world, session.time)
+            trips.update(world, session.time)
             worlds.append(world)
             classes |= {i: session.api.vehicle.getEmissionClass(i) for i in session.api.vehicle.getIDList()}
     infos = {str(info.get("id")): info for info in etree.parse(str(file)).getroot().iter("tripinfo")}
@@ -74,7 +74,7 @@ def test_walkers_have_trips(watched: Watched) -> None:
 
 
 def test_emissions_are_those_of_sumos_devices(watched: Watched) -> None:
-    exhaust = Exhaust(SimpleNamespace(vehicle=SimpleNamespace(getEmissionClass=watched.classes.get)))
+    exhaust = Emissions(SimpleNamespace(vehicle=SimpleNamespace(getEmissionClass=watched.classes.get)))
     for world in watched.worlds:
         exhaust.add(world.take(np.array([i for i, name in enumerate(world.ids) if name in watched.infos], np.intp)))
     record = exhaust.record()
@@ -138,9 +138,9 @@ def test_who_sways_about_the_limit_has_stopped_once() -> None:
     alone = replace(empty_world(), ids=("car",), type=np.zeros(1, np.int8))
     speeds = (0.0, 5.0, 10.0, 0.05, 0.0, 0.2, 0.0, 0.0, 0.2, 0.05, 8.0, 0.0, 12.0, 0.0, 0.0)
     for step, speed in enumerate(speeds, start=1):
-        trips.look(replace(alone, speed=np.array([speed])), 100.0 + 0.5 * step)
+        trips.update(replace(alone, speed=np.array([speed])), 100.0 + 0.5 * step)
     api.gone = ("car",)
-    trips.look(replace(alone, speed=np.zeros(1)), 108.0)
+    trips.update(replace(alone, speed=np.zeros(1)), 108.0)
     (trip,) = trips.all.values()
     # It stands at the begin, which is no stop; then once with a little swaying; for 0.5 s, which is too short; and in
     # the end for 1 s.

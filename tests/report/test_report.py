@@ -100,7 +100,7 @@ def summary() -> dict[str, Any]:
             name: {**figures, "mean_speed_mps": 9.87, "count": count, "collisions": 0, "overlaps": 1}
             for name, count in types.items()
         },
-        **dict.fromkeys(("lost", "looped", "taken_over", "handed_back", "strayed", "arrived"), 0),
+        **dict.fromkeys(("lost", "wrapped_around", "taken_over", "handed_back", "returned_to_route", "arrived"), 0),
         "notices": list(STARTED.notices),
     }
 

@@ -65,7 +65,7 @@ def test_our_trace_is_sumos(cli: Cli, tmp_path: Path, scenario: str, step: float
 
     # Whom we never had is as SUMO has it, in every respect.
     result = json.loads(summary.read_text())
-    looped = {(round(loop["time_s"] + k * step, 3), loop["id"]) for loop in result["loops"] for k in range(5)}
+    looped = {(round(loop["time_s"] + k * step, 3), loop["id"]) for loop in result["wraparounds"] for k in range(5)}
     speeds = np.abs(column(ours, later, "speed") - column(own, later, "speed"))
     never = [k for k, (_, i) in enumerate(later) if not i.startswith("learned_") and ours[later[k]].get("lane")]
     lanes = sum(ours[later[k]].get("lane") == own[later[k]].get("lane") for k in never)

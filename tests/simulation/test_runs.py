@@ -91,8 +91,8 @@ def check(file: Path, summary: dict[str, Any], agents: int, decisions: int, max_
     assert [summary["per_type"][name]["count"] for name in TYPE_NAMES] == np.bincount(trace.kind, minlength=3).tolist()
 
     # Jumps are loops, and all loops are told.
-    told = {(loop["id"], round(loop["time_s"], 2)) for loop in summary["loops"]}
-    assert len(told) == len(summary["loops"]) == summary["looped"]
+    told = {(loop["id"], round(loop["time_s"], 2)) for loop in summary["wraparounds"]}
+    assert len(told) == len(summary["wraparounds"]) == summary["wrapped_around"]
     looped = np.array([[(i, round(t, 2)) in told for i in trace.ids] for t in trace.times[1::substeps]])
     assert looped.sum() == len(told)
     at = slice(0, None, substeps)
@@ -141,7 +141,7 @@ def test_a_short_run_keeps_all_promises(short_run: tuple[Path, dict[str, Any]], 
     fcd, summary = short_run
     trace = check(fcd, summary, 16, 60, shipped_bundle.max_speed)
     assert (summary["scenario"], summary["seed"], summary["bundle"]) == ("intersection", 3, "intersection")
-    assert summary["looped"] > 0
+    assert summary["wrapped_around"] > 0
     assert trace.background > 3
     assert (trace.speed.max(axis=0) > 0.3).mean() > 0.8
     assert len(np.unique(trace.angle[-1])) > 8

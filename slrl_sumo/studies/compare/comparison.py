@@ -1,8 +1,6 @@
-"""The same scenario and seeds with SUMO's own models and with learned road users: all runs, and what they say."""
+"""The same scenario and seeds with SUMO's own models and with learned road users: all runs and their result."""
 
-import json
 import math
-import os
 import shlex
 import sys
 import time
@@ -25,18 +23,17 @@ from slrl_sumo.simulation.takeover import parse_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, play
 from slrl_sumo.studies.compare.tables import distances, rows
-from slrl_sumo.studies.episodes.episode import EpisodeSettings
-from slrl_sumo.studies.episodes.log import log_header
+from slrl_sumo.studies.log import StudyLog, inputs_header
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.scenario.command import sumo_step_length
 
 USUAL_SECONDS = 600.0
-"""Of a scenario that has no end."""
+"""Length of the runs of a scenario without an end, s."""
 
 
 @dataclass(frozen=True)
 class ComparisonSettings:
-    """What to compare; the words are those of `slrl-sumo compare`."""
+    """Settings of a comparison, named as the options of `slrl-sumo compare`."""
 
     scenario: str
     bundle: str
@@ -49,10 +46,10 @@ class ComparisonSettings:
     seconds: float | None = None
     seed: int = 1
     seeds: int = 5
-    """How many seeds, from `seed` on."""
+    """Number of seeds, from `seed` on."""
     step_length: float | None = None
     backend: Backend = field(default_factory=Backend)
-    """Where the runs are done."""
+    """The processes that do the runs."""
 
 
 def compare(
@@ -61,11 +58,11 @@ def compare(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[dict[str, Any], dict[Run, Record]]:
-    """Do all runs that `folder`/runs.jsonl does not hold yet. Returns the result, ready for JSON, and all runs.
+    """Do all runs that `folder`/runs.jsonl does not contain yet. Returns the result, ready for JSON, and all runs.
 
-    `rows`: see `comparison_tables.rows`; `distances`: of the distributions of motion; `left_out`: runs that could not
-    be done. The figures do not depend on where the runs are done. `progress` is told how many runs are done, of how
-    many. Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
+    `rows`: see `tables.rows`; `distances`: between the distributions of motion; `left_out`: runs that failed. The
+    figures do not depend on which processes do the runs. `progress` receives the number of finished runs and the
+    number of all runs. Raises InputError where settings or files are wrong, SumoError where no seed has both its runs.
     """
     bundle, scenario = load_bundle(settings.bundle), find_scenario(settings.scenario)
     common = _common(settings, bundle, scenario)
@@ -74,8 +71,9 @@ def compare(
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
     wanted = [Run(seed, arm) for seed in range(settings.seed, settings.seed + settings.seeds) for arm in ARMS]
-    log = RunLog(folder / "runs.jsonl", _header(common, scenario, bundle))
-    missing = [run for run in wanted if run not in log.done]
+    log = StudyLog(folder / "runs.jsonl", _header(common, scenario, bundle), "runs")
+    done: dict[Run, Record] = dict(log.read(lambda line: (Run(line["seed"], line["arm"]), line["record"])))
+    missing = [run for run in wanted if run not in done]
     left_out: list[Finished[Run, Record]] = []
     progress(len(wanted) - len(missing), len(wanted))
     with closing(run_jobs(partial(play, common), missing, settings.backend)) as results:
@@ -83,9 +81,10 @@ def compare(
             if finished.record is None:
                 left_out.append(finished)
             else:
-                log.add(finished.job, finished.record)
+                done[finished.job] = finished.record
+                log.add(asdict(finished.job) | {"record": finished.record})
             progress(len(wanted) - len(missing) + number, len(wanted))
-    runs = {run: log.done[run] for run in wanted if run in log.done}
+    runs = {run: done[run] for run in wanted if run in done}
     seeds = sorted({run.seed for run in runs if all(Run(run.seed, arm) in runs for arm in ARMS)})
     if not seeds:
         raise SumoError(f"no seed has both its runs: {left_out[-1].reason}")
@@ -107,8 +106,8 @@ def compare(
 
 
 def write_compared(settings: ComparisonSettings, folder: Path) -> int:
-    """Compare with a progress bar, and write and print what came of it. Returns 0, or the number of the signal (SIGINT
-    or SIGTERM) that interrupted it; what was finished by then is in `folder`/runs.jsonl."""
+    """Compare with a progress bar; write and print the result. Returns 0, or the number of the signal (SIGINT or
+    SIGTERM) that interrupted it; the runs finished by then are in `folder`/runs.jsonl."""
     begin = time.perf_counter()
     with interruptible() as caught, progress_bar("{task.completed:.0f} of {task.total} runs") as bar:
         task = bar.add_task(settings.scenario, total=2 * settings.seeds)
@@ -118,65 +117,15 @@ def write_compared(settings: ComparisonSettings, folder: Path) -> int:
             )
         except KeyboardInterrupt:
             bar.stop()
-            print("interrupted: the same command goes on from the runs that are finished", file=sys.stderr)
+            print("interrupted: the same command continues after the finished runs", file=sys.stderr)
             return caught[0]
     write_comparison(result, runs, folder)
     print_comparison(result, folder, time.perf_counter() - begin)
     return 0
 
 
-@dataclass
-class RunLog:
-    """`runs.jsonl`: a header, then one line for each finished run. `done` holds what was there and is added.
-
-    Half a line at the end, left by a process that was killed, is cut off. Raises InputError where the file cannot be
-    used, or belongs to a comparison with another header.
-    """
-
-    file: Path
-    header: dict[str, Any]
-    done: dict[Run, Record] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        try:
-            data = self.file.read_bytes() if self.file.exists() else b""
-            whole = data[: data.rfind(b"\n") + 1]
-            if whole:
-                self._read(whole)
-                os.truncate(self.file, len(whole))
-            else:
-                self.file.write_text(json.dumps(self.header) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise InputError(f"{self.file}: cannot be written ({error.strerror}); name another --out") from None
-
-    def add(self, run: Run, record: Record) -> None:
-        """Append a finished run, at once."""
-        self.done[run] = record
-        try:
-            with open(self.file, "a", encoding="utf-8") as stream:
-                stream.write(json.dumps(asdict(run) | {"record": record}) + "\n")
-        except OSError as error:
-            raise InputError(f"{self.file}: cannot be written ({error.strerror}); make room and go on") from None
-
-    def _read(self, data: bytes) -> None:
-        try:
-            first, *lines = data.decode("utf-8").splitlines()
-            found = json.loads(first)
-            other = next((name for name in self.header if found.get(name) != self.header[name]), None)
-            for line in lines:
-                values = json.loads(line)
-                self.done[Run(values["seed"], values["arm"])] = values["record"]
-        except (ValueError, TypeError, KeyError, AttributeError):
-            raise InputError(f"{self.file}: is damaged or something else; name another --out, or delete it") from None
-        if other is not None:
-            raise InputError(
-                f"{self.file}: its runs are of other settings ({other.removesuffix('_sha256')} "
-                f"{str(found.get(other))[:30]}, not {str(self.header[other])[:30]}); name another --out, or delete it"
-            )
-
-
 def _command(common: ComparedScenario, run: Run) -> str:
-    """What does the two runs of a seed again, and nothing else."""
+    """The command that repeats the two runs of a seed alone."""
     words: list[Any] = ["slrl-sumo", "compare", common.scenario, "--bundle", common.bundle]
     words += ["--takeover", common.takeover, "--selector", common.selector, "--steps", common.decisions]
     words += [*(["--region", common.region] if common.region else []), *(["--guard"] if common.guard else [])]
@@ -188,16 +137,14 @@ def _notices(runs: dict[Run, Record], seed: int) -> list[str]:
     lines = list(runs[Run(seed, ARMS[0])]["notices"])
     unknown = sorted({name for record in runs.values() for name in record["emissions"]["unknown"]})
     if unknown:
-        lines.append(f"no emissions of {', '.join(unknown)}: SUMO here has no data for them")
+        lines.append(f"no emissions of {', '.join(unknown)}: this SUMO has no data for them")
     return lines
 
 
 def _header(common: ComparedScenario, scenario: Scenario, bundle: ModelBundle) -> dict[str, Any]:
-    """All that a run depends on beside the Run itself."""
-    files = log_header(EpisodeSettings(common.scenario, common.bundle, common.decisions), scenario, bundle)
-    hashes = {name: value for name, value in files.items() if name.endswith("_sha256") or name == "version"}
+    """All settings on which a run depends besides the Run itself."""
     own = {name: value for name, value in asdict(common).items() if name not in ("scenario", "bundle")}
-    return {"scenario": scenario.name, "bundle": bundle.name, **hashes, **own}
+    return inputs_header(scenario, bundle) | own
 
 
 def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenario) -> ComparedScenario:

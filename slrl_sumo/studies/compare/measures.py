@@ -1,4 +1,4 @@
-"""What a comparison measures of a run: each measure with its unit and definition."""
+"""The measures of a comparison, each with its unit and definition."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ VEHICLES = (RoadUserType.CAR, RoadUserType.BICYCLE)
 
 @dataclass(frozen=True)
 class SeedRun:
-    """What one run says, with what it has in common with the other arm's."""
+    """One run of a seed, and the trips that it shares with the other arm."""
 
     record: Record
     trips: Mapping[str, Trip]
-    """By road user; all."""
+    """All trips, by road user."""
     same: frozenset[str]
-    """Who arrived in both arms."""
+    """Road users that arrived in both arms."""
 
 
 Value = Callable[[SeedRun, str], float | None]
@@ -30,7 +30,7 @@ Value = Callable[[SeedRun, str], float | None]
 
 @dataclass(frozen=True)
 class Measure:
-    """One line of the table for each type that it is of."""
+    """One line of the table for each of its types."""
 
     name: str
     title: str
@@ -49,9 +49,9 @@ def _trip_mean(of: Callable[[Trip], float]) -> Value:
     return value
 
 
-def _conduct(key: str, scale: float = 1.0) -> Value:
+def _driving(key: str, scale: float = 1.0) -> Value:
     def value(seed: SeedRun, kind: str) -> float | None:
-        found = seed.record["conduct"][kind][key]
+        found = seed.record["driving_stats"][kind][key]
         return None if found is None else scale * found
 
     return value
@@ -66,15 +66,15 @@ def _conflicts(measure: str) -> Value:
 
 def _conflict_rate(measure: str) -> Value:
     def value(seed: SeedRun, kind: str) -> float | None:
-        hours = seed.record["conduct"][kind]["steps"] * DECISION_INTERVAL / 3600.0
+        hours = seed.record["driving_stats"][kind]["steps"] * DECISION_INTERVAL / 3600.0
         return _conflicts(measure)(seed, kind) / hours if hours else None
 
     return value
 
 
 def _red(seed: SeedRun, kind: str) -> float | None:
-    found = seed.record["passages"][kind]
-    return 1000.0 * found["red"] / found["passages"] if found["passages"] else None
+    found = seed.record["signal_crossings"][kind]
+    return 1000.0 * found["red"] / found["all"] if found["all"] else None
 
 
 def _emitted(pollutant: str, scale: float) -> Value:
@@ -87,7 +87,7 @@ def _co2_per_km(seed: SeedRun, kind: str) -> float | None:
 
 
 def _learned_share(seed: SeedRun, kind: str) -> float | None:
-    steps = seed.record["conduct"][ALL]["steps"]
+    steps = seed.record["driving_stats"][ALL]["steps"]
     return 100.0 * seed.record["learned"]["steps"] / steps if steps else None
 
 
@@ -155,7 +155,7 @@ MEASURES = (
         "m/s",
         2,
         TYPE_NAMES,
-        _conduct("mean_speed_mps"),
+        _driving("mean_speed_mps"),
         "mean over all road users and moments, standing ones included",
     ),
     Measure(
@@ -164,7 +164,7 @@ MEASURES = (
         "%",
         2,
         WHEELS,
-        _conduct("hard_braking_share", 100.0),
+        _driving("hard_braking_share", 100.0),
         "share of the moments at which a road user slowed down by more than 4.5 m/s² over 0.4 s",
     ),
     Measure(
@@ -173,7 +173,7 @@ MEASURES = (
         "%",
         2,
         TYPE_NAMES,
-        _conduct("off_surface_share", 100.0),
+        _driving("off_surface_share", 100.0),
         "share of the moments at which the centre was not on a surface of the type's own: cars belong on roads",
     ),
     Measure(
@@ -220,7 +220,7 @@ MEASURES = (
         "1",
         1,
         (ALL, *TYPE_NAMES),
-        _conduct("overlaps"),
+        _driving("overlaps"),
         "pairs whose boxes began to overlap, each once in a run",
     ),
     Measure(
@@ -229,7 +229,7 @@ MEASURES = (
         "1",
         1,
         (ALL,),
-        lambda seed, kind: float(seed.record["collisions"]),
+        _driving("collisions"),
         "pairs whose centres came closer than 0.5 m, each once in a run",
     ),
     Measure("co2", "CO2", "kg", 2, (ALL,), _emitted("co2", 1e-3), EMITTED),

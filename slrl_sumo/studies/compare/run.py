@@ -1,4 +1,4 @@
-"""One run of a comparison: a scenario with learned road users, or with SUMO's own models alone, and what came of it."""
+"""One run of a comparison: a scenario with learned road users or with SUMO's own models, and its measurements."""
 
 from dataclasses import astuple, dataclass
 from typing import Any
@@ -11,10 +11,9 @@ from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
 from slrl_sumo.metrics.conflicts import Conflicts, pet_conflicts, ttc_conflicts
 from slrl_sumo.metrics.distributions import EDGES, QUANTITIES, histogram, kinematics
 from slrl_sumo.metrics.driving_stats import DrivingStats
-from slrl_sumo.metrics.signal_crossings import Passages
+from slrl_sumo.metrics.signal_crossings import SignalCrossings
 from slrl_sumo.metrics.trips import Trips
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.scene.contacts import colliding_pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
@@ -30,15 +29,15 @@ from slrl_sumo.sumo.session import SumoSession
 
 SUMO, LEARNED = "sumo", "learned"
 ARMS = (SUMO, LEARNED)
-"""Nobody is learned; those that were taken over are."""
+"""SUMO: no road user is learned. LEARNED: the road users that are taken over are."""
 
 Record = dict[str, Any]
-"""What came of a run, ready for JSON; see `play`."""
+"""Measurements of a run, ready for JSON; see `play`."""
 
 
 @dataclass(frozen=True)
 class ComparedScenario:
-    """What all runs of a comparison have in common; the words are those of `slrl-sumo compare`."""
+    """Settings that all runs of a comparison share, named as in `slrl-sumo compare`."""
 
     scenario: str
     bundle: str
@@ -52,21 +51,20 @@ class ComparedScenario:
 
 @dataclass(frozen=True, order=True)
 class Run:
-    """One run: those of the same seed have the same demand."""
+    """One run; runs of the same seed have the same demand."""
 
     seed: int
     arm: str
 
 
 def play(common: ComparedScenario, run: Run) -> Record:
-    """Do a run in this process. It depends on its arguments alone.
+    """Do a run in this process. The record depends on the arguments alone.
 
-    `trips`: by road user the fields of `trips.Trip`; `conduct`: of everybody, see `conduct.DrivingStats`; `collisions`:
-    pairs whose centres came closer than 0.5 m; `passages`: of signals, by type; `conflicts`: by measure (ttc, pet) a
-    list for each encounter with a vehicle, see `conflict_rows`; `emissions`: g of all vehicles, and m that those
-    drove which emit; `histograms`: by quantity and type, the shares over `distributions.EDGES`; `learned`:
-    how many came and went.
-    Raises InputError where scenario or bundle cannot be used, SumoError where SUMO gives up.
+    `trips`: by road user the fields of `trips.Trip`; `driving_stats`: of all road users, see `DrivingStats.record`;
+    `signal_crossings`: by type; `conflicts`: by measure (ttc, pet) a list for each encounter with a vehicle, see
+    `conflict_rows`; `emissions`: g of all vehicles, and m driven by the vehicles that emit; `histograms`: by quantity
+    and type, the shares over `distributions.EDGES`; `learned`: counts of takeovers and their ends.
+    Raises InputError where scenario or bundle cannot be used, SumoError where SUMO fails.
     """
     # The models are so small that more threads only wait for each other.
     torch.set_num_threads(1)
@@ -80,44 +78,40 @@ def play(common: ComparedScenario, run: Run) -> Record:
             takeover = Takeover(parse_shares(common.takeover), region, run.seed)
         driver = make_driver(common.selector, bundle, api, network, run.seed, guard=common.guard)
         loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
-        trips, passages = Trips(api, session.step_length), Passages(api, network)
-        conduct, exhaust = DrivingStats(loop.roadmap, network), Exhaust(api)
+        trips, signals = Trips(api, session.step_length), SignalCrossings(api, network)
+        stats, emissions = DrivingStats(loop.roadmap), Emissions(api)
         builder = TrajectoryBuilder(source=f"{common.scenario}, {run.arm}, seed {run.seed}")
-        collided: set[tuple[str, str]] = set()
-        seen = []
-        comings = dict.fromkeys(("taken_over", "handed_back", "strayed", "lost"), 0)
-        learned_steps = 0
+        crossings = []
+        learned = dict.fromkeys(("taken_over", "handed_back", "returned_to_route", "lost", "steps"), 0)
         before: WorldState | None = None
         loop.start()
-        comings["taken_over"] += len(loop.population.ids)
+        learned["taken_over"] += len(loop.population.ids)
         for _ in range(common.decisions):
             decision = None
             while decision is None:
                 step, decision = loop.step()
-                trips.look(step.world, session.time)
-                seen += passages.look(step.world, frozenset(step.world.ids))
+                trips.update(step.world, session.time)
+                crossings += signals.update(step.world, step.world.ids)
             world = step.world
-            learned_steps += len(decision.surface)
-            comings["taken_over"] += len(decision.taken_over)
-            comings["handed_back"] += len(decision.handed_back)
-            comings["strayed"] += len(decision.strayed)
-            comings["lost"] += int(decision.lost.sum())
-            conduct.add(world, frozenset(world.ids))
-            collided |= {tuple(sorted((world.ids[i], world.ids[j]))) for i, j in colliding_pairs(world).tolist()}
+            learned["steps"] += len(decision.surface)
+            learned["taken_over"] += len(decision.taken_over)
+            learned["handed_back"] += len(decision.handed_back)
+            learned["returned_to_route"] += len(decision.strayed)
+            learned["lost"] += int(decision.lost.sum())
+            stats.add(world, frozenset(world.ids))
             builder.append(world, jumped(before, world) if before is not None else ())
-            exhaust.add(loop.world)
+            emissions.add(loop.world)
             before = world
     tracks = builder.build()
-    counted = kinematics(tracks)
+    values = kinematics(tracks)
     return {
         "notices": list(session.notices),
         "trips": {road_user: list(astuple(trip)) for road_user, trip in trips.all.items()},
-        "conduct": conduct.record(),
-        "collisions": len(collided),
-        "passages": {
+        "driving_stats": stats.record(),
+        "signal_crossings": {
             name: {
-                "passages": sum(p.type == kind for p in seen),
-                "red": sum(p.type == kind and p.aspect == "red" for p in seen),
+                "all": sum(c.type == kind for c in crossings),
+                "red": sum(c.type == kind and c.aspect == "red" for c in crossings),
             }
             for kind, name in enumerate(TYPE_NAMES)
         },
@@ -125,16 +119,16 @@ def play(common: ComparedScenario, run: Run) -> Record:
             "ttc": conflict_rows(ttc_conflicts(tracks).with_vehicles(tracks), tracks),
             "pet": conflict_rows(pet_conflicts(tracks).with_vehicles(tracks), tracks),
         },
-        "emissions": exhaust.record(),
+        "emissions": emissions.record(),
         "histograms": {
             quantity: {
-                name: histogram(counted[quantity][kind], EDGES[quantity][kind]).round(6).tolist()
+                name: histogram(values[quantity][kind], EDGES[quantity][kind]).round(6).tolist()
                 for kind, name in enumerate(TYPE_NAMES)
-                if len(counted[quantity][kind])
+                if len(values[quantity][kind])
             }
             for quantity in QUANTITIES
         },
-        "learned": comings | {"steps": learned_steps},
+        "learned": learned,
     }
 
 
@@ -150,11 +144,11 @@ def conflict_rows(found: Conflicts, tracks: Trajectories) -> list[list[Any]]:
     ]
 
 
-class Exhaust:
-    """What vehicles emit, by SUMO's models and from their speeds every 0.4 s, whoever moves them.
+class Emissions:
+    """Emissions of vehicles by SUMO's models from their speeds every 0.4 s, learned and background alike.
 
-    SUMO's own figures for a moved vehicle are those of its speed, but in steps shorter than 0.4 s it sees the speed
-    leap in the first step of a decision, and counts that acceleration. So both arms are computed in the same way.
+    SUMO's own figures for a moved vehicle follow its speed, but with steps shorter than 0.4 s the speed jumps in the
+    first step of a decision, and SUMO counts that acceleration. Both arms are therefore computed here in the same way.
     """
 
     def __init__(self, api: SumoApi) -> None:
@@ -163,7 +157,7 @@ class Exhaust:
         self._motion: dict[str, list[Floats]] = {}
 
     def add(self, world: WorldState) -> None:
-        """Everybody, with accelerations, every 0.4 s."""
+        """Count one decision interval; `world`: all road users, with accelerations."""
         rows = np.flatnonzero(world.type != RoadUserType.PEDESTRIAN).tolist()
         for row in rows:
             vehicle = world.ids[row]
@@ -173,7 +167,7 @@ class Exhaust:
             motion.append(np.array([world.speed[row], world.acceleration[row]]))
 
     def record(self) -> Record:
-        """g of each of POLLUTANTS, the m that vehicles drove whose class emits, and the classes that SUMO lacks."""
+        """g of each of POLLUTANTS, m driven by vehicles whose class emits, and the classes without data in SUMO."""
         grams, metres, unknown = dict.fromkeys(POLLUTANTS, 0.0), 0.0, []
         for name, motion in sorted(self._motion.items()):
             speed, acceleration = np.array(motion).T

@@ -1,11 +1,11 @@
-"""Selectors measured in a scenario: many episodes, one table (paper, section 4.1)."""
+"""Evaluation of selectors in a scenario: many episodes, one table (paper, section 4.1)."""
 
 import shlex
 import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,41 +17,44 @@ from slrl_sumo.formats.trajectories import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
+from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.simulation.run import MOST_AGENTS
 from slrl_sumo.studies.episodes.episode import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
-from slrl_sumo.studies.episodes.log import EpisodeLog, Outcome, log_header
 from slrl_sumo.studies.episodes.plan import EpisodePlan
 from slrl_sumo.studies.episodes.published import published_rows
 from slrl_sumo.studies.episodes.report import print_episodes, write_episodes
 from slrl_sumo.studies.episodes.tables import EpisodeTables
+from slrl_sumo.studies.log import StudyLog, inputs_header
 from slrl_sumo.sumo.scenario import find_scenario
 
+Outcome = tuple[TypeOutcome, ...]
+
 RECORDED = ("recorded", 0)
-"""The selector and number of agents that stand for the road users of a recording."""
+"""Selector and number of agents in the rows of recorded road users."""
 
 
 @dataclass(frozen=True)
 class EvaluationSettings:
-    """What to evaluate; the words are those of `slrl-sumo evaluate SCENARIO`."""
+    """Settings of an evaluation, named as the options of `slrl-sumo evaluate SCENARIO`."""
 
     scenario: str
     bundle: str
     selectors: tuple[str, ...] = ()
-    """Nothing: all that the bundle has, and SUMO's own models."""
+    """Empty: all selectors of the bundle, and SUMO's own models."""
     agents: tuple[int, ...] = (32,)
     episodes: int = 64
     """Per selector, number of agents and seed."""
     steps: int = 128
     seed: int = 1
     seeds: int = 1
-    """How many seeds, from `seed` on."""
+    """Number of seeds, from `seed` on."""
     first: int = 0
-    """Number of the first episode of each seed: to repeat one that failed."""
+    """Number of the first episode of each seed, to repeat one that failed."""
     backend: Backend = field(default_factory=Backend)
-    """Where the episodes are played."""
+    """The processes that play the episodes."""
     recording: Path | None = None
-    """Trajectories of real road users, counted in the same way."""
+    """Trajectories of recorded road users, counted in the same way."""
 
 
 def evaluate_scenario(
@@ -60,13 +63,12 @@ def evaluate_scenario(
     *,
     progress: Callable[[int, int, float], None] = lambda done, total, per_s: None,
 ) -> dict[str, Any]:
-    """Play all episodes that `folder`/episodes.jsonl does not hold yet, and make the tables, ready for JSON.
+    """Play all episodes that `folder`/episodes.jsonl does not contain yet, and make the tables, ready for JSON.
 
-    `rows`: see `slrl_sumo.studies.episodes.tables`; `published`: the paper's; `left_out`: episodes that could not be
-    played, each with the command that repeats it. The figures do not depend on where the episodes are played. Memory
-    does not depend on their number, but for a byte each. `progress` is told how many episodes are done, of how many,
-    and how many a second. Raises InputError where settings or files are wrong, SumoError where no episode can be
-    played.
+    `rows`: see `slrl_sumo.studies.episodes.tables`; `published`: rows of the paper; `left_out`: episodes that failed,
+    each with the command that repeats it. The figures do not depend on which processes play the episodes. Memory grows
+    by one byte for each episode. `progress` receives the numbers of finished and of all episodes, and the episodes per
+    second. Raises InputError where settings or files are wrong, SumoError where no episode can be played.
     """
     bundle, scenario = load_bundle(settings.bundle), find_scenario(settings.scenario)
     selectors = settings.selectors or _selectors_of(bundle)
@@ -78,11 +80,12 @@ def evaluate_scenario(
         raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
     models = portable_name(settings.bundle, shipped_bundles())
     common = EpisodeSettings(portable_name(settings.scenario), models, settings.steps)
-    log = EpisodeLog(folder / "episodes.jsonl", log_header(common, scenario, bundle))
+    header = inputs_header(scenario, bundle) | {"steps": settings.steps, "warm_up_s": WARM_UP}
+    log = StudyLog(folder / "episodes.jsonl", header, "episodes")
     plan = _plan(settings, selectors)
     tables = EpisodeTables((*plan.parties, RECORDED), settings.steps, settings.episodes)
     ended = bytearray(len(plan))
-    for episode, outcome in log.read():
+    for episode, outcome in log.read(_parsed):
         index = plan.index(episode)
         if index is not None and not ended[index]:
             ended[index] = True
@@ -98,7 +101,7 @@ def evaluate_scenario(
                 left_out.append(finished)
                 tables.leave_out(finished.job)
             else:
-                log.add(finished.job, finished.record)
+                log.add(asdict(finished.job) | {"outcome": [asdict(part) for part in finished.record]})
                 tables.add(finished.job, finished.record)
             done += 1
             progress(done, len(plan), (done - already) / (time.perf_counter() - begin))
@@ -124,8 +127,8 @@ def evaluate_scenario(
 
 
 def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
-    """Evaluate with a progress bar, and write and print the tables. Returns 0, or the number of the signal (SIGINT or
-    SIGTERM) that interrupted it; what was finished by then is in `folder`/episodes.jsonl."""
+    """Evaluate with a progress bar; write and print the tables. Returns 0, or the number of the signal (SIGINT or
+    SIGTERM) that interrupted it; the episodes finished by then are in `folder`/episodes.jsonl."""
     with interruptible() as caught, progress_bar("{task.fields[rate]:.1f} episodes/s") as bar:
         task = bar.add_task(settings.scenario, total=None, rate=0.0)
         try:
@@ -136,11 +139,18 @@ def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
             )
         except KeyboardInterrupt:
             bar.stop()
-            print("interrupted: the same command goes on from the episodes that are finished", file=sys.stderr)
+            print("interrupted: the same command continues after the finished episodes", file=sys.stderr)
             return caught[0]
     write_episodes(result, folder)
     print_episodes(result)
     return 0
+
+
+def _parsed(line: dict[str, Any]) -> tuple[Episode, Outcome]:
+    """An episode of the log, and its outcome."""
+    parts = line.pop("outcome")
+    lives = ({name: tuple(part[name]) for name in ("present", "survived")} for part in parts)
+    return Episode(**line), tuple(TypeOutcome(**part | life) for part, life in zip(parts, lives, strict=True))
 
 
 def _selectors_of(bundle: ModelBundle) -> tuple[str, ...]:

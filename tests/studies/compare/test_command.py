@@ -138,7 +138,7 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert said == "interrupted: the same command goes on from the runs that are finished\n"
+    assert said == "interrupted: the same command continues after the finished runs\n"
     kept = [json.loads(line) for line in log.read_text().splitlines()[1:]]
     assert 2 <= len(kept) < 80
     assert not (tmp_path / "results.json").exists()

@@ -14,18 +14,18 @@ KINDS = ("car", "bicycle", "pedestrian", "all")
 
 
 def record(trips: dict[str, list[Any]], **other: Any) -> Record:
-    conduct = {
+    stats = {
         "steps": 9000,
         "mean_speed_mps": 4.0,
         "hard_braking_share": 0.01,
         "off_surface_share": 0.0,
         "overlaps": 1,
+        "collisions": 0,
     }
     return {
         "trips": trips,
-        "conduct": {kind: dict(conduct) for kind in KINDS},
-        "collisions": 0,
-        "passages": {kind: {"passages": 50 * (kind == "car"), "red": 2 * (kind == "car")} for kind in KINDS[:3]},
+        "driving_stats": {kind: dict(stats) for kind in KINDS},
+        "signal_crossings": {kind: {"all": 50 * (kind == "car"), "red": 2 * (kind == "car")} for kind in KINDS[:3]},
         "conflicts": {"ttc": [], "pet": []},
         "emissions": {"co2": 500.0, "nox": 1.0, "pmx": 0.1, "fuel": 160.0, "metres": 2000.0, "unknown": []},
         "histograms": {"speed": {"car": [0.5, 0.5]}, "acceleration": {}, "yaw_rate": {}},

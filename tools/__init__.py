@@ -1,0 +1,1 @@
+"""Recipes of what ships with the package, and the soak test."""
