@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slrl_sumo.jobs import worker as job_worker
+from slrl_sumo.jobs import pool
 from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.studies.episodes import evaluate as scenario_evaluation
 from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings
@@ -24,7 +24,7 @@ EVERY = 50_000
 
 
 def made_up(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...]:
-    """An outcome as large as that of a true episode with 32 road users, drawn by the episode."""
+    """An outcome as large as that of a real episode with 32 road users, drawn by the episode."""
     random = np.random.default_rng((episode.seed, episode.number))
     parts = []
     for kind, count in (("car", 16), ("bicycle", 6), ("pedestrian", 10)):
@@ -41,7 +41,7 @@ def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(tempfile.mkdtemp(prefix="million_"))
     scenario_evaluation.play = made_up  # type: ignore[attr-defined]
-    job_worker.LIFE = 10**9  # nothing leaks here, and processes would come and go all the time
+    pool.MAX_REQUESTS = 10**9  # nothing leaks here, and new processes would take most of the time
     settings = EvaluationSettings(
         "intersection", "intersection", selectors=("prior",), episodes=64, seeds=-(-count // 64), steps=128
     )
