@@ -10,14 +10,12 @@ from collections.abc import Callable, Generator, Hashable, Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from slrl_sumo.errors import SumoError, check_whole_number
 from slrl_sumo.jobs.process import WorkerDiedError
+from slrl_sumo.jobs.ray_workers import RayActors, RayTasks
 from slrl_sumo.jobs.workers import MAX_REQUESTS, LocalWorkers, MachineLostError
-
-if TYPE_CHECKING:
-    from slrl_sumo.jobs.ray_workers import RayActors, RayTasks
 
 ATTEMPTS = 3
 """Attempts of a job whose process dies; then the job is left out."""
@@ -139,7 +137,7 @@ def run_jobs(
 
 
 def ask_all(
-    workers: "LocalWorkers | RayActors",
+    workers: LocalWorkers | RayActors,
     numbers: Iterable[int],
     begin: Callable[[int], None],
     failed: Callable[[int, SumoError], None],
@@ -179,9 +177,7 @@ def portable_name(name: str, shipped: Iterable[str] = ()) -> str:
     return name if name in shipped or not Path(name).exists() else str(Path(name).absolute())
 
 
-def _workers(work: Callable[[Job], Record], backend: Backend) -> "LocalWorkers | RayTasks":
+def _workers(work: Callable[[Job], Record], backend: Backend) -> LocalWorkers | RayTasks:
     if backend.ray is None:
         return LocalWorkers(pickle.dumps(work), backend.workers or 2, MAX_REQUESTS)
-    from slrl_sumo.jobs.ray_workers import RayTasks
-
     return RayTasks(pickle.dumps(work), backend.ray, backend.workers)

@@ -1,9 +1,7 @@
 """Worker processes by number, and how requests to them fail."""
 
 import math
-import os
 import pickle
-import signal
 import time
 from multiprocessing.connection import wait
 from typing import Any
@@ -77,10 +75,6 @@ class LocalWorkers:
     def pids(self) -> dict[int, int]:
         """Process ids by number."""
         return {number: process.pid for number, process in self._processes.items()}
-
-    def kill(self, number: int) -> None:
-        """Kill a worker process as a crash would (for tests of its replacement)."""
-        os.kill(self._processes[number].pid, signal.SIGKILL)
 
     def close(self) -> None:
         """End all processes."""

@@ -7,7 +7,7 @@ replaced by one that simulates the same again, and the training continues exactl
 
 import pickle
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,15 +17,13 @@ from safetensors.torch import load, save
 from slrl_sumo.errors import SumoError
 from slrl_sumo.jobs.pool import Backend, Failures, ask_all
 from slrl_sumo.jobs.process import WorkerDiedError
+from slrl_sumo.jobs.ray_workers import RayActors
 from slrl_sumo.jobs.workers import LocalWorkers, MachineLostError
 from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource, peak_memory
 from slrl_sumo.learning.rl.ppo import Actor, Agent, Batch, joined, rollout
 from slrl_sumo.learning.rl.vector_env import ATTEMPTS, MEMORY_LIMIT, TIMEOUT
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
-
-if TYPE_CHECKING:
-    from slrl_sumo.jobs.ray_workers import RayActors
 
 STEP_TIMEOUT = 2.0
 """s more that a worker may take for each step."""
@@ -105,13 +103,9 @@ class WorkerRollouts:
         self._draws: list[tuple[int, ...]] = [()] * self._count
         self._past = [self._no_past] * self._count
         work = pickle.dumps(RolloutWorker(source, config, explore))
-        self._workers: LocalWorkers | RayActors
-        if backend.ray is None:
-            self._workers = LocalWorkers(work, self._count)
-        else:
-            from slrl_sumo.jobs import ray_workers
-
-            self._workers = ray_workers.RayActors(work, self._count, backend.ray)
+        self._workers = (
+            LocalWorkers(work, self._count) if backend.ray is None else RayActors(work, self._count, backend.ray)
+        )
 
     def reset(self, seed: int) -> None:
         """See Rollouts."""

@@ -1,6 +1,8 @@
 """Rollouts by worker processes: the same whatever dies, and another simulation where one cannot be survived."""
 
+import os
 import pickle
+import signal
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -46,7 +48,7 @@ def collect(rollouts: WorkerRollouts, agent: Agent, kill_before: int | None = No
     for number in range(3):
         if number == kill_before:
             assert isinstance(rollouts._workers, LocalWorkers)
-            rollouts._workers.kill(1)
+            os.kill(rollouts._workers.pids()[1], signal.SIGKILL)
         batch, infos = rollouts.collect(agent, 4, 70 + number)
         arrays += [batch.seen["image"].numpy(), batch.actions.numpy(), batch.rewards.numpy(), batch.next_value.numpy()]
         arrays += [info["speed_mps"] for info in infos] + [batch.logprobs.numpy(), batch.guidance.numpy()]

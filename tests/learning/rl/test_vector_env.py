@@ -1,5 +1,7 @@
 """Several simulations side by side: the same seed gives the same steps, and dead workers are replaced."""
 
+import os
+import signal
 from collections.abc import Iterator
 from typing import Any
 
@@ -52,7 +54,7 @@ def test_a_worker_killed_in_the_middle_is_replaced_and_the_others_go_on(env: Are
     replaced = env.replaced
     for number, modes in enumerate(MODES):
         if number == 4:
-            env._workers.kill(1)
+            os.kill(env._workers.pids()[1], signal.SIGKILL)
         last = seen
         seen, reward, terminated, truncated, infos = env.step(modes)
         if number == 4:
@@ -123,7 +125,7 @@ def test_in_the_preset_extended_everybody_sees_a_route_up_to_the_end() -> None:
             assert (seen["route"][driving, 0] == 1.0).all()
             last = seen
             if number == 3:
-                env._workers.kill(0)
+                os.kill(env._workers.pids()[0], signal.SIGKILL)
             seen, _, terminated, truncated, infos = env.step(np.zeros(8, np.int64))
             ended = terminated | truncated
             final = infos["final_obs"]["route"]
