@@ -11,7 +11,7 @@ from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.version import __version__
 
 HEADING = "\n## Selector\n"
-KNOWS = {
+OBSERVES = {
     "paper": "It observes 32 m ahead and neither destination, traffic light nor right of way. Measured: "
     "docs/measurements/selectors.md.",
     "extended": "It observes 40 m of its route with the signals and the right of way on it. Measured: "
@@ -56,7 +56,7 @@ def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
         ends = figures.get(f"episode/ends_per_1000_steps_{name}")
         if speed is not None and standing is not None and ends is not None:
             lines.append(f"| {name} | {speed:.2f} | {standing:.1%} | {ends:.2f} |")
-    lines += ["", KNOWS[settings["policy"]["preset"]], ""]
+    lines += ["", OBSERVES[settings["policy"]["preset"]], ""]
     return "\n".join(lines)
 
 
