@@ -117,7 +117,7 @@ def rollouts(rounds: int = 1) -> None:
     torch.set_num_threads(1)
     torch.manual_seed(1)
     agent = Agent(Policy(settings.policy), bundle.prior, PpoSettings(), torch.device("cpu"))
-    arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance)
+    arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher)
     source = ArenaSource(("intersection",), "intersection", arena)
     print(f"weights: {len(save(agent.policy.state_dict()))} bytes")
     for _ in range(rounds):

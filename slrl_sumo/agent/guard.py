@@ -1,66 +1,70 @@
-"""The lookahead guard: which modes must not be chosen, whatever the selector prefers."""
+"""Constraint `guard`: no modes that lead into a conflict, whatever the selector prefers."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 
-IMMINENT = 0.5
-"""`meeting` of who is met within 2 s. Farther ahead it is the selector's to judge: guarded for 3.2 s, vehicles braked
-in the middle of turns, where the models can then not turn any more."""
-AT_ONCE = 0.75
-"""`touching` of who is met within 1.2 s on the very course of a mode: who has lost its path is not where that leads."""
-LATE = 1.0
-"""Strain (see onroute.strain) from which it is too late to stop."""
-ALIKE = 1e-6
+COLLISION_SOON = 0.5
+"""Collision score of a collision within 2 s. Later ones are left to the selector: guarded for 3.2 s, vehicles braked in
+the middle of turns, where the models can then not turn any more."""
+COLLISION_NOW = 0.75
+"""Collision score of a collision within 1.2 s on the path of the mode itself: a vehicle that has lost its route is not
+where the route leads."""
+TOO_LATE = 1.0
+"""Stop or follow ratio (see lookahead.route_fit) from which it is too late to stop."""
+EQUAL = 1e-6
 
 
-def allowed_modes(
-    ahead: NDArray[np.float32], kind: NDArray[np.int8], route: RouteAhead, touching: Floats
-) -> NDArray[np.bool_]:
-    """Modes that n road users may choose, (n, modes); at least one each.
+def guard(rollouts: ModeRollouts, kind: NDArray[np.int8], route: RouteAhead) -> NDArray[np.bool_]:
+    """Mask of the modes that n road users may choose, (n, modes); at least one mode each.
 
-    `ahead`: (n, modes, 9), what each mode leads to (Observation.ahead in the preset `extended`); `kind`: their types;
-    `route`: their routes; `touching`: (n, modes) of Lookahead. Masked are modes that meet somebody's predicted box
-    within 2 s along the path or within 1.2 s on their own course, leave the own surface within 1.2 s, or after which it
-    is too late to stop at a closed signal or behind who is ahead. Where none is left,
-    those with the latest conflict are allowed.
+    `rollouts` along their routes, with `collision_off_route`; `kind`: their types. Not allowed are modes that collide
+    within 2 s along the route or within 1.2 s on their own path, that leave the own surface within 1.2 s, or after
+    which it is too late to stop at a closed signal or behind the leader. Where no mode remains, those with the latest
+    conflict are allowed.
     """
-    return _allowed_modes(
-        ahead, route.known & route.closed, kind != RoadUserType.PEDESTRIAN, np.ascontiguousarray(touching)
+    assert rollouts.route is not None
+    assert rollouts.collision_off_route is not None
+    driving = kind != RoadUserType.PEDESTRIAN
+    fit = rollouts.route
+    return _guard(
+        rollouts.collision,
+        rollouts.collision_off_route,
+        rollouts.off_surface,
+        np.where(driving[:, None], fit.follow_ratio, 0.0),
+        np.where((route.known & route.closed)[:, None], fit.stop_ratio, 0.0),
     )
 
 
 @compiled
-def _allowed_modes(
-    ahead: NDArray[np.float32], closed: NDArray[np.bool_], driving: NDArray[np.bool_], touching: Floats
+def _guard(
+    collision: Floats, off_route: Floats, off_surface: Floats, follow: Floats, stop: Floats
 ) -> NDArray[np.bool_]:
-    n, modes, _ = ahead.shape
+    n, modes = collision.shape
     allowed, conflict = np.empty((n, modes), np.bool_), np.empty(modes)
     for i in range(n):
         least = np.inf
         for mode in range(modes):
-            # From 0, no conflict, up to 1, one at once. Contact is worse than a signal, and that than a kerb.
-            worst = 0.6 * ahead[i, mode, 1]
-            if ahead[i, mode, 0] >= IMMINENT:
-                worst = max(worst, ahead[i, mode, 0])
-            if touching[i, mode] >= AT_ONCE:
-                worst = max(worst, touching[i, mode])
-            if driving[i]:
-                worst = max(worst, _late(ahead[i, mode, 8]))
-            if closed[i]:
-                worst = max(worst, 0.8 * _late(ahead[i, mode, 7]))
+            # From 0, no conflict, up to 1, one at once. A collision is worse than a signal, and that than a kerb.
+            worst = 0.6 * off_surface[i, mode]
+            if collision[i, mode] >= COLLISION_SOON:
+                worst = max(worst, collision[i, mode])
+            if off_route[i, mode] >= COLLISION_NOW:
+                worst = max(worst, off_route[i, mode])
+            worst = max(worst, _late(follow[i, mode]), 0.8 * _late(stop[i, mode]))
             conflict[mode] = worst
             least = min(least, worst)
         for mode in range(modes):
-            allowed[i, mode] = conflict[mode] <= least + ALIKE
+            allowed[i, mode] = conflict[mode] <= least + EQUAL
     return allowed
 
 
 @compiled
-def _late(strain: float) -> float:
-    """From 0 at LATE up to 1."""
-    return min(0.2 + 0.2 * (strain - LATE), 1.0) if strain > LATE else 0.0
+def _late(ratio: float) -> float:
+    """From 0 at TOO_LATE up to 1."""
+    return min(0.2 + 0.2 * (ratio - TOO_LATE), 1.0) if ratio > TOO_LATE else 0.0

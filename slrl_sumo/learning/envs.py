@@ -17,7 +17,9 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from numpy.typing import NDArray
 
 from netgen.families import generate
-from slrl_sumo.agent.selectors import PolicySelector, PriorSelector, Selector
+from slrl_sumo.agent.decide import Situation, choose
+from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.selectors import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
 from slrl_sumo.learning.rl.rewards import RewardWeights
@@ -26,9 +28,7 @@ from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PRESETS
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_picture
 from slrl_sumo.perception.features import FEATURES
-from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
-from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.simulation.spawn import DEFAULT_MIX
@@ -134,7 +134,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         assert self._arena is not None
         self._over = False
         self._scene = self._arena.world
-        return self._seen(self._arena.observation, self._slot), self._info() | {"scenario": self._name}
+        return self._seen(self._arena.situation, self._slot), self._info() | {"scenario": self._name}
 
     def step(self, action: np.int64) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """See the class and gymnasium.Env."""
@@ -150,9 +150,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         arena, slot = self._arena, self._slot
         modes = np.zeros(self._settings.agents, np.int64)
         if self._selector is not None:
-            modes = self._selector.choose(arena.observation, arena.world.ids[: len(modes)])
+            modes, _ = choose(arena.situation, self._selector, arena.world.ids[: len(modes)])
         modes[slot] = action
-        world, seen = arena.world, arena.observation
         try:
             with ExitStack() as failing:  # the arena's own end tells SUMO's errors from others
                 failing.push(arena)
@@ -163,9 +162,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             raise
         terminated, truncated = bool(outcome.terminated[slot]), bool(outcome.truncated[slot])
         self._over = terminated or truncated
-        self._scene = arena.world
-        if self._over and self.render_mode is not None:
-            self._scene = self._end(world, seen, modes)
+        self._scene = outcome.world
         info = self._info() | {
             "speed_mps": float(outcome.speed[slot]),
             "terms": {name: float(values[slot]) + 0.0 for name, values in outcome.terms.items()},
@@ -234,10 +231,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     def _make_selector(self, seed: int) -> Selector | None:
         if self._others == "sumo":
             return None
-        if self._others == "prior":
-            return PriorSelector(self._bundle, seed)
-        selector = PolicySelector(self._bundle, seed, sample=self._others == "sampled")
-        if (selector.preset == "extended") != self._settings.extended:
+        selector = make_selector(self._others, self._bundle, seed)
+        if self._others != "prior" and (selector.preset == "extended") != self._settings.extended:
             raise InputError(
                 f"others={self._others!r}: the selector of bundle '{self._bundle.name}' sees the preset "
                 f"{selector.preset!r}; give preset={selector.preset!r}, or another bundle"
@@ -256,30 +251,19 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     def _last_seen(self, outcome: Outcome) -> Seen:
         """What the ego sees after a step; in the end not the place where its next episode begins."""
         if not self._over:
-            return self._seen(outcome.observation, self._slot)
+            return self._seen(outcome.situation, self._slot)
         assert outcome.final is not None
         ended = np.flatnonzero(outcome.terminated | outcome.truncated)
         return self._seen(outcome.final, int(np.searchsorted(ended, self._slot)))
 
-    def _seen(self, observation: Observation, row: int) -> Seen:
+    def _seen(self, situation: Situation, row: int) -> Seen:
+        observation = situation.observation
         assert observation.image is not None
         image = ego_picture(observation.image[row], self._enlarge)
         seen: Seen = {"vector": observation.vector[row].copy(), "image": image.copy()}
         if observation.route is not None:
             seen["route"] = observation.route[row].copy()
         return seen
-
-    def _end(self, world: WorldState, seen: Observation, modes: NDArray[np.int64]) -> WorldState:
-        """Where everybody was when the ego's episode ended: by now the arena has put it to a new place."""
-        assert self._arena is not None
-        now, n = self._arena.world, len(modes)
-        learned = world.take(np.arange(n))
-        acceleration, yaw_rate = self._bundle.motion(seen, modes)
-        if seen.route is not None:
-            acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
-        top = self._bundle.max_speed[learned.type]
-        moved = advance(learned, acceleration, yaw_rate, top, DECISION_INTERVAL)
-        return moved.join(now.take(np.arange(n, len(now))))
 
 
 _holder: RoadUserEnv | None = None

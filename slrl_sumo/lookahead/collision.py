@@ -1,106 +1,63 @@
-"""Whom road users would meet on their courses."""
+"""Which mode paths lead into the expected box of another road user, and how soon."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.mode_rollout import ModeRollouts
+from slrl_sumo.lookahead.forecast import Boxes
+from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 
 REACH = 30.0
-"""m within which others are looked at."""
+"""m within which other road users count."""
 MARGIN = np.array([0.4, 0.4, 0.15])
-"""m that boxes of each type are enlarged by, half on each side: cars meet below 0.4 m between them, pedestrians
-0.15 m. Without routes 0.4 for all: selectors of the preset `paper` learned with that."""
+"""m by which boxes of each type are larger, half on each side: vehicles collide below 0.4 m of clearance, pedestrians
+below 0.15 m. Without routes 0.4 for all types: selectors of the preset `paper` learned with that."""
 STANDING = 0.2
 """m/s."""
 SLACK = 1e-6
-"""m by which circles are larger than what they are round."""
+"""m by which circles are larger than the boxes in them."""
 
 
-@dataclass(frozen=True, eq=False)
-class Boxes:
-    """Where m road users are expected after each of STEPS intervals, (m, STEPS) each."""
-
-    x: Floats
-    y: Floats
-    cos: Floats
-    """Of the heading."""
-    sin: Floats
-    size: Floats
-    """Length and width in m with MARGIN, (m, 2)."""
-
-
-def sizes(users: WorldState, margin: Floats) -> Floats:
-    """Length and width of road users in m, `margin` of their type, (3,), larger: (n, 2)."""
-    room = margin[users.type]
-    result = np.empty((len(users), 2))
-    result[:, 0], result[:, 1] = users.length + room, users.width + room
-    return result
-
-
-def meeting(
-    mine: ModeRollouts, excused: NDArray[np.bool_], theirs: Boxes, world: WorldState, rows: NDArray[np.intp]
+def collision_scores(
+    paths: ModePaths, excused: NDArray[np.bool_], boxes: Boxes, world: WorldState, rows: NDArray[np.intp]
 ) -> Floats:
-    """How soon each mode meets somebody: 0 where it does not within STEPS, up to 1 where it does at once, (n, modes).
+    """How soon each mode collides: 0 where it does not within STEPS, up to 1 where it does at once, (n, modes).
 
-    `mine`: courses of the n road users `rows` of `world`; `theirs`: boxes of all road users of `world`. Others count
-    that are within REACH now. Who is `excused`, (n,), is not to blame where it stands by then, or is met from behind or
-    beside its rear.
+    `paths`: of the n road users `rows` of `world`; `boxes`: of all its road users, of which those within REACH count.
+    An `excused` road user, (n,), is not to blame where it stands by then, or where the other one comes from behind or
+    is beside its rear.
     """
-    order = np.argsort(world.x)
-    return _meeting(
-        mine.x,
-        mine.y,
-        mine.cos,
-        mine.sin,
-        mine.speed,
-        excused,
-        rows,
-        theirs.x,
-        theirs.y,
-        theirs.cos,
-        theirs.sin,
-        theirs.size,
-        world.x,
-        world.y,
-        order,
-    )
+    return _collision_scores(paths, excused, rows, boxes, world.x, world.y, np.argsort(world.x))
 
 
 @compiled
-def _meeting(
-    x: Floats,
-    y: Floats,
-    cos: Floats,
-    sin: Floats,
-    speed: Floats,
+def _collision_scores(
+    paths: ModePaths,
     excused: NDArray[np.bool_],
     rows: NDArray[np.intp],
-    their_x: Floats,
-    their_y: Floats,
-    their_cos: Floats,
-    their_sin: Floats,
-    size: Floats,
+    boxes: Boxes,
     now_x: Floats,
     now_y: Floats,
     order: NDArray[np.intp],
 ) -> Floats:
-    """`meeting` of the fields of ModeRollouts and of Boxes; `order`: rows of all road users from west to east."""
+    """`order`: rows of all road users from west to east."""
+    x, y, cos, sin, speed = paths.x, paths.y, paths.cos, paths.sin, paths.speed
+    their_x, their_y, their_cos, their_sin, size = boxes.x, boxes.y, boxes.cos, boxes.sin, boxes.size
     n, steps, modes = x.shape
     m = len(order)
-    met = np.zeros((n, modes))
+    scores = np.zeros((n, modes))
     first = np.empty(modes, np.int64)
-    # What is near enough is found by upright bounds, in ever smaller ones: of all of a course, of the places of all
-    # modes after one interval; then by circles round boxes. Few boxes remain to be compared.
-    places, theirs = _bounds(x, y), _bounds(their_x.reshape(m, 1, steps), their_y.reshape(m, 1, steps))
-    corner = np.empty(m)
+    # Pairs that may touch are found by axis-aligned bounds, ever smaller ones: of a whole path, then of the places of
+    # all modes after one interval; then by circles round the boxes. Few boxes remain to be compared.
+    bounds = _bounds(x, y)
+    their_bounds = _bounds(their_x.reshape(m, 1, steps), their_y.reshape(m, 1, steps))
+    radius = np.empty(m)
     for other in range(m):
-        corner[other] = 0.5 * math.sqrt(size[other, 0] ** 2 + size[other, 1] ** 2) + SLACK
+        radius[other] = 0.5 * math.sqrt(size[other, 0] ** 2 + size[other, 1] ** 2) + SLACK
     for i in range(n):
         me = rows[i]
         west, east = now_x[me] - REACH, now_x[me] + REACH
@@ -111,47 +68,47 @@ def _meeting(
                 low = half + 1
             else:
                 high = half
-        looked = False
+        candidates = False
         for place in range(low, m):
             other = order[place]
             if now_x[other] > east:
                 break
             if other == me or (now_x[other] - now_x[me]) ** 2 + (now_y[other] - now_y[me]) ** 2 > REACH**2:
                 continue
-            if not looked:
-                looked = True
+            if not candidates:
+                candidates = True
                 first[:] = steps
                 x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
                 for step in range(steps):
-                    x0, x1 = min(x0, places[i, step, 0]), max(x1, places[i, step, 1])
-                    y0, y1 = min(y0, places[i, step, 2]), max(y1, places[i, step, 3])
-            touching = corner[me] + corner[other]
-            dx = _between(x0, x1, theirs[other, 0, 0], theirs[other, 0, 1])
-            if not _near(dx, _between(y0, y1, theirs[other, 0, 2], theirs[other, 0, 3]), touching):
+                    x0, x1 = min(x0, bounds[i, step, 0]), max(x1, bounds[i, step, 1])
+                    y0, y1 = min(y0, bounds[i, step, 2]), max(y1, bounds[i, step, 3])
+            touching = radius[me] + radius[other]
+            dx = _between(x0, x1, their_bounds[other, 0, 0], their_bounds[other, 0, 1])
+            if not _near(dx, _between(y0, y1, their_bounds[other, 0, 2], their_bounds[other, 0, 3]), touching):
                 continue
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
-                dx = _between(places[i, step, 0], places[i, step, 1], there_x, there_x)
-                if not _near(dx, _between(places[i, step, 2], places[i, step, 3], there_y, there_y), touching):
+                dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)
+                if not _near(dx, _between(bounds[i, step, 2], bounds[i, step, 3], there_y, there_y), touching):
                     continue
                 for mode in range(modes):
                     dx, dy = there_x - x[i, step, mode], there_y - y[i, step, mode]
-                    # Who is met later than somebody else does not count any more.
+                    # Only the first collision of a mode counts.
                     if not _near(dx, dy, touching) or first[mode] <= step:
                         continue
                     c, s = cos[i, step, mode], sin[i, step, mode]
                     # A vehicle that stands by then is run into, and could not help it by driving on. Nor can it help
-                    # who comes from behind, or stands beside the rear that swings out in a turn.
+                    # a road user that comes from behind, or that stands beside the rear that swings out in a turn.
                     if excused[i] and (speed[i, step, mode] <= STANDING or c * dx + s * dy <= 0.0):
                         continue
                     there_c, there_s = their_cos[other, step], their_sin[other, step]
                     length, width, their_length, their_width = size[me, 0], size[me, 1], size[other, 0], size[other, 1]
                     if _overlap(dx, dy, c, s, there_c, there_s, length, width, their_length, their_width):
                         first[mode] = step
-        if looked:
+        if candidates:
             for mode in range(modes):
-                met[i, mode] = 1.0 - first[mode] / steps
-    return met
+                scores[i, mode] = 1.0 - first[mode] / steps
+    return scores
 
 
 @compiled
@@ -161,7 +118,7 @@ def _near(dx: float, dy: float, reach: float) -> bool:
 
 @compiled
 def _between(low: float, high: float, their_low: float, their_high: float) -> float:
-    """How far two spans are apart; 0 where they overlap."""
+    """Distance between two intervals; 0 where they overlap."""
     return max(low - their_high, their_low - high, 0.0)
 
 
@@ -173,7 +130,7 @@ def _bounds(x: Floats, y: Floats) -> Floats:
     for i in range(n):
         for j in range(m):
             x0, x1, y0, y1 = x[i, j, 0], x[i, j, 0], y[i, j, 0], y[i, j, 0]
-            # Not min and max, which look for what is no number as well.
+            # Not min and max, which also check for NaN.
             for k in range(1, places):
                 at_x, at_y = x[i, j, k], y[i, j, k]
                 x0 = at_x if at_x < x0 else x0

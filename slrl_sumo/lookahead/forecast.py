@@ -1,143 +1,133 @@
-"""Where everybody is expected in the next seconds: along their paths, or straight on."""
+"""Where road users are expected in the next seconds: along their paths, or at constant speed and yaw rate."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import Boxes, sizes
-from slrl_sumo.lookahead.mode_rollout import STEPS, ModeRollouts
+from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths
+from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
+from slrl_sumo.scene.route import HERE, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-BESIDE, ASKEW = 1.0, 0.35
-"""m and rad: who is farther off its path in both is led on as it is, not along the path."""
+NEAR_PATH, ALONG_PATH = 1.0, 0.35
+"""m and rad: road users farther off their path in both are forecast at constant yaw rate, not along the path."""
 
 
-@dataclass(frozen=True, eq=False)
-class Kept:
-    """Which of the road users with `route` keep to their paths, (n,), and m to the left of them now, (n,)."""
+class PathFollowing(NamedTuple):
+    """The paths of n learned road users, and which of them are forecast along their paths."""
 
-    route: RouteAhead
-    keeps: NDArray[np.bool_]
-    beside: Floats
-
-
-def paths_kept(route: RouteAhead, users: WorldState) -> Kept:
-    """Who of the first road users of `users`, those of `route`, keeps to its path: vehicles that are on it, or go back
-    to it, so that they will be found there."""
-    n = len(route)
-    keeps, beside = np.zeros(n, np.bool_), np.zeros(n)
-    rows = np.flatnonzero(route.known & (users.type[:n] != RoadUserType.PEDESTRIAN))
-    _, aside, direction = (c[:, 0] for c in on_path(route, users.x[rows, None], users.y[rows, None], rows))
-    keeps[rows] = (np.abs(aside) < BESIDE) | (np.abs(wrap_angle(users.heading[rows] - direction)) < ASKEW)
-    beside[rows] = aside
-    return Kept(route, keeps, beside)
+    follows: NDArray[np.bool_]
+    """(n,): vehicles that are on their path, or head back to it."""
+    lateral_offset: Floats
+    """m to the left of the path now, (n,)."""
+    stop: Floats
+    """m to the line before which it has to stop, (n,)."""
+    x: Floats
+    """Points of the paths, (n, POINTS), as in RouteAhead."""
+    y: Floats
 
 
-def bring_to_paths(on: ModeRollouts, kept: Kept, rows: NDArray[np.intp]) -> None:
-    """Changes the courses `on` of the road users `rows`: as far along the paths for who keeps to one; it comes back to
-    it from beside. In place: courses are large."""
-    x, y = kept.route.x, kept.route.y
-    _bring_to_paths(on.x, on.y, on.cos, on.sin, on.way, rows, kept.keeps, kept.beside, x, y, SPACING, HERE)
+class Boxes(NamedTuple):
+    """Expected boxes of m road users after each of STEPS intervals: (m, STEPS) each."""
+
+    x: Floats
+    """Centre, m."""
+    y: Floats
+    cos: Floats
+    """Of the heading."""
+    sin: Floats
+    size: Floats
+    """Length and width in m, with a margin, (m, 2)."""
 
 
-def boxes(world: WorldState, kept: Kept | None, margin: Floats) -> Boxes:
-    """Of all road users, `margin` of their type, (3,), larger, after each interval at constant speed and yaw rate.
+def path_following(context: RouteContext | None, world: WorldState) -> PathFollowing:
+    """Which of the first road users of `world`, those of `context`, will be found along their paths."""
+    if context is None:
+        none = RouteAhead.unknown(0)
+        return PathFollowing(none.known, none.left, none.stop, none.x, none.y)
+    n, route = len(context), context.route
+    heading_error = np.abs(wrap_angle(world.heading[:n] - context.direction))
+    follows = route.known & (world.type[:n] != RoadUserType.PEDESTRIAN)
+    follows &= (np.abs(context.lateral_offset) < NEAR_PATH) | (heading_error < ALONG_PATH)
+    return PathFollowing(follows, context.lateral_offset, route.stop, route.x, route.y)
 
-    Vehicles that keep to their paths follow them, up to lines at which they must stop.
+
+def forecast_boxes(world: WorldState, following: PathFollowing, margin: Floats) -> Boxes:
+    """Boxes of all road users of `world` after each interval, larger by the `margin` (m) of their type, (3,).
+
+    Path-following vehicles keep their speed along the path up to the line before which they must stop; all others
+    keep speed and yaw rate.
     """
-    if kept is None:
-        kept = Kept(RouteAhead.unknown(0), np.zeros(0, np.bool_), np.zeros(0))
-    route = kept.route
-    places = _led_on(
-        world.x,
-        world.y,
-        world.heading,
-        world.speed,
-        world.yaw_rate,
-        kept.keeps,
-        kept.beside,
-        route.stop,
-        route.x,
-        route.y,
-        SPACING,
-        HERE,
-        STEPS,
-        DECISION_INTERVAL,
-    )
-    return Boxes(*places, sizes(world, margin))
+    return _forecast(world.x, world.y, world.heading, world.speed, world.yaw_rate, following, sizes(world, margin))
+
+
+def sizes(users: WorldState, margin: Floats) -> Floats:
+    """Length and width of road users in m, larger by the `margin` (m) of their type, (3,): (n, 2)."""
+    room = margin[users.type]
+    result = np.empty((len(users), 2))
+    result[:, 0], result[:, 1] = users.length + room, users.width + room
+    return result
+
+
+def bring_to_paths(paths: ModePaths, following: PathFollowing, rows: NDArray[np.intp]) -> None:
+    """Lay the mode paths of path-following road users along their routes, in place, because they are large.
+
+    Each covers the same distance along its route, and its lateral offset shrinks to 0 within STEPS. `rows`: road users
+    of `paths` among those of `following`.
+    """
+    _bring_to_paths(paths, following, rows)
 
 
 @compiled
-def _bring_to_paths(
-    x: Floats,
-    y: Floats,
-    cos: Floats,
-    sin: Floats,
-    way: Floats,
-    rows: NDArray[np.intp],
-    keeps: NDArray[np.bool_],
-    beside: Floats,
-    path_x: Floats,
-    path_y: Floats,
-    spacing: float,
-    here: int,
-) -> None:
-    """`bring_to_paths` of the fields of ModeRollouts, Kept and RouteAhead."""
-    n, steps, modes = x.shape
+def _bring_to_paths(paths: ModePaths, following: PathFollowing, rows: NDArray[np.intp]) -> None:
+    n, steps, modes = paths.x.shape
+    path_x, path_y = following.x, following.y
     points = path_x.shape[1]
     c, s = np.empty(points), np.empty(points)
     for i in range(n):
         row = rows[i]
-        if not keeps[row]:
+        if not following.follows[row]:
             continue
-        # Directions are found as far as they are needed.
-        found = here
+        # Directions are computed as far along the path as they are needed.
+        found = HERE
         for step in range(steps):
-            shift = beside[row] * _back(step, steps)
+            shift = following.lateral_offset[row] * _remaining(step, steps)
             for mode in range(modes):
-                k, share = _piece(way[i, step, mode], spacing, here, points)
+                k, share = _piece(paths.distance[i, step, mode], points)
                 while found <= k:
                     c[found], s[found] = _direction(path_x, path_y, row, found)
                     found += 1
                 x0, y0 = path_x[row, k], path_y[row, k]
-                x[i, step, mode] = x0 + share * (path_x[row, k + 1] - x0) - shift * s[k]
-                y[i, step, mode] = y0 + share * (path_y[row, k + 1] - y0) + shift * c[k]
-                cos[i, step, mode], sin[i, step, mode] = c[k], s[k]
+                paths.x[i, step, mode] = x0 + share * (path_x[row, k + 1] - x0) - shift * s[k]
+                paths.y[i, step, mode] = y0 + share * (path_y[row, k + 1] - y0) + shift * c[k]
+                paths.cos[i, step, mode], paths.sin[i, step, mode] = c[k], s[k]
 
 
 @compiled
-def _led_on(
+def _forecast(
     world_x: Floats,
     world_y: Floats,
     heading: Floats,
     speed: Floats,
     yaw_rate: Floats,
-    keeps: NDArray[np.bool_],
-    beside: Floats,
-    stop: Floats,
-    path_x: Floats,
-    path_y: Floats,
-    spacing: float,
-    here: int,
-    steps: int,
-    dt: float,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """x, y, cos and sin of `boxes`."""
-    n = len(world_x)
-    x, y, cos, sin = np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps)), np.empty((n, steps))
+    following: PathFollowing,
+    size: Floats,
+) -> Boxes:
+    n, dt = len(world_x), DECISION_INTERVAL
+    path_x, path_y = following.x, following.y
+    x, y, cos, sin = np.empty((n, STEPS)), np.empty((n, STEPS)), np.empty((n, STEPS)), np.empty((n, STEPS))
     for i in range(n):
         distance = speed[i] * dt
-        if i < len(keeps) and keeps[i]:
-            most = max(stop[i], 0.0)
-            for step in range(steps):
-                shift = beside[i] * _back(step, steps)
-                k, share = _piece(min((step + 1) * distance, most), spacing, here, path_x.shape[1])
+        if i < len(following.follows) and following.follows[i]:
+            most = max(following.stop[i], 0.0)
+            for step in range(STEPS):
+                shift = following.lateral_offset[i] * _remaining(step, STEPS)
+                k, share = _piece(min((step + 1) * distance, most), path_x.shape[1])
                 c, s = _direction(path_x, path_y, i, k)
                 x[i, step] = path_x[i, k] + share * (path_x[i, k + 1] - path_x[i, k]) - shift * s
                 y[i, step] = path_y[i, k] + share * (path_y[i, k + 1] - path_y[i, k]) + shift * c
@@ -147,25 +137,25 @@ def _led_on(
         half_c, half_s = math.cos(0.5 * dt * yaw_rate[i]), math.sin(0.5 * dt * yaw_rate[i])
         c, s = math.cos(heading[i]), math.sin(heading[i])
         mean_c, mean_s = c, s
-        for step in range(steps):
+        for step in range(STEPS):
             mean_c, mean_s = _turned(mean_c, mean_s, half_c, half_s)
             c, s = _turned(c, s, half_c * half_c - half_s * half_s, 2.0 * half_c * half_s)
             x[i, step] = world_x[i] + (step + 1) * distance * mean_c
             y[i, step] = world_y[i] + (step + 1) * distance * mean_s
             cos[i, step], sin[i, step] = c, s
-    return x, y, cos, sin
+    return Boxes(x, y, cos, sin, size)
 
 
 @compiled
-def _back(step: int, steps: int) -> float:
-    """How far who is beside its path still is after an interval, relative to now."""
+def _remaining(step: int, steps: int) -> float:
+    """Share of the present lateral offset that remains after an interval."""
     return max(0.0, 1.0 - (step + 1) / steps)
 
 
 @compiled
-def _piece(way: float, spacing: float, here: int, points: int) -> tuple[int, float]:
-    """The piece of a path `way` m ahead, and how much of it lies behind that place; the last one goes on straight."""
-    place = way / spacing + here
+def _piece(distance: float, points: int) -> tuple[int, float]:
+    """The piece of a path `distance` m ahead, and the share of it before that place; the last one goes straight on."""
+    place = distance / SPACING + HERE
     k = max(min(int(place), points - 2), 0)
     return k, place - k
 

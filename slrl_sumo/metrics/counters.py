@@ -1,5 +1,6 @@
 """Counts over decisions: the sums behind `run --summary`, `evaluate` and `compare`, and the summary of a run."""
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -113,6 +114,7 @@ class RunCounters:
 
     def __init__(self, start: WorldState) -> None:
         self.decisions = 0
+        self.constraints: Counter[str] = Counter()
         self.wraparounds: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
         self.taken_over = self.handed_back = self.returned_to_route = self.arrived = self.interventions = 0
@@ -135,6 +137,7 @@ class RunCounters:
         self.returned_to_route += len(decision.strayed)
         self.arrived += len(decision.arrived)
         self.interventions += decision.interventions
+        self.constraints.update(decision.constraints)
         collisions, overlaps = self._contacts.begun(world)
         users = world.take(np.arange(n))
         self._sums.add(
@@ -180,6 +183,7 @@ class RunCounters:
             "returned_to_route": self.returned_to_route,
             "arrived": self.arrived,
             "yield_interventions": self.interventions,
+            "constraints": dict(self.constraints),
             "per_type": self.per_type(),
             "wraparounds": _timed(self.wraparounds),
             "losses": _timed(self.lost),

@@ -1,4 +1,4 @@
-"""The selector's policy: a network that corrects the prior by what the road user sees (paper, sections 3.1 and 3.4).
+"""The selector's policy: a network that corrects the prior by the observation (paper, sections 3.1 and 3.4).
 
 selector.json          its shapes (PolicyConfig) and how it was trained
 selector.safetensors   its weights
@@ -29,14 +29,23 @@ POLICY_FILES = ("selector.json", "selector.safetensors")
 
 HEADING = FEATURES.index("heading")
 COUNTS = FEATURES.index("vru_5")
-SCALES = (2.0, 1.0, 0.2, 1.0)
-"""What meeting, steps off the surface, speed and turn are multiplied by."""
-ROUTE_SCALES = (4.0, 0.5, 2.0, 1.0, 1.0)
-"""The same for steer, aside, pace, brake and follow in the preset `extended`."""
+SPEED = FEATURES.index("speed")
+ROLLOUT_SCALES = {"collision": 2.0, "off_surface": 1.0, "speed": 0.2, "turn": 1.0}
+"""Fields of the mode rollouts that a policy reads, and the factors that bring them to order 1."""
+ROUTE_FIT_SCALES = {
+    "heading_error": 4.0,
+    "lateral_offset": 0.5,
+    "speed_error": 2.0,
+    "stop_ratio": 1.0,
+    "follow_ratio": 1.0,
+}
+"""The same for the fit of each mode to the route, in the preset `extended`."""
 AT_ONCE = 256
 """Images that are encoded at once: 1,024 in one go take twice as long, because they leave the cache."""
 PRESETS = ("paper", "extended")
 """Which observation a policy reads: the paper's, or one with the route ahead."""
+EXCLUDED = -1e4
+"""Log probability of a mode that is not allowed: its exponential is 0, and 0 times it is 0 (not so with -inf)."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +59,12 @@ class PolicyConfig:
     hidden: int = 128
     head: int = 64
     lookahead: bool = True
-    """Whether it also reads what each mode would lead to (Observation.ahead)."""
+    """Whether it also reads the mode rollouts."""
 
     @property
-    def ahead_columns(self) -> int:
-        """Columns of Observation.ahead that it reads."""
-        return len(SCALES) + (len(ROUTE_SCALES) if self.preset == "extended" else 0)
+    def rollout_features(self) -> tuple[str, ...]:
+        """Names of the fields of the mode rollouts that it reads, in the order of its inputs."""
+        return (*ROLLOUT_SCALES, *(ROUTE_FIT_SCALES if self.preset == "extended" else ()))
 
     @property
     def route_columns(self) -> int:
@@ -67,7 +76,7 @@ class Policy(nn.Module):
     """Distribution over modes and value of n observations; type-specific heads on a shared trunk.
 
     The logits are those of the prior plus the network's own, which begin at zero: before any training the policy is
-    the supervised baseline. The absolute heading is not read, so that a network turned round gives the same choices.
+    the supervised baseline. The absolute heading is not read, so that a rotated network gives the same choices.
     """
 
     def __init__(self, config: PolicyConfig) -> None:
@@ -90,26 +99,26 @@ class Policy(nn.Module):
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
 
     def forward(
-        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None, route: Tensor | None = None
+        self, vector: Tensor, image: Tensor, kind: Tensor, rollouts: Tensor | None = None, route: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """What is added to the prior's logits, (n, modes), and the value, (n,).
 
         `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
-        `ahead`: (n, modes, 4 or 9) (see Observation), for policies that look ahead; `route`: (n, 14), for those of the
-        preset `extended`.
+        `rollouts`: (n, modes, features), columns as in `PolicyConfig.rollout_features`, for policies that look ahead;
+        `route`: (n, 14), for those of the preset `extended`.
         """
         seen = self._seen(vector, image, route)
         types = _Types(kind)
-        return self._correction(seen, vector, types, ahead), types.each(self.critics, seen)[:, 0]
+        return self._correction(seen, vector, types, rollouts), types.each(self.critics, seen)[:, 0]
 
     def correction(
-        self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor | None = None, route: Tensor | None = None
+        self, vector: Tensor, image: Tensor, kind: Tensor, rollouts: Tensor | None = None, route: Tensor | None = None
     ) -> Tensor:
         """The first result of `forward` alone."""
-        return self._correction(self._seen(vector, image, route), vector, _Types(kind), ahead)
+        return self._correction(self._seen(vector, image, route), vector, _Types(kind), rollouts)
 
     def _seen(self, vector: Tensor, image: Tensor, route: Tensor | None) -> Tensor:
-        """What the trunk makes of n observations, (n, hidden)."""
+        """Output of the trunk for n observations, (n, hidden)."""
         known = [torch.cat([self._encoded(some) for some in torch.split(image, AT_ONCE)]), _normalised(vector)]
         if self.config.route_columns:
             assert route is not None
@@ -122,16 +131,28 @@ class Policy(nn.Module):
         features: Tensor = self.encoder(image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0))
         return features
 
-    def _correction(self, seen: Tensor, vector: Tensor, types: "_Types", ahead: Tensor | None) -> Tensor:
+    def _correction(self, seen: Tensor, vector: Tensor, types: "_Types", rollouts: Tensor | None) -> Tensor:
         correction = types.each(self.actors, seen)
         if not self.config.lookahead:
             return correction
-        assert ahead is not None
-        return correction + types.each(self.scorers, _led_to(ahead, vector))[..., 0]
+        assert rollouts is not None
+        return correction + types.each(self.scorers, self._rated(rollouts, vector))[..., 0]
+
+    def _rated(self, rollouts: Tensor, vector: Tensor) -> Tensor:
+        """Inputs of the scorers: rollouts of order 1, and products that a layer cannot form, (n, modes, inputs)."""
+        names, scales = self.config.rollout_features, {**ROLLOUT_SCALES, **ROUTE_FIT_SCALES}
+        columns = rollouts * rollouts.new_tensor([scales[name] for name in names])
+        speed = vector[:, None, SPEED, None].expand(*rollouts.shape[:2], 1)
+        parts = [columns, _column(rollouts, names, "turn").abs(), 0.2 * speed]
+        if self.config.preset == "extended":
+            # Steering matters to road users that move.
+            steering = _column(columns, names, "heading_error") * (0.5 * speed).clamp(0.2, 1.0)
+            parts += [steering, _column(columns, names, "speed_error").abs()]
+        return torch.cat(parts, -1)
 
 
 class _Types:
-    """Who is of which type, so that each reads only the heads of its own."""
+    """Rows by type, so that each reads only the head of its own type."""
 
     def __init__(self, kind: Tensor) -> None:
         self._order = kind.argsort()
@@ -139,7 +160,7 @@ class _Types:
         self._counts = torch.bincount(kind, minlength=len(RoadUserType)).tolist()
 
     def each(self, heads: nn.ModuleList, x: Tensor) -> Tensor:
-        """What the head of the own type makes of each row of `x` (n, ...): (n, ..., out)."""
+        """Output of the head of the own type for each row of `x` (n, ...): (n, ..., out)."""
         parts = torch.split(x[self._order], self._counts)
         return torch.cat([head(part) for head, part in zip(heads, parts, strict=True)])[self._back]
 
@@ -150,23 +171,34 @@ def policy_logits(
     vector: Tensor,
     image: Tensor,
     kind: Tensor,
-    ahead: Tensor | None = None,
+    rollouts: Tensor | None = None,
     route: Tensor | None = None,
     *,
+    mask: Tensor | None = None,
     explore: float = 0.0,
 ) -> tuple[Tensor, Tensor]:
     """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
 
-    With `explore` that share of choices is drawn from all modes alike.
+    Modes where `mask` (n, modes) is False are excluded. With `explore` that share of choices is drawn uniformly from
+    the modes that are allowed.
 
     The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
     """
-    correction, value = policy(vector, image, kind, ahead, route)
+    correction, value = policy(vector, image, kind, rollouts, route)
     logits = _corrected(prior, vector, kind, correction)
+    if mask is not None:
+        logits = masked(logits, mask)
     if explore:
-        alike = math.log(explore / logits.shape[-1])
-        logits = torch.logaddexp(logits + math.log1p(-explore), torch.full_like(logits, alike))
+        count = logits.shape[-1] if mask is None else mask.sum(-1, keepdim=True)
+        uniform = torch.log(explore / torch.as_tensor(count, dtype=logits.dtype)).expand_as(logits)
+        logits = torch.logaddexp(logits + math.log1p(-explore), uniform)
+        logits = logits if mask is None else logits.masked_fill(~mask, EXCLUDED)
     return logits, value
+
+
+def masked(logits: Tensor, mask: Tensor) -> Tensor:
+    """Log probabilities (n, modes) when only modes where `mask` (n, modes) is True may be chosen."""
+    return torch.log_softmax(logits.masked_fill(~mask, EXCLUDED), -1)
 
 
 def choice_logits(
@@ -175,11 +207,11 @@ def choice_logits(
     vector: Tensor,
     image: Tensor,
     kind: Tensor,
-    ahead: Tensor | None = None,
+    rollouts: Tensor | None = None,
     route: Tensor | None = None,
 ) -> Tensor:
-    """The log probabilities of `policy_logits` alone, for who only chooses."""
-    return _corrected(prior, vector, kind, policy.correction(vector, image, kind, ahead, route))
+    """The log probabilities of `policy_logits` alone, without values."""
+    return _corrected(prior, vector, kind, policy.correction(vector, image, kind, rollouts, route))
 
 
 def _corrected(prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor) -> Tensor:
@@ -194,22 +226,15 @@ def _normalised(vector: Tensor) -> Tensor:
     return torch.cat([motion, 0.5 * torch.log1p(vector[:, COUNTS:])], -1)
 
 
-def _led_to(ahead: Tensor, vector: Tensor) -> Tensor:
-    """What each mode leads to, each column of order 1, with what a layer cannot make of it: (n, modes, 6 or 13)."""
-    speed = vector[:, None, :1].expand(*ahead.shape[:2], 1)
-    extended = ahead.shape[-1] > len(SCALES)
-    columns = ahead * ahead.new_tensor(SCALES + (ROUTE_SCALES if extended else ()))
-    parts = [columns, ahead[..., 3:4].abs(), 0.2 * speed]
-    if extended:
-        # Steering matters to who moves.
-        steer = columns[..., 4:5] * (0.5 * speed).clamp(0.2, 1.0)
-        parts += [steer, columns[..., 6:7].abs()]
-    return torch.cat(parts, -1)
+def _column(values: Tensor, names: tuple[str, ...], name: str) -> Tensor:
+    """The column of that name, (n, modes, 1)."""
+    place = names.index(name)
+    return values[..., place : place + 1]
 
 
 def _scorer(config: PolicyConfig) -> nn.Sequential:
-    """From what a mode leads to, to what speaks for it; nothing does to begin with."""
-    inputs = config.ahead_columns + (4 if config.preset == "extended" else 2)
+    """Rates a mode by its rollout; 0 to begin with."""
+    inputs = len(config.rollout_features) + (4 if config.preset == "extended" else 2)
     hidden = 64 if config.preset == "extended" else 32
     return nn.Sequential(_scaled(nn.Linear(inputs, hidden)), _rectifier(), _scaled(nn.Linear(hidden, 1), 0.0))
 
@@ -221,7 +246,7 @@ def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
 
 
 def _rectifier() -> nn.ReLU:
-    # In place: what came in is needed by nobody, and memory is what small networks wait for.
+    # In place: the input is not needed any more, and small networks wait for memory.
     return nn.ReLU(inplace=True)
 
 

@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
-from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.route import HERE, SPACING
 
 FAR = 60.0
 """m at which distances to lines and leaders are cut off."""
@@ -21,8 +21,8 @@ BACK = 2.0 - 1e-9
 
 ROUTE_FEATURES: tuple[str, ...] = (
     "known",
-    "aside",
-    "askew",
+    "lateral_offset",
+    "heading_error",
     "turn_distance",
     "turn",
     "stop",
@@ -41,18 +41,14 @@ next line, one-hot signal there; speed allowed by limits, junctions and curves; 
 leader on the path, and its speed. Distances are in tens of metres, speeds in tens of m/s, at most FAR."""
 
 
-def route_features(
-    world: WorldState, rows: NDArray[np.intp], route: RouteAhead, gap: Floats, leading: Floats
-) -> NDArray[np.float32]:
-    """The route of the road users `rows` of `world`, (len(rows), 14), columns as in ROUTE_FEATURES.
-
-    `route`, `gap` (m) and `leading` (m/s) are theirs, (len(rows),) each.
-    """
-    _, aside, direction = on_path(route, world.x[rows, None], world.y[rows, None])
-    askew = wrap_angle(world.heading[rows] - direction[:, 0])
+def route_features(heading: Floats, context: RouteContext) -> NDArray[np.float32]:
+    """The routes of n road users with these headings (rad, (n,)), (n, 14), columns as in ROUTE_FEATURES."""
+    route = context.route
+    heading_error = wrap_angle(heading - context.direction)
     # m and m/s that are cut off at FAR, in the order of their columns.
-    far = np.column_stack([route.stop, route.line, route.desired, route.left, gap, leading])
-    return _table(route.known, route.x, route.y, route.signal, aside, askew, direction, far)
+    far = np.column_stack([route.stop, route.line, route.desired, route.left, context.leader_gap, context.leader_speed])
+    offset, direction = context.lateral_offset, context.direction
+    return _table(route.known, route.x, route.y, route.signal, offset, heading_error, direction, far)
 
 
 @compiled
@@ -61,8 +57,8 @@ def _table(
     x: Floats,
     y: Floats,
     signal: NDArray[np.int8],
-    aside: Floats,
-    askew: Floats,
+    lateral_offset: Floats,
+    heading_error: Floats,
     direction: Floats,
     far: Floats,
 ) -> NDArray[np.float32]:
@@ -70,8 +66,8 @@ def _table(
     for i in range(len(known)):
         if not known[i]:
             continue
-        until, turn = _turns(x[i], y[i], direction[i, 0])
-        table[i, 0], table[i, 1], table[i, 2] = 1.0, min(max(aside[i, 0], -5.0), 5.0), askew[i]
+        until, turn = _turns(x[i], y[i], direction[i])
+        table[i, 0], table[i, 1], table[i, 2] = 1.0, min(max(lateral_offset[i], -5.0), 5.0), heading_error[i]
         table[i, 3], table[i, 4] = until * SPACING / 10.0, turn
         table[i, 5], table[i, 6] = min(far[i, 0], FAR) / 10.0, min(far[i, 1], FAR) / 10.0
         if signal[i] > 0:

@@ -6,6 +6,7 @@ from typing import Self
 
 import torch
 
+from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
@@ -111,7 +112,8 @@ def attach(
     torch.set_num_threads(1)
     simulation = AttachedSession(api)
     rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network), seed)
-    driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed, guard=guard)
+    rules = Constraints(guard=guard)
+    driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed, constraints=rules)
     loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
     if agents is not None:
         counts, _ = type_counts(agents, mixed, loop.points, "attach")

@@ -6,12 +6,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.driver import Driver, Modes
+from slrl_sumo.agent.driver import Driver, Moved
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.perception.observation import Observation, Way, observe
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -28,7 +27,6 @@ from slrl_sumo.sumo.reader import Reader, Snapshot
 from slrl_sumo.sumo.road_users import arrived_ids
 from slrl_sumo.sumo.spawned import SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
-from slrl_sumo.sumo.traffic_ahead import TrafficAhead, traffic_ahead
 
 WALKING = 0.1
 """m/s from which persons are taken over."""
@@ -75,7 +73,7 @@ class _Interval:
 
     states: list[WorldState]
     """Where the learned road users are after each of its SUMO steps."""
-    modes: Modes
+    moved: Moved
     looped: NDArray[np.bool_]
     steps: list[Step]
     arrived: set[str]
@@ -126,7 +124,7 @@ class CoSimulation:
         """One SUMO step, after which spawned road users stand at their places and the first ones are taken over."""
         users = self.population.world
         step = self._play(users)
-        self._close(_Interval([users], None, np.zeros(len(users), np.bool_), [step], set(), 0))
+        self._close(_Interval([users], Moved(users, None, {}), np.zeros(len(users), np.bool_), [step], set(), 0))
         return step
 
     def decide(self) -> Decision:
@@ -158,16 +156,6 @@ class CoSimulation:
         self.population.world = start_anew(learned, rows, background, self.points, max_speed, rng)
         self.world = self.population.world.join(background)
 
-    def observe(self, rows: NDArray[np.intp], with_image: bool, way: Way | None = None) -> Observation:
-        """What the learned road users `rows` see now; with their `way` in the preset `extended`."""
-        return observe(self.world, rows, self.roadmap, with_image, way)
-
-    def traffic_ahead(self) -> tuple[NDArray[np.intp], TrafficAhead]:
-        """Signals, leaders and limits of the learned cars and bicycles: their rows (k,), and what is ahead of them."""
-        learned = self.population.world
-        rows = np.flatnonzero(learned.type != RoadUserType.PEDESTRIAN)
-        return rows, traffic_ahead(self._simulation.api, [learned.ids[row] for row in rows])
-
     def release(self) -> None:
         """Let go of everything that belongs to the scenario, and take out what we added."""
         if self._yielding is not None:
@@ -178,7 +166,10 @@ class CoSimulation:
 
     def _decide(self) -> _Interval:
         learned = self.population.world
-        following, modes = self._driver.drive(self.world, learned, self.roadmap) if len(learned) else (learned, None)
+        moved = Moved(learned, None, {})
+        if len(learned):
+            moved = self._driver.drive(self.world, len(learned), self.roadmap)
+        following = moved.users
         looped = left_scene(following, self.roadmap, self._simulation.network.exits) & ~self.population.lent
         if looped.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
@@ -186,7 +177,7 @@ class CoSimulation:
         shares = np.arange(1, self._substeps + 1) / self._substeps
         states = [between(learned, following, share, looped) for share in shares]
         self._stopwatch.lap("advance")
-        return _Interval(states, modes, looped, [], set(), 0)
+        return _Interval(states, moved, looped, [], set(), 0)
 
     def _play(self, users: WorldState) -> Step:
         """One SUMO step, after which the learned road users are where `users` says."""
@@ -221,7 +212,8 @@ class CoSimulation:
         self._stopwatch.lap("read")
         return Decision(
             steps=tuple(interval.steps),
-            modes=interval.modes,
+            modes=interval.moved.modes,
+            constraints={name: int(changed.sum()) for name, changed in interval.moved.changed.items()},
             surface=surface,
             looped=interval.looped,
             lost=gone & ~arrived,
@@ -238,7 +230,7 @@ class CoSimulation:
             return ()
         learned = self.population.world
         # Walks lead round the ends of streets, on the rim of the network.
-        gone = left_scene(learned, self.roadmap, rim=RIM) | self._driver.astray(learned)
+        gone = left_scene(learned, self.roadmap, rim=RIM) | self._driver.off_route(learned.ids)
         strayed = self.population.hand_back(gone, strayed=True)
         # They would stray again: from here on SUMO drives them.
         self._finished.update(strayed)
@@ -248,7 +240,7 @@ class CoSimulation:
         if self._takeover is None or not self.population.lent.any():
             return ()
         learned = self.population.world
-        ending = self._driver.near_end(learned)
+        ending = self._driver.near_end(learned.ids)
         leaving = ending | ~self._takeover.region.inside(learned.x, learned.y, HYSTERESIS)
         if self._fast:
             leaving |= self._on_fast_lane(learned.ids)

@@ -94,6 +94,8 @@ class Decision:
     """Its SUMO steps; the last one is the state that the next decision starts from."""
     modes: NDArray[np.int64] | None
     """Mode of each learned road user, (n,); None where the driver knows no modes."""
+    constraints: dict[str, int]
+    """How many of these decisions each rule that is not learned has changed, by its name (agent.constraints)."""
     surface: NDArray[np.uint8]
     """Surface under each learned road user at the end, (n,)."""
     looped: NDArray[np.bool_]

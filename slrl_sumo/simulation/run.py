@@ -7,10 +7,12 @@ from collections.abc import Generator
 import numpy as np
 import torch
 
+from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import SELECTORS, Driver, ModelDriver, make_driver, usual_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.compiled import what_to_expect
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -51,7 +53,8 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             takeover = Takeover(shares, parse_region(settings.region, session.network), settings.seed)
         selector = settings.selector or usual_selector(bundle)
         api, network = session.api, session.network
-        driver = make_driver(selector, bundle, api, network, settings.seed, guard=settings.guard)
+        constraints = Constraints(guard=settings.guard)
+        driver = make_driver(selector, bundle, api, network, settings.seed, constraints=constraints)
         simulation = CoSimulation(session, driver, takeover=takeover, yielding=settings.yielding)
         if takeover is not None and (fast := len(fast_lanes(session.network, driver))):
             most = driver.max_speed[RoadUserType.CAR]
@@ -88,8 +91,9 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
 def _views(world: WorldState, learned: WorldState, simulation: CoSimulation, driver: Driver) -> Views:
     """What the first learned road user of each type has just seen, in the preset of the selector."""
     _, watched = np.unique(learned.type, return_index=True)
-    way = driver.way if isinstance(driver, ModelDriver) else None
-    image = observe(world, watched, simulation.roadmap, True, None if way is None else way.take(watched)).image
+    image = driver.images(watched) if isinstance(driver, ModelDriver) else None
+    if image is None:
+        image = observe(Scene(world, watched, simulation.roadmap)).image
     assert image is not None
     return Views(learned.time, tuple(learned.ids[row] for row in watched), image)
 

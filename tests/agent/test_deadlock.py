@@ -1,4 +1,4 @@
-"""Who has stood long enough goes on, and not before."""
+"""Road users that have stood long enough go on, and not before."""
 
 from dataclasses import replace
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.agent.deadlock import DESPERATE, HELD, IDLE, SOON, SPREAD, DeadlockTimer, going
-from slrl_sumo.lookahead.leaders import Leaders
-from slrl_sumo.lookahead.lookahead import RouteContext
+from slrl_sumo.agent.deadlock import HELD, IDLE, LONG, SOON, SPREAD, DeadlockTimer, force_progress
+from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.capability import STOPPING, Capability
+from slrl_sumo.perception.route_context import GAP, RouteContext, route_context
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -21,70 +22,77 @@ def _car(time: float, speed: float = 0.0) -> WorldState:
     return make_world(speed=speed, ids=("one",), time=time)
 
 
-def _prospects(gap: float = np.inf, stop: float = np.inf, closed: bool = False) -> RouteContext:
+def _context(gap: float = np.inf, stop: float = np.inf, closed: bool = False) -> RouteContext:
+    """A route straight ahead with a leader that stands `gap` m away."""
     route = RouteAhead.unknown(1)
     route.known[:], route.desired[:], route.stop[:], route.closed[:] = True, 10.0, stop, closed
-    return RouteContext(route, Leaders(np.array([gap]), np.zeros(1)), ABLE)
+    return replace(
+        route_context(route, _car(0.0)), leader_gap=np.array([gap]), follow_distance=np.array([gap - GAP[0]])
+    )
+
+
+def _tolerance(timer: DeadlockTimer, car: WorldState, context: RouteContext) -> float:
+    return float(timer.tolerance(car, context, allowed_speed(context, ABLE, car))[0])
 
 
 def _first(context: RouteContext, most: float, speed: float = 0.0) -> tuple[float, float]:
-    """s after which somebody must go on, inf within `most` s for nobody, and the tolerance then."""
-    patience = DeadlockTimer()
+    """s after which the car is forced to go on, inf if not within `most` s, and the tolerance then."""
+    timer = DeadlockTimer()
     for step in range(1, round(most / DECISION_INTERVAL) + 1):
-        tolerance = patience.tolerance(_car(step * DECISION_INTERVAL, speed), context)[0]
+        tolerance = _tolerance(timer, _car(step * DECISION_INTERVAL, speed), context)
         if tolerance:
-            return step * DECISION_INTERVAL, float(tolerance)
+            return step * DECISION_INTERVAL, tolerance
     return np.inf, 0.0
 
 
-def test_who_has_nothing_to_wait_for_goes_on_soon() -> None:
-    after, tolerance = _first(_prospects(), 10.0)
+def test_a_road_user_without_a_reason_to_stand_goes_on_soon() -> None:
+    after, tolerance = _first(_context(), 10.0)
     assert after == pytest.approx(IDLE)
     assert tolerance == SOON
-    assert _first(_prospects(), 10.0, speed=1.0)[0] == np.inf
+    assert _first(_context(), 10.0, speed=1.0)[0] == np.inf
 
 
-def test_who_stands_before_others_goes_on_later() -> None:
-    after, _ = _first(_prospects(gap=1.0), 60.0)
+def test_a_road_user_that_stands_before_others_goes_on_later() -> None:
+    after, _ = _first(_context(gap=1.0), 60.0)
     assert HELD <= after <= HELD + SPREAD + DECISION_INTERVAL
 
 
-@pytest.mark.parametrize("waits", [_prospects(stop=2.0), _prospects(stop=2.0, closed=True), _prospects(closed=True)])
+@pytest.mark.parametrize("waits", [_context(stop=2.0), _context(stop=2.0, closed=True), _context(closed=True)])
 def test_lines_to_stop_at_are_waited_for_as_long_as_it_takes(waits: RouteContext) -> None:
     assert _first(waits, 120.0)[0] == np.inf
 
 
-def test_in_the_end_anything_goes_but_contact_at_once() -> None:
-    patience, held = DeadlockTimer(), _prospects(gap=1.0)
-    seen = [patience.tolerance(_car(k * DECISION_INTERVAL), held)[0] for k in range(round(60.0 / DECISION_INTERVAL))]
+def test_in_the_end_any_mode_counts_that_does_not_collide_at_once() -> None:
+    timer, held = DeadlockTimer(), _context(gap=1.0)
+    seen = [_tolerance(timer, _car(k * DECISION_INTERVAL), held) for k in range(round(60.0 / DECISION_INTERVAL))]
     first = next(k for k, tolerance in enumerate(seen) if tolerance == 1.0)
-    assert DESPERATE <= (first + 1) * DECISION_INTERVAL <= DESPERATE + 2 * DECISION_INTERVAL
+    assert LONG <= (first + 1) * DECISION_INTERVAL <= LONG + 2 * DECISION_INTERVAL
     # A signal that closes is obeyed even then.
-    assert patience.tolerance(_car(61.0), _prospects(closed=True))[0] == 0.0
-    # And who has been driving for a while has patience again.
-    patience.tolerance(_car(70.0, speed=5.0), held)
-    assert patience.tolerance(_car(70.4), held)[0] == 0.0
+    assert _tolerance(timer, _car(61.0), _context(closed=True)) == 0.0
+    # After driving for a while, the time begins anew.
+    _tolerance(timer, _car(70.0, speed=5.0), held)
+    assert _tolerance(timer, _car(70.4), held) == 0.0
 
 
-def test_only_modes_that_move_and_meet_nobody_soon_are_left() -> None:
-    ahead = np.zeros((1, 4, 9), np.float32)
-    ahead[0, :, 2] = 0.0, 3.0, 3.0, 3.0
-    ahead[0, :, 0] = 0.0, 0.0, 0.5, 0.875
-    assert going(ahead, np.zeros(1), None) is None
-    modes = going(ahead, np.array([SOON]), None)
+def test_only_modes_that_move_and_do_not_collide_soon_are_left() -> None:
+    none = np.zeros((1, 4))
+    collision, speed = np.array([[0.0, 0.0, 0.5, 0.875]]), np.array([[0.0, 3.0, 3.0, 3.0]])
+    rollouts = ModeRollouts(none, none, collision, none, speed, none)
+    assert force_progress(rollouts, np.zeros(1), None) is None
+    modes = force_progress(rollouts, np.array([SOON]), None)
     assert modes is not None
     assert modes[0].tolist() == [False, True, True, False]
     # A guard's choice is kept to where it leaves a mode that moves, and does not count where it leaves standing alone.
     guarded = np.array([[True, False, True, False]])
-    assert going(ahead, np.array([SOON]), guarded).tolist() == [[False, False, True, False]]  # type: ignore[union-attr]
+    assert force_progress(rollouts, np.array([SOON]), guarded).tolist() == [[False, False, True, False]]  # type: ignore[union-attr]
     standing = np.array([[True, False, False, False]])
-    assert going(ahead, np.array([SOON]), standing).tolist() == [[False, True, True, False]]  # type: ignore[union-attr]
+    assert force_progress(rollouts, np.array([SOON]), standing).tolist() == [[False, True, True, False]]  # type: ignore[union-attr]
     # Where every way on is blocked, one waits.
-    ahead[0, 1:, 0] = 1.0
-    assert going(ahead, np.array([1.0]), None).all()  # type: ignore[union-attr]
+    collision[0, 1:] = 1.0
+    assert force_progress(rollouts, np.array([1.0]), None).all()  # type: ignore[union-attr]
 
 
-def test_nobody_without_a_route_is_driven_on() -> None:
-    lost = _prospects()
+def test_road_users_without_a_route_are_not_forced() -> None:
+    lost = _context()
     unknown = replace(lost, route=replace(lost.route, known=np.zeros(1, np.bool_)))
     assert _first(unknown, 60.0)[0] == np.inf

@@ -8,18 +8,28 @@ import pytest
 from builders import make_routes
 from numpy.typing import NDArray
 
-from slrl_sumo.agent import driver
-from slrl_sumo.agent.guard import allowed_modes
+from slrl_sumo.agent import decide
+from slrl_sumo.agent.guard import guard
 from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.errors import InputError
-from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.events import Decision, RunSettings
 from slrl_sumo.simulation.run import run
 
 CAR, BICYCLE, PEDESTRIAN = RoadUserType
+NAMES = ("collision", "off_surface", "speed", "turn", *RouteFit._fields)
 MEETING, OFF, SPEED, TURN, STEER, ASIDE, PACE, BRAKE, FOLLOW = range(9)
+
+
+def rolled_out(columns: NDArray[np.float64], off_route: NDArray[np.float64]) -> ModeRollouts:
+    """Rollouts of these values, (n, modes, 9), columns as in NAMES."""
+    fields = {name: columns[..., column] for column, name in enumerate(NAMES)}
+    route = RouteFit(**{name: fields.pop(name) for name in RouteFit._fields})
+    still = np.zeros(off_route.shape)
+    return ModeRollouts(still, still, **fields, route=route, collision_off_route=off_route)
 
 
 def left(
@@ -30,14 +40,14 @@ def left(
     touching: tuple[float, ...] = (),
 ) -> list[int]:
     """The modes that are left of `modes`, which lead to these values by column and to nothing in the others."""
-    ahead = np.zeros((1, len(modes), 9), np.float32)
+    ahead = np.zeros((1, len(modes), 9))
     for mode, values in enumerate(modes):
         for column, value in values.items():
             ahead[0, mode, column] = value
     route = make_routes(0.0, known=known, closed=closed)
     touched = np.zeros((1, len(modes)))
     touched[0, : len(touching)] = touching
-    allowed = allowed_modes(ahead, np.array([kind], np.int8), route, touched)
+    allowed = guard(rolled_out(ahead, touched), np.array([kind], np.int8), route)
     assert allowed.shape == (1, len(modes))
     assert allowed.dtype == np.bool_
     return [int(mode) for mode in np.flatnonzero(allowed[0])]
@@ -93,17 +103,17 @@ def test_where_nothing_is_left_the_latest_conflict_is() -> None:
 def test_at_least_one_mode_is_left_to_everybody_and_each_is_judged_alone() -> None:
     random = np.random.default_rng(1)
     n = 300
-    ahead = (random.random((n, 20, 9)) * (random.random((n, 20, 9)) < 0.6) * 8.0).astype(np.float32)
+    ahead = random.random((n, 20, 9)) * (random.random((n, 20, 9)) < 0.6) * 8.0
     ahead[..., :2] = np.minimum(ahead[..., :2], 1.0)
     kind = random.integers(0, 3, n).astype(np.int8)
     route = make_routes(np.zeros((n, 1)), known=random.random(n) < 0.8, closed=random.random(n) < 0.5)
     touching = random.integers(0, 9, (n, 20)) / 8.0 * (random.random((n, 20)) < 0.3)
-    allowed = allowed_modes(ahead, kind, route, touching)
+    allowed = guard(rolled_out(ahead, touching), kind, route)
     assert allowed.any(axis=1).all()
     assert 0.05 < allowed.mean() < 0.95
     for row in range(0, n, 23):
         some = np.array([row])
-        alone = allowed_modes(ahead[some], kind[some], route.take(some), touching[some])
+        alone = guard(rolled_out(ahead[some], touching[some]), kind[some], route.take(some))
         np.testing.assert_array_equal(alone, allowed[some])
 
 
@@ -120,11 +130,10 @@ def chosen(settings: RunSettings) -> list[list[int]]:
 def test_in_a_run_only_what_the_guard_leaves_is_chosen(monkeypatch: pytest.MonkeyPatch, selector: str) -> None:
     asked: list[NDArray[np.bool_]] = []
 
-    def strict(
-        ahead: NDArray[np.float32], kind: NDArray[np.int8], route: RouteAhead, touching: Floats
-    ) -> NDArray[np.bool_]:
-        assert ahead.shape == (6, 20, 9)
-        assert touching.shape == (6, 20)
+    def strict(rollouts: ModeRollouts, kind: NDArray[np.int8], route: RouteAhead) -> NDArray[np.bool_]:
+        assert rollouts.route is not None
+        assert rollouts.collision_off_route is not None
+        assert rollouts.collision_off_route.shape == rollouts.route.follow_ratio.shape == (6, 20)
         assert len(kind) == len(route) == 6
         assert route.known[kind != PEDESTRIAN].all()
         allowed = np.zeros((6, 20), np.bool_)
@@ -132,7 +141,7 @@ def test_in_a_run_only_what_the_guard_leaves_is_chosen(monkeypatch: pytest.Monke
         asked.append(allowed)
         return allowed
 
-    monkeypatch.setattr(driver, "allowed_modes", strict)
+    monkeypatch.setattr(decide, "guard", strict)
     modes = chosen(replace(GUARDED, selector=selector))
     assert modes == [allowed.argmax(axis=1).tolist() for allowed in asked]
     assert len(modes) == 4
@@ -146,14 +155,13 @@ def test_the_guard_changes_what_a_selector_sees_of_modes_in_no_way(monkeypatch: 
     seen: list[tuple[tuple[int, ...], bool]] = []
     choose = PolicySelector.choose
 
-    def watched(self: PolicySelector, observation: Any, ids: Any = None, allowed: Any = None) -> Any:
-        assert observation.ahead is not None
-        seen.append((observation.ahead.shape, observation.route is None))
-        return choose(self, observation, ids, allowed)
+    def watched(self: PolicySelector, observation: Any, rollouts: Any, ids: Any = None, masks: Any = ()) -> Any:
+        seen.append((rollouts.collision.shape, rollouts.route is None and observation.route is None))
+        return choose(self, observation, rollouts, ids, masks)
 
     monkeypatch.setattr(PolicySelector, "choose", watched)
     assert len(list(run(replace(GUARDED, selector="greedy", steps=2)))) == 3
-    assert seen == [((6, 20, 4), True)] * 2
+    assert seen == [((6, 20), True)] * 2
 
 
 def test_a_guard_of_the_lane_follower_is_refused() -> None:

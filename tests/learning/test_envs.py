@@ -160,7 +160,7 @@ def test_contact_terminates() -> None:
     arena.simulation.world = arena.simulation.population.world.join(
         arena.world.take(np.arange(len(users), len(arena.world)))
     )
-    arena.observation = arena.simulation.observe(np.arange(len(users)), with_image=True)
+    arena.consider()
     observation, reward, terminated, truncated, info = env.step(np.int64(0))
     assert (terminated, truncated) == (True, False)
     assert info["terms"]["contact"] == -1.0

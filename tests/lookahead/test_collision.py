@@ -1,4 +1,4 @@
-"""Who is met on courses, against a look at every box."""
+"""Collisions on mode paths, against a look at every box."""
 
 from dataclasses import replace
 
@@ -7,28 +7,29 @@ import pytest
 from builders import make_crowd
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import MARGIN, REACH, STANDING, Boxes, meeting, sizes
-from slrl_sumo.lookahead.mode_rollout import STEPS, ModeRollouts, roll_out
+from slrl_sumo.lookahead.collision import MARGIN, REACH, STANDING, collision_scores
+from slrl_sumo.lookahead.forecast import Boxes, sizes
+from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths, mode_paths
 from slrl_sumo.scene.geometry import Floats, boxes_overlap
 from slrl_sumo.scene.state import WorldState
 
 MODES = 6
 
 
-def drawn_courses(users: WorldState, seed: int) -> ModeRollouts:
+def drawn_paths(users: WorldState, seed: int) -> ModePaths:
     acceleration, yaw_rate = np.random.default_rng(seed).normal(0.0, 1.5, (2, len(users), MODES))
-    return roll_out(users, acceleration, yaw_rate, np.full(len(users), 9.0), halting=True)
+    return mode_paths(users, acceleration, yaw_rate, np.full(len(users), 9.0), halting=True)
 
 
-def along_a_mode(users: WorldState, on: ModeRollouts) -> Boxes:
+def along_a_mode(users: WorldState, on: ModePaths) -> Boxes:
     """Boxes of all who follow the first mode of theirs."""
     return Boxes(*(column[..., 0].copy() for column in (on.x, on.y, on.cos, on.sin)), sizes(users, MARGIN))
 
 
 def every_box(
-    mine: ModeRollouts, excused: NDArray[np.bool_], theirs: Boxes, world: WorldState, rows: NDArray[np.intp]
+    mine: ModePaths, excused: NDArray[np.bool_], theirs: Boxes, world: WorldState, rows: NDArray[np.intp]
 ) -> Floats:
-    """What `meeting` says, by a look at every pair, interval and mode."""
+    """What `collision_scores` says, by a look at every pair, interval and mode."""
     met = np.zeros((len(rows), MODES))
     for e, me in enumerate(rows):
         for other in range(len(world)):
@@ -52,17 +53,17 @@ def test_circles_leave_out_nobody_who_is_met(extent: float) -> None:
     world = make_crowd(24, 3, extent)
     # Some of all, in another order.
     rows = np.random.default_rng(7).permutation(24)[:17]
-    on = drawn_courses(world, 4)
+    on = drawn_paths(world, 4)
     theirs = along_a_mode(world, on)
-    mine = ModeRollouts(*(column[rows] for column in (on.x, on.y, on.cos, on.sin, on.speed, on.way)))
+    mine = ModePaths(*(column[rows] for column in (on.x, on.y, on.cos, on.sin, on.speed, on.distance)))
     excused = rows % 3 == 0
-    found = meeting(mine, excused, theirs, world, rows)
+    found = collision_scores(mine, excused, theirs, world, rows)
     np.testing.assert_array_equal(found, every_box(mine, excused, theirs, world, rows))
     # Some are met at once, some later, and some modes meet nobody.
     assert len(np.unique(found)) > 4
     assert (found == 0.0).any()
     # Whom one may drive into without blame makes a difference.
-    assert (meeting(mine, np.zeros(17, np.bool_), theirs, world, rows) > found).any()
+    assert (collision_scores(mine, np.zeros(17, np.bool_), theirs, world, rows) > found).any()
 
 
 def test_who_is_excused_at_first_may_be_to_blame_later() -> None:
@@ -72,18 +73,18 @@ def test_who_is_excused_at_first_may_be_to_blame_later() -> None:
     every = 1.5 * np.arange(1, STEPS + 1)
     x, one, zero = np.stack([every, every - 5.0, np.full(STEPS, 12.0)]), np.ones((3, STEPS)), np.zeros((3, STEPS))
     theirs = Boxes(x, zero, one, zero, sizes(world, MARGIN))
-    mine = ModeRollouts(*(column[:1, :, None].copy() for column in (x, zero, one, zero, 3.75 * one, x)))
+    mine = ModePaths(*(column[:1, :, None].copy() for column in (x, zero, one, zero, 3.75 * one, x)))
     rows = np.zeros(1, np.intp)
     # 5.4 m long with the margin: those behind touch all the time, those ahead from 6.6 m on.
-    assert meeting(mine, np.ones(1, np.bool_), theirs, world, rows).tolist() == [[1.0 - 4 / STEPS]]
-    assert meeting(mine, np.zeros(1, np.bool_), theirs, world, rows).tolist() == [[1.0]]
+    assert collision_scores(mine, np.ones(1, np.bool_), theirs, world, rows).tolist() == [[1.0 - 4 / STEPS]]
+    assert collision_scores(mine, np.zeros(1, np.bool_), theirs, world, rows).tolist() == [[1.0]]
 
 
 def test_nobody_to_meet() -> None:
     world = make_crowd(3, 5, 50.0)
     far = replace(world, x=np.array([0.0, 200.0, 400.0]))
     for some, n in ((far, 3), (world.take(np.array([1])), 1), (make_crowd(0, 1, 1.0), 0)):
-        on = drawn_courses(some, 6)
-        alone = meeting(on, np.zeros(n, np.bool_), along_a_mode(some, on), some, np.arange(n))
+        on = drawn_paths(some, 6)
+        alone = collision_scores(on, np.zeros(n, np.bool_), along_a_mode(some, on), some, np.arange(n))
         assert not alone.any()
         assert alone.shape == (n, MODES)

@@ -1,13 +1,14 @@
-"""Where everybody is expected: on paths by interpolation, beside them as `advance` does."""
+"""Where road users are expected: on paths by interpolation, beside them as `advance` does."""
 
 from dataclasses import replace
 
 import numpy as np
-from builders import ALONG, make_crowd, make_routes
+from builders import make_crowd, make_routes
 
 from slrl_sumo.lookahead.collision import MARGIN
-from slrl_sumo.lookahead.forecast import Kept, boxes, bring_to_paths, paths_kept
-from slrl_sumo.lookahead.mode_rollout import STEPS, roll_out
+from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
+from slrl_sumo.lookahead.mode_paths import STEPS, mode_paths
+from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
@@ -42,28 +43,30 @@ def test_vehicles_on_their_path_keep_to_it() -> None:
     car = replace(make_crowd(5, 1, 1.0), type=np.array([0, 0, 1, 2, 0], np.int8), x=np.zeros(5))
     # On it, beside it but along it, beside it and askew, on foot, without a route.
     car = replace(car, y=np.array([0.2, -3.0, 3.0, 0.0, 0.0]), heading=np.array([1.0, 0.3, -0.4, 0.0, 0.0]))
-    kept = paths_kept(make_routes(np.tile(ALONG, (5, 1)), known=[True, True, True, True, False]), car)
-    assert kept.keeps.tolist() == [True, True, False, False, False]
-    np.testing.assert_allclose(kept.beside[:2], [0.2, -3.0])
+    x = np.tile(SPACING * (np.arange(POINTS) - HERE), (5, 1))
+    known = np.array([True, True, True, True, False])
+    kept = path_following(route_context(replace(RouteAhead.unknown(5), known=known, x=x), car), car)
+    assert kept.follows.tolist() == [True, True, False, False, False]
+    np.testing.assert_allclose(kept.lateral_offset[:2], [0.2, -3.0])
 
 
-def test_courses_along_paths_are_those_of_the_path() -> None:
+def test_mode_paths_along_routes_are_those_of_the_path() -> None:
     users = make_crowd(12, 2, 80.0)
     route, rows = routed(users, 12), np.array([7, 0, 3, 11, 4])
     keeps, beside = np.arange(12) % 4 != 0, np.linspace(-2.0, 2.0, 12)
     acceleration, yaw_rate = np.random.default_rng(4).normal(0.0, 1.5, (2, 5, 6))
     # Some get beyond the end of their path.
     quick = replace(users.take(rows), speed=np.array([0.0, 3.0, 6.0, 9.0, 16.0]))
-    free = roll_out(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
-    found = roll_out(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
-    bring_to_paths(found, Kept(route, keeps, beside), rows)
+    free = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
+    found = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
+    bring_to_paths(found, PathFollowing(keeps, beside, route.stop, route.x, route.y), rows)
     for k, row in enumerate(rows):
-        own, way = route.take(rows[k : k + 1]), free.way[k].reshape(1, -1)
+        own, way = route.take(rows[k : k + 1]), free.distance[k].reshape(1, -1)
         shift = beside[row] * np.repeat(BACK, 6)[None]
         kept = shifted(own, way, shift) if keeps[row] else (free.x[k], free.y[k], free.cos[k], free.sin[k])
         for name, values in zip(("x", "y", "cos", "sin"), kept, strict=True):
             np.testing.assert_allclose(getattr(found, name)[k].ravel(), values.ravel(), atol=1e-9)
-    assert free.way.max() > (POINTS - HERE) * SPACING
+    assert free.distance.max() > (POINTS - HERE) * SPACING
     np.testing.assert_array_equal(found.speed, free.speed)
 
 
@@ -71,8 +74,8 @@ def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines() -> None:
     world = make_crowd(20, 5, 80.0)
     route = routed(world, 12)
     keeps, beside = np.arange(12) % 3 != 0, np.linspace(-2.0, 2.0, 12)
-    found = boxes(world, Kept(route, keeps, beside), MARGIN)
-    straying = boxes(world, None, MARGIN)
+    found = forecast_boxes(world, PathFollowing(keeps, beside, route.stop, route.x, route.y), MARGIN)
+    straying = forecast_boxes(world, path_following(None, world), MARGIN)
     np.testing.assert_allclose(found.size[:, 0], world.length + MARGIN[world.type])
     np.testing.assert_allclose(found.size[:, 1], world.width + MARGIN[world.type])
     for step in range(STEPS):

@@ -1,13 +1,13 @@
-"""ModeRollouts off the own surface, against a look at every place."""
+"""Mode paths off the own surface, against a look at every place."""
 
 from dataclasses import replace
 
 import numpy as np
-from builders import ALONG, make_crowd, make_routes
+from builders import make_crowd, make_routes
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Surface, SurfaceShapes
-from slrl_sumo.lookahead.mode_rollout import STEPS, roll_out
+from slrl_sumo.lookahead.mode_paths import STEPS, mode_paths
 from slrl_sumo.lookahead.off_surface import NEAR, off_surface
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 
@@ -22,8 +22,10 @@ def test_places_off_the_own_surface_are_counted() -> None:
     rows = np.random.default_rng(2).permutation(40)[:30]
     me = world.take(rows)
     acceleration, yaw_rate = np.random.default_rng(3).normal(0.0, 1.0, (2, 30, 5))
-    free = roll_out(me, acceleration, yaw_rate, np.full(30, 12.0), halting=True)
-    route = make_routes(world.x[:, None] + ALONG, world.y[:, None], known=np.arange(40) % 3 != 0)
+    free = mode_paths(me, acceleration, yaw_rate, np.full(30, 12.0), halting=True)
+    along = SPACING * (np.arange(POINTS) - HERE)
+    route = replace(RouteAhead.unknown(40), x=world.x[:, None] + along, y=np.tile(world.y[:, None], POINTS))
+    route = replace(route, known=np.arange(40) % 3 != 0)
     # Without routes all intervals count, and the ground alone.
     for known, given in ((np.zeros(40, np.bool_), None), (route.known, route)):
         found = off_surface(free, me.type, GROUND, rows, given)
@@ -33,7 +35,7 @@ def test_places_off_the_own_surface_are_counted() -> None:
             for mode in range(5):
                 off = ~own[GROUND.surface_at(free.x[i, :, mode], free.y[i, :, mode])]
                 if known[row]:
-                    point = np.minimum(HERE + np.rint(free.way[i, :, mode] / SPACING).astype(np.intp), POINTS - 1)
+                    point = np.minimum(HERE + np.rint(free.distance[i, :, mode] / SPACING).astype(np.intp), POINTS - 1)
                     right = ~own[GROUND.surface_at(route.x[row, point], route.y[row, point])]
                     excused += int((off & right)[:NEAR].sum())
                     off = (off & ~right)[:NEAR]
@@ -44,18 +46,18 @@ def test_places_off_the_own_surface_are_counted() -> None:
     assert off_surface(free, me.type, GROUND, rows, None).shape == (30, 5)
 
 
-def test_nobody_is_off_the_surface() -> None:
+def test_no_road_users_are_off_the_surface() -> None:
     nobody, none = make_crowd(0, 1, 1.0), np.zeros((0, 5))
-    free = roll_out(nobody, none, none, np.zeros(0), halting=True)
+    free = mode_paths(nobody, none, none, np.zeros(0), halting=True)
     assert off_surface(free, nobody.type, GROUND, np.zeros(0, np.intp), RouteAhead.unknown(0)).shape == (0, 5)
     assert free.x.shape == (0, STEPS, 5)
 
 
-def test_courses_that_are_no_numbers_are_off_the_surface_but_for_who_has_a_path() -> None:
+def test_paths_that_are_nan_are_off_the_surface_without_a_route() -> None:
     users = replace(make_crowd(4, 1, 1.0), type=np.zeros(4, np.int8), x=np.full(4, 10.0), y=np.full(4, 10.0))
     users = replace(users, speed=np.array([1.0, np.nan, np.inf, np.nan]))
     still = np.zeros((4, 2))
-    free = roll_out(users, still, still, np.full(4, np.inf), halting=False)
+    free = mode_paths(users, still, still, np.full(4, np.inf), halting=False)
     # Paths whose last points lie where there is no ground; the last road user has none.
     known, path = np.array([True, True, True, False]), np.full((4, POINTS), 15.0)
     path[:, -1] = -15.0

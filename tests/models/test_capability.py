@@ -1,36 +1,17 @@
-"""What models can do, against rolling them out by hand, and paths and speeds that ask no more of them."""
+"""What models can do, against rolling them out by hand."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
-from builders import ALONG, make_routes, make_world
+from builders import make_world
 
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.capability import (
-    BESIDE,
-    BRAKING,
-    CHORD,
-    COMFORT,
-    COMPANY,
-    NIMBLE,
-    PASSES,
-    PATIENCE,
-    REACTION,
-    SLOWEST,
-    SPARE,
-    SPEEDS,
-    STOPPING,
-    STRAIGHT,
-    Capability,
-    capability_of,
-    fitted,
-)
+from slrl_sumo.models.capability import MAX_DECISIONS, NEIGHBOURS, SPEEDS, STOPPING, Capability, capability_of
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -41,59 +22,6 @@ def users(*rows: tuple[int, float]) -> WorldState:
     """Types and speeds; all at the origin."""
     kind, speed = zip(*rows, strict=True)
     return make_world(speed=speed, type=kind, length=5.0, width=1.8)
-
-
-def routes(*points: tuple[Floats, Floats], desired: float = 13.0) -> RouteAhead:
-    x, y = (np.array(column) for column in zip(*points, strict=True))
-    return make_routes(x, y, desired=desired, stop=np.arange(len(points)))
-
-
-def corner(turn: float, after: float = 15.0) -> tuple[Floats, Floats]:
-    """Eastwards, and `after` m on by `turn` to the left."""
-    beyond = np.maximum(ALONG - after, 0.0)
-    return np.minimum(ALONG, after) + beyond * np.cos(turn), beyond * np.sin(turn)
-
-
-def circle(radius: float) -> tuple[Floats, Floats]:
-    """Eastwards through the origin; radius > 0: to the left."""
-    return radius * np.sin(ALONG / radius), radius - radius * np.cos(ALONG / radius)
-
-
-def straight(heading: float) -> tuple[Floats, Floats]:
-    return ALONG * np.cos(heading), ALONG * np.sin(heading)
-
-
-def curvature(route: RouteAhead) -> Floats:
-    """How sharply the paths turn to the left, 1/m, (n, POINTS): from one chord to the next, over their mean length."""
-    path = route.x + 1j * route.y
-    chord = path[:, CHORD:] - path[:, :-CHORD]
-    turn = np.angle(chord[:, CHORD:] * chord[:, :-CHORD].conj())
-    sharp = np.zeros(path.shape)
-    sharp[:, CHORD:-CHORD] = turn / np.maximum(0.5 * np.abs(chord[:, CHORD:]) + 0.5 * np.abs(chord[:, :-CHORD]), 0.1)
-    return sharp
-
-
-def test_curvatures() -> None:
-    signed = curvature(routes(straight(2.0), circle(12.0), circle(-30.0), corner(np.pi / 3, after=10.0)))
-    inner = slice(CHORD, -CHORD)
-    assert signed[0] == pytest.approx(0.0, abs=1e-9)
-    # Chords of 3 m are shorter than their arcs: 1 part in 400 on a radius of 12 m.
-    assert signed[1, inner] == pytest.approx(1 / 12, rel=5e-3)
-    assert signed[2, inner] == pytest.approx(-1 / 30, rel=5e-3)
-    assert np.abs(signed[:, :CHORD]).max() == np.abs(signed[:, -CHORD:]).max() == 0.0
-    # A corner is spread over the chords beside it, and nothing of it is lost.
-    sharp = np.flatnonzero(np.abs(signed[3]) > 1e-9)
-    assert sharp.min() >= HERE + 10 - CHORD
-    assert sharp.max() <= HERE + 10 + CHORD
-    assert signed[3].argmax() == HERE + 10
-    assert signed[3].sum() * SPACING == pytest.approx(np.pi / 3, rel=0.15)
-    assert signed[3].max() == pytest.approx(np.pi / 3 / CHORD)
-
-
-def able(right: float, left: float, fade: float = 0.0) -> Capability:
-    """All types can take such curves (1/m) at 1 m/s, and `fade` less for each m/s more; 1 m a stand for each m/s."""
-    sides = np.maximum(np.array([right, left])[:, None] - fade * (SPEEDS - SPEEDS[0]), 0.0)
-    return Capability(np.broadcast_to(sides, (3, 2, len(SPEEDS))), np.broadcast_to(STOPPING, (3, len(STOPPING))))
 
 
 def motions(bundle: ModelBundle, kind: int, speed: float, acceleration: float, others: int) -> tuple[Floats, Floats]:
@@ -123,9 +51,10 @@ def test_ways_to_a_stand_are_those_of_the_models(
     shipped_bundle: ModelBundle, usual: Capability, kind: int, speed: float
 ) -> None:
     state = replace(users((kind, speed)), heading=np.array([1.0]))
-    for _ in range(PATIENCE):
+    for _ in range(MAX_DECISIONS):
         hardest = [
-            motions(shipped_bundle, kind, state.speed[0], state.acceleration[0], others)[0].min() for others in COMPANY
+            motions(shipped_bundle, kind, state.speed[0], state.acceleration[0], others)[0].min()
+            for others in NEIGHBOURS
         ]
         braking = halting(state.speed, np.array([np.median(hardest)]), DECISION_INTERVAL)
         state = advance(state, braking, np.zeros(1), np.array([50.0]), DECISION_INTERVAL)
@@ -145,7 +74,7 @@ def test_the_sharpest_curves_are_those_of_modes_that_do_not_brake_hard(
         best = np.zeros((2, len(SPEEDS)))
         for i, speed in enumerate(SPEEDS):
             sides = []
-            for others in COMPANY:
+            for others in NEIGHBOURS:
                 acceleration, yaw_rate = motions(shipped_bundle, kind, speed, 0.0, others)
                 after = np.maximum(speed + DECISION_INTERVAL * acceleration, 0.5)
                 curves = [0.0, *(yaw_rate / after)[acceleration > -1.5]]
@@ -154,139 +83,3 @@ def test_the_sharpest_curves_are_those_of_modes_that_do_not_brake_hard(
         # What is possible at some speed is so at any lower one.
         for i in (8, 20, 40, len(SPEEDS) - 1):
             assert usual.sharpest[kind, :, i] == pytest.approx(best[:, i:].max(axis=1), abs=1e-5)
-
-
-def test_corners_become_as_round_as_they_can_be_driven() -> None:
-    limit = 0.2
-    before = routes(corner(np.pi / 2), corner(-np.pi / 3), corner(np.pi / 2, after=20.0))
-    after = fitted(before, users((CAR, 5.0), (BICYCLE, 5.0), (CAR, 5.0)), able(limit, limit))
-    assert np.abs(curvature(before)).max(axis=1).min() > 1.5 * limit
-    assert np.abs(curvature(after)).max() <= SPARE * limit + 1e-12
-    # No rounder than it must be, and the whole turn is still there.
-    assert np.abs(curvature(after)).max(axis=1).min() > 0.7 * limit
-    for path in (after.x, after.y):
-        start = before.x if path is after.x else before.y
-        np.testing.assert_array_equal(path[:, [0, -1]], start[:, [0, -1]])
-        # 8 m before the corner, and as far behind it, nothing has changed.
-        np.testing.assert_array_equal(path[:, : HERE + 5], start[:, : HERE + 5])
-        np.testing.assert_array_equal(path[:, HERE + 30 :], start[:, HERE + 30 :])
-    # Corners are cut on their inside.
-    assert after.x[0, HERE + 15] < 14.8
-    assert after.y[0, HERE + 15] > 0.2
-    # Where a circle of that radius touched both legs, it passed 0.41 of it from the corner.
-    assert np.hypot(after.x - before.x, after.y - before.y).max() < 1.3 * 0.41 / (SPARE * limit)
-    # Everything else is kept, and what was given is left alone.
-    assert after.stop.tolist() == [0.0, 1.0, 2.0]
-    assert before.x[0, HERE + 15] == 15.0
-
-
-def test_ends_of_paths_stay_however_near_a_corner_is() -> None:
-    before = routes(corner(1.5, after=-4.0), corner(1.5, after=36.0), corner(-1.5, after=-4.0))
-    after = fitted(before, users((CAR, 5.0), (CAR, 5.0), (CAR, 5.0)), able(0.15, 0.15))
-    assert (np.hypot(after.x - before.x, after.y - before.y).max(axis=1) > 0.3).all()
-    np.testing.assert_array_equal(after.x[:, [0, -1]], before.x[:, [0, -1]])
-    np.testing.assert_array_equal(after.y[:, [0, -1]], before.y[:, [0, -1]])
-
-
-def test_only_what_is_too_sharp_to_that_side_is_rounded_and_never_walks() -> None:
-    shapes = [corner(0.0), corner(0.5), corner(-0.5), circle(9.0), corner(-1.5), corner(1.5)]
-    before = routes(*shapes)
-    before = replace(before, known=np.array([True, True, True, True, True, False]))
-    kinds = (CAR, CAR, CAR, BICYCLE, PEDESTRIAN, CAR)
-    after = fitted(before, users(*((kind, 4.0) for kind in kinds)), able(right=0.1, left=0.25))
-    moved = np.hypot(after.x - before.x, after.y - before.y).max(axis=1)
-    assert (moved > 0.0).tolist() == [False, False, True, False, False, False]
-    assert -curvature(after)[2].min() <= SPARE * 0.1 + 1e-12
-    # A corner of 0.5 rad is 0.5 / CHORD sharp.
-    assert curvature(after)[1].max() == pytest.approx(0.5 / CHORD)
-    assert after.desired[4:].tolist() == [13.0, 13.0]
-
-
-def test_speeds_in_curves() -> None:
-    # 1/m: 0.3 at 1 m/s, and 0.02 less for each m/s more; a radius of 8 m needs 0.125 of 0.95 of it: 9.4 m/s and less.
-    limits = able(0.3, 0.3, fade=0.02)
-    around = routes(circle(8.0), circle(-8.0), circle(60.0), corner(0.0))
-    after = fitted(around, users(*[(CAR, 6.0)] * 4), limits)
-    sharp = np.abs(curvature(around)[0, HERE])
-    possible = SPEEDS[limits.sharpest[0, 0] * SPARE >= sharp].max()
-    assert possible == 9.0
-    # What nobody likes comes first: 3 m/s² across are 4.9 m/s there, and 13.4 m/s with a radius of 60 m.
-    assert after.desired[:2] == pytest.approx(np.sqrt(COMFORT * 8.0), rel=0.01)
-    assert after.desired[2:].tolist() == [13.0, 13.0]
-    # Where less is possible, that counts.
-    after = fitted(around, users(*[(CAR, 6.0)] * 4), able(0.3, 0.3, fade=0.05))
-    assert after.desired[:2].tolist() == [4.0, 4.0]
-    # Sides differ, and at the very least everybody goes at a walk.
-    uneven = fitted(around, users(*[(BICYCLE, 6.0)] * 4), able(0.15, 0.3, fade=0.05))
-    assert uneven.desired[:2].tolist() == [4.0, SLOWEST]
-    slow = fitted(routes(circle(1.5), circle(2.0)), users((CAR, 6.0), (CAR, 6.0)), able(0.01, 0.01))
-    assert (slow.desired >= SLOWEST).all()
-    assert (slow.desired <= np.sqrt(COMFORT * 2.0)).all()
-    # Too sharp at any speed: the highest of those at which they turn best, for slower ones do not help.
-    keen = fitted(routes(corner(2.5)), users((CAR, 6.0)), able(0.05, 0.05))
-    assert keen.desired[0] > SLOWEST
-
-
-def banded(path: Floats, right: float, left: float) -> tuple[Floats, Floats]:
-    """One path (x + iy) drawn like an elastic band as the text says it, all points at once, and its curvature."""
-    for _ in range(PASSES):
-        curve = curvature(routes((path.real, path.imag)))[0]
-        sharp = (curve > left) | (curve < -right)
-        if not sharp.any():
-            break
-        moved = [k for k in range(1, POINTS - 1) if sharp[max(k - BESIDE, 0) : k + BESIDE + 1].any()]
-        path = path.copy()
-        path[moved] += 0.25 * (path[[k + 1 for k in moved]] - 2.0 * path[moved] + path[[k - 1 for k in moved]])
-    return path, curvature(routes((path.real, path.imag)))[0]
-
-
-def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
-    rng = np.random.default_rng(2)
-    n = 40
-    turns = np.where(
-        rng.random((n, POINTS)) < 0.08, rng.uniform(-1.6, 1.6, (n, POINTS)), rng.normal(0, 2e-3, (n, POINTS))
-    )
-    heading = turns.cumsum(axis=1)
-    before = routes(*zip(np.cos(heading).cumsum(axis=1), np.sin(heading).cumsum(axis=1), strict=True), desired=40.0)
-    kinds, speeds = rng.integers(0, 2, n), rng.uniform(0.0, 15.0, n)
-    limits = able(0.2, 0.3, fade=0.02)
-    after = fitted(before, users(*zip(kinds.tolist(), speeds.tolist(), strict=True)), limits)
-    possible = SPARE * limits.sharpest[0]
-    for i in range(n):
-        path, signed = banded(before.x[i] + 1j * before.y[i], *possible[:, 0])
-        assert np.abs(after.x[i] + 1j * after.y[i] - path).max() < 1e-9
-        least = np.inf
-        for way, curve in enumerate(signed[HERE:]):
-            can = possible[int(curve > 0.0)]
-            fast = SPEEDS[(can >= np.abs(curve)) | (can >= NIMBLE * can[0])].max()
-            allowed = SPEEDS[-1] if abs(curve) < STRAIGHT else min(fast, np.sqrt(COMFORT / abs(curve)))
-            early = max(way * SPACING - REACTION * speeds[i], 0.0)
-            least = min(least, np.sqrt(max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kinds[i]] * early))
-        assert after.desired[i] == pytest.approx(least)
-
-
-@pytest.mark.parametrize("kind", [CAR, BICYCLE])
-def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
-    # Straight on for 20 m, then a circle of 10 m to the left, for 6 m/s at most; it looks 1 m sharp before.
-    beyond = np.maximum(ALONG - 20.0, 0.0)
-    x, y = np.minimum(ALONG, 20.0) + 10.0 * np.sin(beyond / 10.0), 10.0 - 10.0 * np.cos(beyond / 10.0)
-    limits = able(0.5, 0.5)
-    speeds = np.array([2.0, 8.0])
-    after = fitted(routes((x, y), (x, y), desired=25.0), users(*((kind, v) for v in speeds)), limits)
-    way = np.arange(AHEAD + 1.0)
-    allowed = np.sqrt(COMFORT / np.maximum(np.abs(curvature(after)[0, HERE:]), 1e-6))
-    early = np.maximum(way - REACTION * speeds[:, None], 0.0)
-    expected = np.sqrt(allowed**2 + 2.0 * BRAKING[kind] * early).min(axis=1)
-    assert after.desired == pytest.approx(expected)
-    # By hand: full curvature after 21.5 m or so.
-    roughly = np.sqrt(30.0 + 2.0 * BRAKING[kind] * (21.5 - REACTION * speeds))
-    assert after.desired == pytest.approx(roughly, rel=0.04)
-    # Nobody is asked to be faster than it wants.
-    assert fitted(routes((x, y), desired=3.0), users((kind, 2.0)), limits).desired.tolist() == [3.0]
-
-
-def test_whose_routes_are_unknown_is_left_alone() -> None:
-    none = replace(routes(corner(1.5), corner(1.5)), known=np.zeros(2, np.bool_))
-    after = fitted(none, users((CAR, 5.0), (CAR, 5.0)), able(0.1, 0.1))
-    np.testing.assert_array_equal(after.x, none.x)
-    assert after.desired.tolist() == [13.0, 13.0]

@@ -11,6 +11,8 @@ import torch
 
 from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.errors import InputError
+from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.models.policy import AT_ONCE, Policy, PolicyConfig, choice_logits, policy_logits
 from slrl_sumo.perception.observation import Observation
@@ -63,12 +65,12 @@ def test_greedy_takes_the_most_probable_mode_and_sampled_draws(
     looked = _with_images(seen)
     assert looked.image is not None
     logits, _ = policy_logits(policy, bundle.prior, *_arguments(looked))
-    greedy = PolicySelector(trained, 1, sample=False).choose(looked)
+    (greedy,) = PolicySelector(trained).choose(looked, None)
     np.testing.assert_array_equal(greedy, logits.argmax(-1).numpy())
-    draws = PolicySelector(trained, 1, sample=True)
+    draws = PolicySelector(trained, np.random.default_rng(1).random)
     counts = np.zeros(logits.shape)
     for _ in range(400):
-        counts[np.arange(len(looked)), draws.choose(looked)] += 1
+        counts[np.arange(len(looked)), draws.choose(looked, None)[0]] += 1
     np.testing.assert_allclose(counts / 400, logits.exp().detach().numpy(), atol=0.12)
 
 
@@ -84,8 +86,7 @@ def test_a_bundle_keeps_its_policy(bundle: ModelBundle, seen: Observation, polic
     trained.save(tmp_path / "b")
     again = load_bundle(tmp_path / "b")
     assert again.policy_training == {"seed": 4}
-    chosen = PolicySelector(trained, 1, sample=False).choose(looked)
-    np.testing.assert_array_equal(PolicySelector(again, 1, sample=False).choose(looked), chosen)
+    np.testing.assert_array_equal(*(PolicySelector(one).choose(looked, None)[0] for one in (trained, again)))
     trained.save(tmp_path / "b")  # in place of itself
     replace(trained, policy=None).save(tmp_path / "b")
     assert load_bundle(tmp_path / "b").policy is None
@@ -104,7 +105,7 @@ def test_half_a_selector_is_damage(bundle: ModelBundle, policy: Policy, tmp_path
 
 def test_without_a_trained_policy_it_says_so(bundle: ModelBundle) -> None:
     with pytest.raises(InputError, match="it has no trained selector; use --selector prior"):
-        PolicySelector(bundle, 1, sample=True)
+        PolicySelector(bundle)
 
 
 @pytest.fixture
@@ -114,15 +115,20 @@ def extended(bundle: ModelBundle) -> Policy:
 
 
 def _on_route(seen: Observation) -> Observation:
+    route = np.random.default_rng(5).random((len(seen), 14))
+    return replace(_with_images(seen), route=route.astype(np.float32))
+
+
+def _rollouts(n: int) -> ModeRollouts:
     random = np.random.default_rng(4)
-    ahead, route = random.random((len(seen), 20, 9)), random.random((len(seen), 14))
-    return replace(_with_images(seen), ahead=ahead.astype(np.float32), route=route.astype(np.float32))
+    route = RouteFit(*(random.random((n, 20)) for _ in RouteFit._fields))
+    return ModeRollouts(*(random.random((n, 20)) for _ in range(6)), route=route)
 
 
 def _everything(seen: Observation) -> tuple[torch.Tensor, ...]:
-    assert seen.ahead is not None
     assert seen.route is not None
-    return *_arguments(seen), torch.from_numpy(seen.ahead), torch.from_numpy(seen.route)
+    columns = _rollouts(len(seen)).columns(PolicyConfig(preset="extended").rollout_features)
+    return *_arguments(seen), torch.from_numpy(columns), torch.from_numpy(seen.route)
 
 
 def test_an_untrained_extended_policy_is_the_prior_too(
@@ -166,20 +172,37 @@ def test_an_extended_selector_reads_the_route_and_does_without_one(
     _disturb(extended)
     trained, looked = replace(bundle, policy=extended), _on_route(seen)
     logits, _ = policy_logits(extended, bundle.prior, *_everything(looked))
-    selector = PolicySelector(trained, 1, sample=False)
-    assert (selector.preset, selector.looks_ahead) == ("extended", True)
-    chosen = selector.choose(looked)
+    selector, rollouts = PolicySelector(trained), _rollouts(len(seen))
+    assert (selector.preset, selector.needs_rollouts) == ("extended", True)
+    (chosen,) = selector.choose(looked, rollouts)
     np.testing.assert_array_equal(chosen, logits.argmax(-1).numpy())
     # Recordings know no routes: there all that is about them is zero.
-    assert looked.ahead is not None
     assert looked.route is not None
-    wandering = replace(looked, ahead=looked.ahead[..., :4], route=None)
-    zeros = np.where(np.arange(9) < 4, looked.ahead, 0.0).astype(np.float32)
-    nowhere = replace(looked, ahead=zeros, route=np.zeros_like(looked.route))
-    np.testing.assert_array_equal(selector.choose(wandering), selector.choose(nowhere))
-    assert (selector.choose(wandering) != chosen).any()
-    with pytest.raises(ValueError, match="look ahead"):
-        selector.choose(replace(looked, ahead=None))
+    (without,) = selector.choose(replace(looked, route=None), replace(rollouts, route=None))
+    zeros = RouteFit(*(np.zeros((len(seen), 20)) for _ in RouteFit._fields))
+    nowhere = replace(looked, route=np.zeros_like(looked.route))
+    np.testing.assert_array_equal(without, selector.choose(nowhere, replace(rollouts, route=zeros))[0])
+    assert (without != chosen).any()
+    with pytest.raises(ValueError, match="rollouts"):
+        selector.choose(looked, None)
+
+
+def test_masked_modes_have_no_probability_and_leave_the_others_in_proportion(
+    bundle: ModelBundle, seen: Observation, policy: Policy
+) -> None:
+    _disturb(policy)
+    vector, image, kind = _arguments(_with_images(seen))
+    mask = torch.rand(len(kind), 20, generator=torch.Generator().manual_seed(2)) < 0.5
+    mask[:, 4] = True
+    free, _ = policy_logits(policy, bundle.prior, vector, image, kind)
+    logits, _ = policy_logits(policy, bundle.prior, vector, image, kind, mask=mask)
+    expected = torch.softmax(free.double().masked_fill(~mask, -torch.inf), -1)
+    torch.testing.assert_close(logits.double().exp(), expected, rtol=1e-4, atol=1e-6)
+    explored, _ = policy_logits(policy, bundle.prior, vector, image, kind, mask=mask, explore=0.2)
+    uniform = mask / mask.sum(-1, keepdim=True)
+    torch.testing.assert_close(explored.double().exp(), 0.8 * expected + 0.2 * uniform, rtol=1e-4, atol=1e-6)
+    # Entropies and divergences are finite.
+    assert torch.isfinite((explored.exp() * explored).sum(-1)).all()
 
 
 def test_a_bundle_keeps_its_preset(bundle: ModelBundle, seen: Observation, extended: Policy, tmp_path: Path) -> None:
@@ -189,8 +212,8 @@ def test_a_bundle_keeps_its_preset(bundle: ModelBundle, seen: Observation, exten
     again = load_bundle(tmp_path / "b")
     assert again.policy is not None
     assert again.policy.config == extended.config
-    chosen = PolicySelector(trained, 1, sample=False).choose(looked)
-    np.testing.assert_array_equal(PolicySelector(again, 1, sample=False).choose(looked), chosen)
+    rollouts = _rollouts(len(seen))
+    np.testing.assert_array_equal(*(PolicySelector(one).choose(looked, rollouts)[0] for one in (trained, again)))
 
 
 @pytest.mark.parametrize("shapes", ["policy", "extended"])

@@ -9,6 +9,7 @@ import pytest
 from builders import straight_routes
 from numpy.typing import NDArray
 
+from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.perception.route_features import ROUTE_FEATURES, route_features
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.state import WorldState
@@ -21,7 +22,10 @@ def told(world: WorldState, route: RouteAhead, **leader: Any) -> list[dict[str, 
     """The features of the first road users of `world` by name."""
     n = len(route)
     gap, leading = (np.array(leader.get(name, default), float) for name, default in (("gap", [np.inf]), ("speed", [0])))
-    table = route_features(world, np.arange(n), route, np.broadcast_to(gap, n), np.broadcast_to(leading, n))
+    context = replace(
+        route_context(route, world), leader_gap=np.broadcast_to(gap, n), leader_speed=np.broadcast_to(leading, n)
+    )
+    table = route_features(world.heading[:n], context)
     assert table.shape == (n, len(ROUTE_FEATURES))
     assert table.dtype == np.float32
     return [dict(zip(ROUTE_FEATURES, row.tolist(), strict=True)) for row in table]
@@ -36,8 +40,8 @@ def test_every_column_in_its_unit(
     assert told(world, route, gap=[12.0], speed=[5.0])[0] == pytest.approx(
         {
             "known": 1.0,
-            "aside": 1.0,
-            "askew": 0.1,
+            "lateral_offset": 1.0,
+            "heading_error": 0.1,
             "turn_distance": 4.0,
             "turn": 0.0,
             "stop": 2.5,
@@ -67,7 +71,7 @@ def test_the_next_turn_and_its_distance_in_any_direction(place: Worlds, heading:
     (row,) = told(place([(0, 7.0, -3.0, heading)]), straight_routes((7.0, -3.0, heading), turn=turn, after=13))
     assert row["turn_distance"] == pytest.approx(1.3)
     assert row["turn"] == pytest.approx(turn, abs=1e-4)
-    assert row["askew"] == pytest.approx(0.0, abs=1e-4)
+    assert row["heading_error"] == pytest.approx(0.0, abs=1e-4)
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.3, 1.0, 2.0, -0.7, -2.9, np.pi])
@@ -96,9 +100,9 @@ def test_what_is_far_is_all_alike(
     far = straight_routes((0, 0, 0), stop=np.inf, line=61.0, left=4000.0)
     (row,) = told(place([(0, 0.0, 40.0, 0.0)]), far, gap=[np.inf], speed=[80.0])
     assert [row[name] for name in ("stop", "line", "left", "leader_gap", "leader_speed")] == [6.0] * 5
-    assert row["aside"] == 5.0
+    assert row["lateral_offset"] == 5.0
     (row,) = told(place([(0, 0.0, -40.0, 0.0)]), far)
-    assert row["aside"] == -5.0
+    assert row["lateral_offset"] == -5.0
 
 
 def test_without_a_route_all_is_zero(
@@ -110,16 +114,18 @@ def test_without_a_route_all_is_zero(
     table = told(world, replace(route, left=np.array([np.nan, 20.0, np.nan])))
     assert not any(table[0].values())
     assert not any(table[2].values())
-    assert (table[1]["known"], table[1]["aside"], table[1]["yellow"]) == (1.0, 0.5, 1.0)
-    nobody: NDArray[np.float32] = route_features(world, np.arange(3), RouteAhead.unknown(3), np.zeros(3), np.zeros(3))
-    assert not nobody.any()
+    assert (table[1]["known"], table[1]["lateral_offset"], table[1]["yellow"]) == (1.0, 0.5, 1.0)
+    lost: NDArray[np.float32] = route_features(world.heading, route_context(RouteAhead.unknown(3), world))
+    assert not lost.any()
 
 
 def test_routes_belong_to_the_rows_that_are_asked_for(
     place: Worlds,
 ) -> None:
     world = place([(0, 0.0, 1.0, 0.0), (0, 50.0, 3.0, 0.0), (0, 90.0, -2.0, 0.0)])
-    route = straight_routes((90.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    table = route_features(world, np.array([2, 0]), route, np.array([10.0, 20.0]), np.zeros(2))
-    np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("aside")], [-2.0, 1.0], atol=1e-6)
+    route = straight_routes((0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (90.0, 0.0, 0.0))
+    rows = np.array([2, 0])
+    context = replace(route_context(route, world), leader_gap=np.array([20.0, 30.0, 10.0])).take(rows)
+    table = route_features(world.heading[rows], context)
+    np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("lateral_offset")], [-2.0, 1.0], atol=1e-6)
     np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("leader_gap")], [1.0, 2.0], atol=1e-6)

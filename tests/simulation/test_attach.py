@@ -13,8 +13,8 @@ import sumolib
 import traci
 
 import slrl_sumo
-from slrl_sumo.agent import driver
-from slrl_sumo.agent.guard import allowed_modes
+from slrl_sumo.agent import decide
+from slrl_sumo.agent.guard import guard as allowed_modes
 from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -273,11 +273,11 @@ def test_a_step_that_does_not_divide_the_decision_interval_is_refused(step: str)
 def test_the_guard_masks_modes_here_too(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
-    def watched(ahead: Any, kind: Any, route: Any, touching: Any) -> Any:
+    def watched(rollouts: Any, kind: Any, route: Any) -> Any:
         asked.append(len(kind))
-        return allowed_modes(ahead, kind, route, touching)
+        return allowed_modes(rollouts, kind, route)
 
-    monkeypatch.setattr(driver, "allowed_modes", watched)
+    monkeypatch.setattr(decide, "guard", watched)
     for guard, expected in ((False, []), (True, [5, 5])):
         with slrl_sumo.attach(api, agents=5, guard=guard) as learned:
             for _ in range(3):

@@ -8,21 +8,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.driver import Modes, route_context
-from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.agent.decide import Agent, Situation, consider
+from slrl_sumo.agent.driver import ModelDriver
+from slrl_sumo.agent.selectors import GivenModes
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.learning.rl import rewards
-from slrl_sumo.learning.rl import teacher as guidance
+from slrl_sumo.learning.rl import rewards, teacher
 from slrl_sumo.learning.rl.rewards import RewardWeights
 from slrl_sumo.learning.rl.teacher import TeacherWeights
-from slrl_sumo.lookahead.lookahead import Lookahead, look_ahead, told
-from slrl_sumo.lookahead.route_fit import RouteContext, allowed_speed
+from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.models.capability import capability_of
 from slrl_sumo.perception.ego_image import ego_picture
-from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.route_context import RouteContext
+from slrl_sumo.perception.scene import Scene
 from slrl_sumo.routing.routes import Routes
-from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.contacts import contact_pairs, ids_of
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import on_path
@@ -58,8 +56,8 @@ class ArenaSettings:
     episode_steps: int = EPISODE_STEPS
     warm_up: float = 60.0
     """s of plain SUMO before anybody learned is there, so that there is traffic."""
-    guidance: TeacherWeights | None = None
-    """Whether every mode is judged by looking ahead, and how; for training only."""
+    teacher: TeacherWeights | None = None
+    """Weights of the teacher's costs of modes; None: no teacher. For training only."""
     extended: bool = False
     """Whether road users have routes and see them (preset `extended`)."""
     staggered: bool = False
@@ -70,50 +68,23 @@ class ArenaSettings:
 class Outcome:
     """What one decision led to; all arrays have one entry per slot, (n,)."""
 
-    observation: Observation
-    """What everybody sees now; whose episode has ended sees the start of the next one."""
+    situation: Situation
+    """What all slots decide from next; where an episode has ended, the start of the next one."""
     reward: Floats
     terms: dict[str, Floats]
     """The terms of the reward before weighting, by name."""
     terminated: NDArray[np.bool_]
-    """Contact with somebody, or lost: off the ground, or away from SUMO."""
+    """In contact with a road user, or lost: off the ground, or away from SUMO."""
     truncated: NDArray[np.bool_]
     """The episode's time is over."""
-    final: Observation | None
-    """What those saw in the end whose episode is over, in the order of their slots; None where nobody's is."""
+    final: Situation | None
+    """The last look of the episodes that have ended, in the order of their slots; None where none has."""
+    world: WorldState
+    """All road users at the end of the decision, before new episodes begin elsewhere."""
     steps: NDArray[np.int64]
     """Decisions of the current episode so far, before a new one began."""
     speed: Floats
     """m/s at the end of the decision."""
-
-
-class _GivenModes:
-    """A driver that does what it is told: the modes of the next decision, chosen by the lookahead made before."""
-
-    def __init__(self, bundle: ModelBundle) -> None:
-        self.max_speed = bundle.max_speed
-        self.max_length = np.inf
-        self.ahead: Lookahead | None = None
-        self.modes: NDArray[np.int64] | None = None
-
-    def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
-        assert self.ahead is not None
-        assert self.modes is not None
-        chosen = np.arange(len(self.modes)), self.modes
-        acceleration, yaw_rate = self.ahead.acceleration[chosen], self.ahead.yaw_rate[chosen]
-        if self.ahead.route is not None:
-            acceleration = halting(learned.speed, acceleration, DECISION_INTERVAL)
-        max_speed = self.max_speed[learned.type]
-        return advance(learned, acceleration, yaw_rate, max_speed, DECISION_INTERVAL), self.modes
-
-    def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
-        return np.zeros(len(learned), np.bool_)
-
-    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
-        return np.zeros(len(learned), np.bool_)
-
-    def forget(self, ids: tuple[str, ...]) -> None:
-        pass
 
 
 class Arena:
@@ -128,10 +99,7 @@ class Arena:
         self._session = SumoSession(scenario, seed=seed % 2**31)
         self._scenario, self._seed = scenario, seed
         self._random = np.random.default_rng([seed, 1])
-        self._driver = _GivenModes(bundle)
-        self._able = capability_of(bundle) if settings.extended else None
-        self._routes: Routes | None = None
-        self._prospects: RouteContext | None = None
+        self._modes = GivenModes("extended" if settings.extended else "paper")
         self._desired = np.array(settings.desired_speed or recorded_speed(bundle))
 
     def __enter__(self) -> Self:
@@ -151,9 +119,9 @@ class Arena:
     def _start(self) -> None:
         while self._session.time < self.settings.warm_up:
             self._session.step()
-        self.simulation = CoSimulation(self._session, self._driver)
-        if self.settings.extended:
-            self._routes = Routes(self._session.api, self._session.network)
+        routes = Routes(self._session.api, self._session.network) if self.settings.extended else None
+        self.driver = ModelDriver(Agent(self.bundle, self._modes), routes)
+        self.simulation = CoSimulation(self._session, self.driver)
         self._points = self.simulation.points
         mix = None if self.settings.mix is None else np.array(self.settings.mix)
         counts, _ = type_counts(self.settings.agents, mix, self._points, str(self._scenario.config))
@@ -169,7 +137,7 @@ class Arena:
         self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
         self._was_off = np.zeros(n, np.bool_)
         self._stop_some(np.arange(n))
-        self.observation = self._look()
+        self.consider()
 
     def _stop_some(self, rows: NDArray[np.intp]) -> None:
         """Let some of those who begin anew begin at a stand: road users with a route wait, and must start again."""
@@ -182,31 +150,31 @@ class Arena:
         self.simulation.population.world = replace(learned, speed=speed)
         self.simulation.world = self.simulation.population.world.join(background)
 
-    def _look(self, rows: NDArray[np.intp] | None = None) -> Observation:
-        """What the road users of the slots `rows`, or all, see now, and what each mode would lead to; with everybody's
-        routes as they are now."""
-        simulation, n = self.simulation, len(self.simulation.population.world)
-        if self._routes is not None and self._able is not None:
-            self._prospects = route_context(self._routes, simulation.world, n, self._able)
-        context, rows = self._prospects, np.arange(n) if rows is None else rows
-        seen = simulation.observe(rows, True, None if context is None else context.take(rows).way)
-        self._driver.ahead = look_ahead(self.bundle, seen, simulation.world, rows, simulation.roadmap, context)
-        return told(seen, self._driver.ahead)
+    def consider(self) -> None:
+        """Look anew at what all slots decide from."""
+        simulation = self.simulation
+        self.situation = self.driver.consider(simulation.world, len(simulation.population.world), simulation.roadmap)
 
-    def guidance(self) -> NDArray[np.float32]:
-        """What speaks against each mode of everybody now, (n, modes), 0 or more; zeros without guidance."""
-        weights = self.settings.guidance
+    def _last_look(self, rows: NDArray[np.intp]) -> Situation:
+        """What the slots `rows` see at the end of their episodes."""
+        simulation = self.simulation
+        n = len(simulation.population.world)
+        scene = self.driver.scene(simulation.world, n, simulation.roadmap, rows)
+        return consider(scene, self.driver.agent, last_look=True)
+
+    def teacher_costs(self) -> NDArray[np.float32]:
+        """Cost of each mode of each slot now, (n, modes), not negative; zeros without a teacher."""
+        weights, rollouts = self.settings.teacher, self.situation.rollouts
         learned = self.simulation.population.world
         if weights is None:
             return np.zeros((len(learned), self.bundle.config.modes), np.float32)
-        assert self.observation.ahead is not None
-        ahead = self.observation.ahead.astype(np.float64)
-        if self._prospects is not None:
-            return guidance.on_route(ahead, weights, learned.type, learned.speed).astype(np.float32)
+        assert rollouts is not None
+        if self.settings.extended:
+            return teacher.cost_on_route(rollouts, weights, learned.type, learned.speed).astype(np.float32)
         lane_heading, limit, on_lane = lanes_here(learned, self._points)
         desired = np.minimum(self._desired[learned.type], limit)
-        against = guidance.wandering(ahead, weights, desired, learned.heading - lane_heading, on_lane)
-        return against.astype(np.float32)
+        turned = learned.heading - lane_heading
+        return teacher.cost_without_route(rollouts, weights, desired, turned, on_lane).astype(np.float32)
 
     @property
     def world(self) -> WorldState:
@@ -215,9 +183,8 @@ class Arena:
 
     def step(self, modes: NDArray[np.int64]) -> Outcome:
         """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
-        log_probability = self._log_prior(modes)
-        self._driver.modes = modes
-        self._before = self.simulation.population.world
+        before, log_probability = self.situation, self._log_prior(modes)
+        self._modes.modes = modes
         decision = self.simulation.decide()
         n = len(modes)
         self._steps += 1
@@ -226,34 +193,38 @@ class Arena:
         hit[[self._row[user] for pair in touching - self._touching for user in pair if user in self._row]] = True
         learned = self.simulation.population.world
         lost = decision.lost | (decision.looped & self._was_off)
-        terms = self._terms(decision, hit, lost, log_probability)
+        terms = self._terms(before, decision, hit, lost, log_probability)
         self._was_off = ~OWN_SURFACE[learned.type, decision.surface]
         terminated = hit | lost
         truncated = (self._steps >= self._limit) & ~terminated
         ended = np.flatnonzero(terminated | truncated)
-        steps, speed, final = self._steps.copy(), learned.speed, None
+        steps, speed, world, final = self._steps.copy(), learned.speed, self.simulation.world, None
         if len(ended):
-            final = self._look(ended)
+            final = self._last_look(ended)
             self.simulation.start_anew(ended, self.bundle.max_speed, self._random)
             self._stop_some(ended)
-            if self._routes is not None:
-                self._routes.forget(tuple(learned.ids[row] for row in ended))
+            self.driver.forget(tuple(learned.ids[row] for row in ended))
             self._steps[ended], self._limit[ended] = 0, self.settings.episode_steps
             self._was_off[ended] = False
             touching = _touching(self.simulation.world)
-        self.observation = self._look()
+        self.consider()
         self._touching = touching
         reward = rewards.weighted(terms, self.settings.weights)
-        return Outcome(self.observation, reward, terms, terminated, truncated, final, steps, speed)
+        return Outcome(self.situation, reward, terms, terminated, truncated, final, world, steps, speed)
 
     def _log_prior(self, modes: NDArray[np.int64]) -> Floats:
         """Log probability of each mode under the bundle's prior, (n,)."""
         with torch.inference_mode():
-            every = torch.log_softmax(self.bundle.prior.logits(*tensors(self.observation)), -1)
+            every = torch.log_softmax(self.bundle.prior.logits(*tensors(self.situation.observation)), -1)
             return every.double().numpy()[np.arange(len(modes)), modes]
 
     def _terms(
-        self, decision: Decision, hit: NDArray[np.bool_], lost: NDArray[np.bool_], log_probability: Floats
+        self,
+        before: Situation,
+        decision: Decision,
+        hit: NDArray[np.bool_],
+        lost: NDArray[np.bool_],
+        log_probability: Floats,
     ) -> dict[str, Floats]:
         """All terms of the reward, (n,) each."""
         learned = self.simulation.population.world
@@ -261,8 +232,8 @@ class Arena:
         desired = np.minimum(self._desired[learned.type], limit)
         n = len(learned)
         on_way = {name: np.zeros(n) for name in ("progress", "off_path", "red", "priority")}
-        if self._prospects is not None:
-            desired, on_way = self._on_way(self._prospects, learned, decision)
+        if before.context is not None:
+            desired, on_way = self._on_way(before.scene, before.context, learned, decision)
         return {
             "close": rewards.close(self.simulation.world, len(learned)),
             "off_surface": rewards.off_surface(learned.type, decision.surface),
@@ -279,12 +250,12 @@ class Arena:
         }
 
     def _on_way(
-        self, before: RouteContext, learned: WorldState, decision: Decision
+        self, scene: Scene, before: RouteContext, learned: WorldState, decision: Decision
     ) -> tuple[Floats, dict[str, Floats]]:
-        """The speeds (m/s) that were right for the routes as they were `before` the decision, and the terms about
-        them, (n,) each."""
-        route, users = before.route, self._before
-        allowed = allowed_speed(before, users)
+        """The speeds (m/s) that were right for the routes as they were `before` the decision, in `scene`, and the terms
+        about them, (n,) each."""
+        route = before.route
+        allowed = allowed_speed(before, self.driver.agent.capability, scene.world.take(scene.rows))
         covered, aside, _ = (c[:, 0] for c in on_path(route, learned.x[:, None], learned.y[:, None]))
         known = route.known & ~decision.looped
         gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
@@ -298,8 +269,9 @@ class Arena:
 
     def picture(self, slot: int) -> NDArray[np.uint8]:
         """What a slot sees, enlarged for people, (rows, cols, 3) RGB."""
-        assert self.observation.image is not None
-        return ego_picture(self.observation.image[slot])
+        image = self.situation.observation.image
+        assert image is not None
+        return ego_picture(image[slot])
 
 
 def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.agent.decide import Situation
 from slrl_sumo.learning.rl.arena import Arena, ArenaSettings, Outcome
 from slrl_sumo.learning.rl.rewards import TERMS
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
-from slrl_sumo.perception.observation import Observation
+from slrl_sumo.models.policy import PolicyConfig
 from slrl_sumo.sumo.scenario import find_scenario
 
 Arrays = dict[str, NDArray[Any]]
 Stepped = tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
 
-OBSERVED = ("vector", "image", "ahead", "route")
+OBSERVED = ("vector", "image", "rollouts", "action_mask", "route")
 """Arrays that an observation may have."""
 
 
@@ -39,13 +40,15 @@ class ArenaSlots:
 
     def __init__(self, source: ArenaSource) -> None:
         self.num_envs = source.settings.agents
+        preset = "extended" if source.settings.extended else "paper"
+        self._features = PolicyConfig(preset=preset).rollout_features
         self._source = source
         self._bundle: ModelBundle | None = None
         self._open = ExitStack()
         self._arena: Arena | None = None
 
     def reset(self, draw: tuple[int, ...]) -> Arrays:
-        """Open a scenario, drawn by the numbers in `draw`. Returns the observation, `type` and `guidance`."""
+        """Open a scenario, drawn by the numbers in `draw`. Returns the observation, `type` and `teacher_costs`."""
         self._arena = None
         self._open.close()
         self._bundle = self._bundle or load_bundle(self._source.bundle)
@@ -53,12 +56,13 @@ class ArenaSlots:
         scenario = find_scenario(self._source.scenarios[int(drawn.integers(len(self._source.scenarios)))])
         arena = Arena(scenario, self._bundle, self._source.settings, int(drawn.integers(2**31)))
         self._arena = self._open.enter_context(arena)
-        return _seen(arena.observation) | {"guidance": arena.guidance()}
+        seen = _seen(arena.situation, self._features)
+        return seen | {"type": arena.situation.observation.type, "teacher_costs": arena.teacher_costs()}
 
     def flat_step(self, modes: NDArray[np.int64]) -> Arrays:
         """One decision as arrays of n rows; those named final_ have rows of the ended episodes only."""
         assert self._arena is not None
-        return _flat(self._arena.step(modes)) | {"guidance": self._arena.guidance()}
+        return _flat(self._arena.step(modes), self._features) | {"teacher_costs": self._arena.teacher_costs()}
 
     def step(self, actions: NDArray[np.int64]) -> Stepped:
         """One decision, as gymnasium.vector.VectorEnv gives it."""
@@ -68,7 +72,7 @@ class ArenaSlots:
 def stepped(every: Arrays) -> Stepped:
     """What ArenaSlots.flat_step gives, of one or several simulations, as gymnasium.vector.VectorEnv gives it."""
     infos: dict[str, Any] = {
-        name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced", "guidance")
+        name: every[name] for name in (*TERMS, "speed_mps", "type", "steps", "replaced", "teacher_costs")
     }
     observation = {name: every[name] for name in OBSERVED if name in every}
     ended = infos["_final_obs"] = every["terminated"] | every["truncated"]
@@ -84,23 +88,31 @@ def peak_memory() -> float:
     return peak / (1024.0 if sys.platform != "darwin" else 1024.0**2)
 
 
-def _seen(observation: Observation) -> Arrays:
+def _seen(situation: Situation, features: tuple[str, ...]) -> Arrays:
+    """A situation as arrays of n rows; `features`: columns of the rollouts."""
+    observation, rollouts = situation.observation, situation.rollouts
     assert observation.image is not None
-    assert observation.ahead is not None
-    seen: Arrays = {"vector": observation.vector, "image": observation.image, "ahead": observation.ahead}
+    assert rollouts is not None
+    mask = np.ones(rollouts.collision.shape, np.bool_) if situation.mask is None else situation.mask
+    seen: Arrays = {"vector": observation.vector, "image": observation.image, "rollouts": rollouts.columns(features)}
     if observation.route is not None:
         seen["route"] = observation.route
-    return seen | {"type": observation.type}
+    return seen | {"action_mask": mask.astype(np.int8)}
 
 
-def _flat(outcome: Outcome) -> Arrays:
+def _flat(outcome: Outcome, features: tuple[str, ...]) -> Arrays:
     """An outcome as arrays of n rows; the final observations are those of the ended episodes only."""
-    reply = _seen(outcome.observation)
-    seen = [name for name in reply if name != "type"]
+    seen = _seen(outcome.situation, features)
+    final = None if outcome.final is None else _seen(outcome.final, features)
     ended = outcome.terminated | outcome.truncated
-    reply |= {"reward": outcome.reward, "terminated": outcome.terminated, "truncated": outcome.truncated}
-    reply |= {"speed_mps": outcome.speed, "steps": outcome.steps, **outcome.terms}
-    reply |= {"replaced": np.zeros(len(ended), np.bool_)}
-    for name in seen:
-        reply[f"final_{name}"] = reply[name][:0] if outcome.final is None else getattr(outcome.final, name)
-    return reply
+    return seen | {
+        "type": outcome.situation.observation.type,
+        "reward": outcome.reward,
+        "terminated": outcome.terminated,
+        "truncated": outcome.truncated,
+        "speed_mps": outcome.speed,
+        "steps": outcome.steps,
+        "replaced": np.zeros(len(ended), np.bool_),
+        **outcome.terms,
+        **{f"final_{name}": values[:0] if final is None else final[name] for name, values in seen.items()},
+    }

@@ -48,7 +48,7 @@ class PpoSettings:
     kl_coef: float = 1.0
     kl_coef_last: float = 0.1
     """First and last weight of the divergence KL(teacher || policy), interpolated linearly. The teacher is the initial
-    policy minus the lookahead's penalty of each mode (Arena.guidance). So behaviour imitated from recordings fades only
+    policy minus the lookahead's cost of each mode (Arena.teacher_costs). So behaviour imitated from recordings fades only
     where the reward opposes it (as in human-regularised PPO, arXiv 2403.19648)."""
     teacher_first: int = 40
     """Updates in which the policy learns from the teacher alone while the critic learns its values: an untrained critic
@@ -70,7 +70,7 @@ class Batch:
     """One rollout: T steps of N slots."""
 
     seen: dict[str, Tensor]
-    """(T, N, ...): observations `vector`, `image`, `ahead` and optionally `route` of the environment."""
+    """(T, N, ...): observations `vector`, `image`, `rollouts` and optionally `route` and `action_mask`."""
     actions: Tensor
     """(T, N) int64."""
     logprobs: Tensor
@@ -85,8 +85,8 @@ class Batch:
     """(T, N); 0 where `truncated` is false."""
     next_value: Tensor
     """(N,): value of the observation after the last step."""
-    guidance: Tensor
-    """(T, N, modes): penalty of each mode (Arena.guidance)."""
+    teacher_costs: Tensor
+    """(T, N, modes): cost of each mode (Arena.teacher_costs)."""
 
 
 class Rollouts(Protocol):
@@ -140,12 +140,14 @@ class Actor:
 
     def logits_and_value(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Log probabilities (n, modes) and values (n,) of observations on any device."""
-        return policy_logits(self.policy, self.prior, *self._arguments(seen), explore=self.explore)
+        return self._logits(self.policy, seen)
 
-    def _arguments(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
-        vector, image, ahead = (seen[name].to(self.device) for name in ("vector", "image", "ahead"))
-        route = seen["route"].to(self.device) if "route" in seen else None
-        return vector, image, vector[:, CAR : CAR + 3].argmax(-1), ahead, route
+    def _logits(self, policy: Policy, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        vector, image, rollouts = (seen[name].to(self.device) for name in ("vector", "image", "rollouts"))
+        route, mask = (seen[name].to(self.device) if name in seen else None for name in ("route", "action_mask"))
+        kind = vector[:, CAR : CAR + 3].argmax(-1)
+        mask = None if mask is None else mask.bool()
+        return policy_logits(policy, self.prior, vector, image, kind, rollouts, route, mask=mask, explore=self.explore)
 
 
 class Agent(Actor):
@@ -156,14 +158,13 @@ class Agent(Actor):
         self.begin = copy.deepcopy(policy).requires_grad_(False)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=settings.learning_rate, eps=1e-5, fused=True)
 
-    def teacher_logits(self, seen: dict[str, Tensor], guidance: Tensor) -> Tensor:
+    def teacher_logits(self, seen: dict[str, Tensor], teacher_costs: Tensor) -> Tensor:
         """Log probabilities (n, modes) of the teacher: see PpoSettings.kl_coef."""
         parts = []
         with torch.no_grad():
-            for rows in torch.split(torch.arange(len(guidance)), 2048):
-                arguments = self._arguments({name: value[rows] for name, value in seen.items()})
-                taught, _ = policy_logits(self.begin, self.prior, *arguments, explore=self.explore)
-                parts.append(torch.log_softmax(taught - guidance[rows], -1))
+            for rows in torch.split(torch.arange(len(teacher_costs)), 2048):
+                taught, _ = self._logits(self.begin, {name: value[rows] for name, value in seen.items()})
+                parts.append(torch.log_softmax(taught - teacher_costs[rows], -1))
         return torch.cat(parts)
 
 
@@ -171,20 +172,20 @@ def rollout(
     agent: Actor,
     env: Slots,
     observation: dict[str, NDArray[Any]],
-    guidance: NDArray[np.float32],
+    teacher_costs: NDArray[np.float32],
     num_steps: int,
     generator: torch.Generator,
 ) -> tuple[Batch, dict[str, NDArray[Any]], list[dict[str, Any]], NDArray[np.float32]]:
-    """T steps of all slots from `observation` on, with its `guidance` (N, modes).
+    """T steps of all slots from `observation` on, with its `teacher_costs` (N, modes).
 
-    Returns the batch, the observation after it, the infos of every step, and the guidance of that observation.
+    Returns the batch, the observation after it, the infos of every step, and the teacher_costs of that observation.
     """
     shape = (num_steps, env.num_envs)
     seen = {
         name: torch.empty(*shape, *value.shape[1:], dtype=torch.from_numpy(value).dtype)
         for name, value in observation.items()
     }
-    guided = torch.empty(*shape, guidance.shape[1])
+    guided = torch.empty(*shape, teacher_costs.shape[1])
     actions = torch.empty(shape, dtype=torch.int64)
     logprobs, values, rewards, final_values = (torch.zeros(shape) for _ in range(4))
     terminated, truncated = (torch.empty(shape, dtype=torch.bool) for _ in range(2))
@@ -194,18 +195,20 @@ def rollout(
         for t in range(num_steps):
             for name, value in observation.items():
                 seen[name][t] = torch.from_numpy(value)
-            guided[t] = torch.from_numpy(guidance)
+            guided[t] = torch.from_numpy(teacher_costs)
             logits, worth = agent.logits_and_value({name: value[t] for name, value in seen.items()})
             logits, values[t] = logits.cpu(), worth.cpu()
             actions[t] = torch.multinomial(logits.exp(), 1, generator=generator)[:, 0]
             logprobs[t] = logits.gather(1, actions[t][:, None])[:, 0]
             observation, reward, over, cut, info = env.step(actions[t].numpy())
-            rewards[t], guidance = torch.from_numpy(reward), info["guidance"]
+            rewards[t], teacher_costs = torch.from_numpy(reward), info["teacher_costs"]
             terminated[t], truncated[t] = torch.from_numpy(over), torch.from_numpy(cut)
             if cut.any():
                 rows = np.flatnonzero(cut)
                 final.append((t, rows, {name: value[rows] for name, value in info["final_obs"].items()}))
-            infos.append({name: values for name, values in info.items() if "final" not in name and name != "guidance"})
+            infos.append(
+                {name: values for name, values in info.items() if "final" not in name and name != "teacher_costs"}
+            )
         if final:
             _, worth = agent.logits_and_value(
                 {name: torch.from_numpy(np.concatenate([last[name] for *_, last in final])) for name in observation}
@@ -216,7 +219,7 @@ def rollout(
     batch = Batch(
         seen, actions, logprobs, values, rewards, terminated, truncated, final_values, next_value.cpu(), guided
     )
-    return batch, observation, infos, guidance
+    return batch, observation, infos, teacher_costs
 
 
 def update(
@@ -236,7 +239,7 @@ def update(
     seen = {name: value.flatten(0, 1).to(agent.device) for name, value in batch.seen.items()}
     teacher = None
     if kl_coef:
-        teacher = agent.teacher_logits(seen, batch.guidance.flatten(0, 1).to(agent.device))
+        teacher = agent.teacher_logits(seen, batch.teacher_costs.flatten(0, 1).to(agent.device))
     b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
     size = len(b_returns)
     minibatch = math.ceil(size / settings.num_minibatches)

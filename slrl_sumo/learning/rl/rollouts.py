@@ -76,13 +76,13 @@ class RolloutWorker:
             reply = self._slots.reset(request.draw)
             for modes in request.past:
                 reply = self._slots.flat_step(modes.astype(np.int64))
-            self._seen = {name: reply[name] for name in OBSERVED if name in reply}, reply["guidance"]
+            self._seen = {name: reply[name] for name in OBSERVED if name in reply}, reply["teacher_costs"]
         generator = torch.Generator().manual_seed(request.seed)
-        observation, guidance = self._seen
-        batch, observation, infos, guidance = rollout(
-            self._actor, self._slots, observation, guidance, request.num_steps, generator
+        observation, teacher_costs = self._seen
+        batch, observation, infos, teacher_costs = rollout(
+            self._actor, self._slots, observation, teacher_costs, request.num_steps, generator
         )
-        self._seen = observation, guidance
+        self._seen = observation, teacher_costs
         self._at = request.draw, len(request.past) + request.num_steps
         return Result(batch, infos, peak_memory())
 

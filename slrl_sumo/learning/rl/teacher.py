@@ -1,62 +1,63 @@
-"""What speaks against each mode, for a teacher who looks ahead: pure functions on what modes lead to."""
+"""The teacher: costs of modes, as pure functions on their rollouts."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 
 EASY = 0.8
-"""Strain (see lookahead.route_fit.strain) up to which braking need not be harder."""
+"""Stop or follow ratio (see lookahead.route_fit) up to which braking need not be harder."""
 TURNING = 2.0
-"""m/s from which steering counts in full: who hardly moves goes nowhere else for it."""
+"""m/s from which steering counts in full: a road user that hardly moves does not change its place by it."""
 LEAST = 0.05
 
 
 @dataclass(frozen=True)
 class TeacherWeights:
-    """What speaks against a mode; 0 switches a part off."""
+    """Weights of the costs of a mode; 0 switches a cost off."""
 
-    meeting: float = 50.0
-    """Meeting somebody, the more the sooner."""
+    collision: float = 50.0
+    """Of a collision, the higher the sooner it comes."""
     off_surface: float = 10.0
     speed: float = 8.0
-    """Relative to the desired speed."""
+    """Of the difference to the desired speed, relative to it."""
     lane: float = 2.0
-    """Turning away from the lane's direction, for who is on one; without routes only."""
-    steer: float = 60.0
-    """Per rad from the heading that leads back to the path; pedestrians a third."""
-    brake: float = 30.0
-    """Braking too late for lines and leaders."""
+    """Of turning away from the direction of the lane; without routes only."""
+    heading_error: float = 60.0
+    """Per rad from the heading that leads back to the path; a third of it for pedestrians."""
+    braking: float = 30.0
+    """Of braking too late for stop lines and leaders."""
 
 
-def wandering(
-    ahead: Floats, weights: TeacherWeights, desired: Floats, turned: Floats, on_lane: NDArray[np.bool_]
+def cost_without_route(
+    rollouts: ModeRollouts, weights: TeacherWeights, desired: Floats, turned: Floats, on_lane: NDArray[np.bool_]
 ) -> Floats:
-    """Against each mode of n road users without a route, (n, modes), 0 or more.
+    """Costs of the modes of n road users without a route, (n, modes), not negative.
 
-    `ahead` (n, modes, 4) as lookahead.lookahead.Lookahead has it; `desired` (n,) m/s; `turned` (n,) rad between
-    heading and lane; `on_lane` (n,).
+    `desired` (n,) m/s; `turned` (n,) rad between heading and lane; `on_lane` (n,): where there is a lane.
     """
-    meeting, off_surface, speed, turn = np.moveaxis(ahead, -1, 0)
     wanted = desired[:, None]
-    against = weights.meeting * meeting + weights.off_surface * off_surface
-    against += weights.speed * np.abs(speed - wanted) / wanted
-    aside = 1.0 - np.cos(turned[:, None] + turn)
-    return np.asarray(against + weights.lane * np.where(on_lane[:, None], aside, 0.0))
+    cost = weights.collision * rollouts.collision + weights.off_surface * rollouts.off_surface
+    cost += weights.speed * np.abs(rollouts.speed - wanted) / wanted
+    deviation = 1.0 - np.cos(turned[:, None] + rollouts.turn)
+    return np.asarray(cost + weights.lane * np.where(on_lane[:, None], deviation, 0.0))
 
 
-def on_route(ahead: Floats, weights: TeacherWeights, kind: NDArray[np.int8], speed: Floats) -> Floats:
-    """Against each mode of n road users with a route, (n, modes), 0 or more.
+def cost_on_route(rollouts: ModeRollouts, weights: TeacherWeights, kind: NDArray[np.int8], speed: Floats) -> Floats:
+    """Costs of the modes of n road users with a route, (n, modes), not negative.
 
-    `ahead` (n, modes, 9): the columns of Lookahead and RouteFit; `kind` (n,) types; `speed` (n,) m/s now.
+    `kind` (n,) types; `speed` (n,) m/s now.
     """
-    meeting, off_surface, _, _, steer, _, pace, brake, follow = np.moveaxis(ahead, -1, 0)
-    walks = (kind == RoadUserType.PEDESTRIAN)[:, None]
-    moving = np.where(walks, 0.33, np.clip(speed[:, None] / TURNING, LEAST, 1.0))
-    against = weights.meeting * meeting + np.where(walks, 0.4, 1.0) * weights.off_surface * off_surface
-    against += weights.steer * steer * moving + weights.speed * np.abs(pace)
-    late = np.maximum(brake - EASY, 0.0) + np.maximum(follow - EASY, 0.0)
-    return np.asarray(against + weights.brake * late)
+    fit = rollouts.route
+    assert fit is not None
+    walking = (kind == RoadUserType.PEDESTRIAN)[:, None]
+    moving = np.where(walking, 0.33, np.clip(speed[:, None] / TURNING, LEAST, 1.0))
+    cost = weights.collision * rollouts.collision
+    cost += np.where(walking, 0.4, 1.0) * weights.off_surface * rollouts.off_surface
+    cost += weights.heading_error * fit.heading_error * moving + weights.speed * np.abs(fit.speed_error)
+    late = np.maximum(fit.stop_ratio - EASY, 0.0) + np.maximum(fit.follow_ratio - EASY, 0.0)
+    return np.asarray(cost + weights.braking * late)

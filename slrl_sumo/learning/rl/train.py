@@ -115,7 +115,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         agent.begin.load_state_dict(state["begin"])
         agent.optimizer.load_state_dict(state["optimizer"])
     extended = settings.policy.preset == "extended"
-    arena = replace(settings.arena, weights=settings.reward, guidance=settings.guidance, extended=extended)
+    arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher, extended=extended)
     source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
     rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Backend(request.workers, request.ray))
     log = _Log(folder, done, rollout_size)

@@ -35,15 +35,15 @@ class TrainSettings:
 
     ppo: PpoSettings = field(default_factory=PpoSettings)
     reward: RewardWeights = field(default_factory=RewardWeights)
-    guidance: TeacherWeights = field(default_factory=TeacherWeights)
+    teacher: TeacherWeights = field(default_factory=TeacherWeights)
     arena: ArenaSettings = field(default_factory=lambda: ArenaSettings(staggered=True))
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     networks: NetworkSettings = field(default_factory=NetworkSettings)
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
-NOT_FOR_USERS = {"arena": {"weights", "guidance", "extended"}, "policy": {"modes"}}
-"""Fields that are set elsewhere: weights by [reward] and [guidance], routes by the preset, modes by the bundle."""
+NOT_FOR_USERS = {"arena": {"weights", "teacher", "extended"}, "policy": {"modes"}}
+"""Fields that are set elsewhere: weights by [reward] and [teacher], routes by the preset, modes by the bundle."""
 
 RANGES = {
     ("ppo", "num_steps"): (1, 100_000),

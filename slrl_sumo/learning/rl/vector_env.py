@@ -36,7 +36,8 @@ def observation_space(config: PolicyConfig) -> spaces.Dict:
     seen: dict[str, spaces.Space[Any]] = {
         "vector": spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32),
         "image": spaces.Box(0, 255, (EGO_ROWS, EGO_COLS, 3), np.uint8),
-        "ahead": spaces.Box(-np.inf, np.inf, (MODES, config.ahead_columns), np.float32),
+        "rollouts": spaces.Box(-np.inf, np.inf, (MODES, len(config.rollout_features)), np.float32),
+        "action_mask": spaces.MultiBinary(MODES),
     }
     if config.route_columns:
         seen["route"] = spaces.Box(-np.inf, np.inf, (config.route_columns,), np.float32)
@@ -49,13 +50,13 @@ ACTION_SPACE: spaces.Discrete = spaces.Discrete(MODES)
 class ArenaVectorEnv(VectorEnv):
     """`workers` simulations with `source.settings.agents` slots each: every slot is one road user.
 
-    Observations are dicts of arrays `vector` (n, 12) float32, `image` (n, 20, 40, 3) uint8 and `ahead` (n, 20, 4)
+    Observations are dicts of arrays `vector` (n, 12) float32, `image` (n, 20, 40, 3) uint8 and `rollouts` (n, 20, 4)
     float32, the rollout of each mode (lookahead.lookahead), n = workers x agents; in the preset `extended` 9 columns,
     and `route` (n, 14).
     Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
     where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
     `type`, `steps` (decisions of the episode so far) and `replaced` (rows whose worker died in this step: their
-    episodes are truncated, with reward 0), all (n,), and `guidance` (n, modes) (see Arena.guidance).
+    episodes are truncated, with reward 0), all (n,), and `teacher_costs` (n, modes) (see Arena.teacher_costs).
 
     `reset(seed=...)` opens a scenario in every worker, drawn by the seed: same seed, same episodes. Raises InputError
     if a worker cannot load scenario or bundle, SumoError if one fails ATTEMPTS times in a row.
@@ -91,7 +92,7 @@ class ArenaVectorEnv(VectorEnv):
             if memory > self._memory_limit:
                 self._workers.replace(number)
         self._seen, _ = self._asked({})
-        return _joined(self._seen, self._names), _joined(self._seen, ("type", "guidance"))
+        return _joined(self._seen, self._names), _joined(self._seen, ("type", "teacher_costs"))
 
     def step(
         self, actions: NDArray[np.int64]

@@ -20,7 +20,8 @@ from slrl_sumo.formats.fcd.write import FcdWriter
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, FINE
-from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.observation import Observation, observe
+from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
@@ -103,7 +104,7 @@ def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
 def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int) -> dict[str, float]:
     """Seconds per decision of the calls that every implementation of the method needs."""
     learned = simulation.population.world
-    observation = simulation.observe(np.arange(len(learned)), with_image=True)
+    observation = observe(Scene(simulation.world, np.arange(len(learned)), simulation.roadmap))
     roadmap = simulation.roadmap
     ground = np.zeros((round((roadmap.core + 2.0 * roadmap.margin) * roadmap.resolution),) * 2, np.uint8)
     moves, sumo_steps = _bare_sumo(session, learned, min(steps, REPEATS))

@@ -153,7 +153,7 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
     if selector not in SELECTORS:
         raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
     if selector in ("greedy", "sampled"):
-        PolicySelector(bundle, 0, sample=False)  # raises where the bundle has none
+        PolicySelector(bundle)  # raises where the bundle has none
     if settings.guard and selector == "lane":
         raise InputError("--guard: --selector lane chooses no modes; leave the guard out, or take another selector")
     if not 1 <= settings.seeds <= 10_000:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import make_driver
 from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
 from slrl_sumo.metrics.conflicts import Conflicts, pet_conflicts, ttc_conflicts
@@ -76,7 +77,9 @@ def play(common: ComparedScenario, run: Run) -> Record:
         if learning:
             region = parse_region(common.region, network)
             takeover = Takeover(parse_shares(common.takeover), region, run.seed)
-        driver = make_driver(common.selector, bundle, api, network, run.seed, guard=common.guard)
+        driver = make_driver(
+            common.selector, bundle, api, network, run.seed, constraints=Constraints(guard=common.guard)
+        )
         loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
         trips, signals = Trips(api, session.step_length), SignalCrossings(api, network)
         stats, emissions = DrivingStats(loop.roadmap), Emissions(api)

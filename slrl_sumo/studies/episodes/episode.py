@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import GUARDED, make_driver
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
@@ -111,7 +112,8 @@ def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
 def _drive(session: SumoSession, bundle: ModelBundle, episode: Episode, steps: int) -> tuple[TypeOutcome, ...]:
     """Count learned road users among SUMO's."""
     name, guard = episode.selector.removesuffix(GUARDED), episode.selector.endswith(GUARDED)
-    driver = make_driver(name, bundle, session.api, session.network, episode.draw, guard=guard)
+    constraints = Constraints(guard=guard)
+    driver = make_driver(name, bundle, session.api, session.network, episode.draw, constraints=constraints)
     simulation = CoSimulation(session, driver)
     _spawn(simulation, session, bundle, episode)
     outcomes = Outcomes(simulation.start().world)

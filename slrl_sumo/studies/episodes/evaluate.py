@@ -166,7 +166,7 @@ def _check(settings: EvaluationSettings, selectors: Sequence[str], bundle: Model
                 f"--selectors {name}: there is none of that name; use {', '.join(known)}, or greedy{GUARDED}"
             )
         if name.removesuffix(GUARDED) in ("greedy", "sampled"):
-            PolicySelector(bundle, 0, sample=False)  # raises where the bundle has none
+            PolicySelector(bundle)  # raises where the bundle has none
     for agents in settings.agents:
         if not 1 <= agents <= MOST_AGENTS:
             raise InputError(f"--agents {agents}: give numbers from 1 to {MOST_AGENTS}")

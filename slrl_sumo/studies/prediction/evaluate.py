@@ -118,7 +118,7 @@ def evaluate(
             for name in selectors:
                 parts[name].append(_rollouts(recording, cast, here, name, bundle, ground, seed))
             if "prior" in selectors:
-                drives.append(long_rollout(recording, here, partial(_in_a_run, bundle, here, seed)))
+                drives.append(long_rollout(recording, here, partial(_in_a_run, bundle, ground, here, seed)))
             progress(min(first + batch, len(starts)) / max(len(starts), 1))
     if not len(starts) or not any((part.steps > 0).any() for part in parts[selectors[0]]):
         raise InputError("no road user of the recording can be simulated: that takes 1.2 s of a track of its own")
@@ -138,9 +138,9 @@ def evaluate(
     }
 
 
-def _in_a_run(bundle: ModelBundle, starts: Integers, seed: int, cast: Cast) -> Move:
-    """As the prior moves people in a run, where it draws modes."""
-    return prior_sampled(bundle, _draws(cast, starts, seed, 1, DRIVE_STEPS)[0])
+def _in_a_run(bundle: ModelBundle, ground: RoadMap, starts: Integers, seed: int, cast: Cast) -> Move:
+    """As the prior moves road users in a run, where it draws modes."""
+    return prior_sampled(bundle, ground, _draws(cast, starts, seed, 1, DRIVE_STEPS)[0])
 
 
 def _rollouts(
@@ -154,11 +154,11 @@ def _rollouts(
         one = rollout(recording, cast, constant_velocity, ground)
         samples = one.error[None]
     elif name == "oracle":
-        one = rollout(recording, cast, oracle(bundle), ground)
+        one = rollout(recording, cast, oracle(bundle, ground), ground)
         samples = one.error[None]
     elif name == "prior":
-        one = rollout(recording, cast, prior_central(bundle), ground)
-        samples = many(partial(prior_sampled, bundle))
+        one = rollout(recording, cast, prior_central(bundle, ground), ground)
+        samples = many(partial(prior_sampled, bundle, ground))
     elif name == "greedy":
         one = rollout(recording, cast, policy_chosen(bundle, ground, None), ground)
         samples = one.error[None]

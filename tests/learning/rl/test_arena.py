@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slrl_sumo.agent.decide import choose
+from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selectors import PriorSelector
 from slrl_sumo.learning.rl.arena import Arena, ArenaSettings, lanes_here, recorded_speed
 from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights, weighted
@@ -33,17 +35,18 @@ def arena(bundle: ModelBundle) -> Iterator[Arena]:
 def test_traffic_is_there_from_the_start(arena: Arena) -> None:
     assert arena.world.learned.sum() == 24
     assert len(arena.world) > 24
-    assert arena.observation.image is not None
-    assert arena.observation.image.shape == (24, 20, 40, 3)
+    image = arena.situation.observation.image
+    assert image is not None
+    assert image.shape == (24, 20, 40, 3)
 
 
 def test_episodes_end_and_begin_anew(arena: Arena, bundle: ModelBundle) -> None:
-    selector = PriorSelector(bundle, 1)
+    selector = make_selector("prior", bundle, 1)
     age = np.zeros(24, int)
     ended = 0
     for _ in range(30):
         before = arena.world
-        outcome = arena.step(selector.choose(arena.observation))
+        outcome = arena.step(choose(arena.situation, selector)[0])
         age += 1
         np.testing.assert_array_equal(outcome.steps, age)
         over = outcome.terminated | outcome.truncated
@@ -57,7 +60,7 @@ def test_episodes_end_and_begin_anew(arena: Arena, bundle: ModelBundle) -> None:
             moved = np.hypot(now.x[:24] - before.x[:24], now.y[:24] - before.y[:24])
             assert np.median(moved[over]) > 10.0
             assert (now.speed[:24][over] > 0).all()
-            np.testing.assert_array_equal(outcome.final.type, now.type[:24][over])
+            np.testing.assert_array_equal(outcome.final.observation.type, now.type[:24][over])
         else:
             assert outcome.final is None
         age[over] = 0
@@ -78,7 +81,7 @@ def test_a_head_on_meeting_ends_in_contact_for_both(arena: Arena) -> None:
     others = arena.world.take(np.arange(24, len(arena.world)))
     arena.simulation.population.world = placed
     arena.simulation.world = placed.join(others)
-    arena.observation = arena.simulation.observe(np.arange(24), with_image=True)
+    arena.consider()
     outcome = arena.step(np.zeros(24, np.int64))
     assert outcome.terminated[[a, b]].all()
     assert (outcome.terms["contact"][[a, b]] == -1).all()
@@ -86,8 +89,8 @@ def test_a_head_on_meeting_ends_in_contact_for_both(arena: Arena) -> None:
 
 def test_realism_is_that_of_the_prior(arena: Arena) -> None:
     arena.step(np.zeros(24, np.int64))
-    seen = arena.observation
-    best = PriorSelector(arena.bundle, 1, sample=False).choose(seen)
+    seen = arena.situation.observation
+    (best,) = PriorSelector(arena.bundle, np.random.default_rng(1).random, sample=False).choose(seen)
     likely = arena.step(best).terms["realism"]
     assert set(arena.step(best).terms) == set(TERMS)
     worst = np.array([int(arena.bundle.mode_counts[kind].argmin()) for kind in seen.type])
@@ -132,27 +135,27 @@ def test_recorded_speed_is_plausible_for_each_type(bundle: ModelBundle) -> None:
     assert 1.0 < pedestrian < 1.5
 
 
-def test_guidance_speaks_against_meeting_somebody(bundle: ModelBundle) -> None:
+def test_the_teacher_holds_collisions_against_modes(bundle: ModelBundle) -> None:
     with Arena(find_scenario("intersection"), bundle, SETTINGS, 3) as arena:
-        assert not arena.guidance().any()
-    weights = TeacherWeights(meeting=7.0, off_surface=0.0, speed=0.0, lane=0.0)
-    with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, guidance=weights), 3) as arena:
+        assert not arena.teacher_costs().any()
+    weights = TeacherWeights(collision=7.0, off_surface=0.0, speed=0.0, lane=0.0)
+    with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, teacher=weights), 3) as arena:
         for _ in range(5):
             arena.step(np.zeros(24, np.int64))
-        assert arena.observation.ahead is not None
-        np.testing.assert_allclose(arena.guidance(), 7.0 * arena.observation.ahead[..., 0], atol=1e-5)
-        assert arena.guidance().max() > 0
-    wanted = replace(weights, meeting=0.0, speed=1.0)
-    with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, guidance=wanted), 3) as arena:
-        against, ahead = arena.guidance(), arena.observation.ahead
-        assert ahead is not None
+        assert arena.situation.rollouts is not None
+        np.testing.assert_allclose(arena.teacher_costs(), 7.0 * arena.situation.rollouts.collision, atol=1e-5)
+        assert arena.teacher_costs().max() > 0
+    wanted = replace(weights, collision=0.0, speed=1.0)
+    with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, teacher=wanted), 3) as arena:
+        cost, rollouts = arena.teacher_costs(), arena.situation.rollouts
+        assert rollouts is not None
         cars = np.flatnonzero(arena.world.type[:24] == RoadUserType.CAR)
         desired = min(recorded_speed(bundle)[0], 13.89)
-        expected = np.abs(ahead[cars, :, 2] - desired) / desired
-        np.testing.assert_allclose(against[cars], expected, atol=1e-5)
+        expected = np.abs(rollouts.speed[cars] - desired) / desired
+        np.testing.assert_allclose(cost[cars], expected, atol=1e-5)
 
 
-EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, extended=True, guidance=TeacherWeights())
+EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, extended=True, teacher=TeacherWeights())
 
 
 @pytest.fixture
@@ -165,12 +168,13 @@ def test_extended_road_users_see_their_route_and_where_modes_lead_on_it(on_route
     kind = on_routes.world.type[:16]
     driving = kind != RoadUserType.PEDESTRIAN
     for _ in range(2):
-        seen = on_routes.observation
+        seen, rollouts = on_routes.situation.observation, on_routes.situation.rollouts
         assert seen.route is not None
-        assert seen.ahead is not None
+        assert rollouts is not None
+        assert rollouts.route is not None
         assert seen.image is not None
         assert seen.route.shape == (16, len(ROUTE_FEATURES))
-        assert seen.ahead.shape == (16, 20, 9)
+        assert rollouts.collision.shape == rollouts.route.stop_ratio.shape == (16, 20)
         assert (seen.route[driving, 0] == 1.0).all()
         # The path ahead is in the image: magenta, which nothing else is.
         magenta = (seen.image == [255, 0, 255]).all(axis=3).any(axis=(1, 2))
@@ -183,9 +187,10 @@ def test_extended_road_users_see_their_route_and_where_modes_lead_on_it(on_route
 
 
 def test_without_routes_there_is_nothing_to_be_seen_or_earned_on_them(arena: Arena) -> None:
-    assert arena.observation.route is None
-    assert arena.observation.ahead is not None
-    assert arena.observation.ahead.shape == (24, 20, 4)
+    assert arena.situation.observation.route is None
+    assert arena.situation.context is None
+    assert arena.situation.rollouts is not None
+    assert arena.situation.rollouts.route is None
     terms = arena.step(np.zeros(24, np.int64)).terms
     for name in ("progress", "off_path", "red", "priority"):
         assert not terms[name].any()
@@ -193,8 +198,9 @@ def test_without_routes_there_is_nothing_to_be_seen_or_earned_on_them(arena: Are
 
 def _put(arena: Arena, row: int, before_line: float) -> RouteAhead:
     """Put the road user of a slot `before_line` m before its line, at 6 m/s; returns its route from there."""
-    assert arena._prospects is not None
-    users, route = arena.simulation.population.world, arena._prospects.route.take(np.array([row]))
+    context = arena.situation.context
+    assert context is not None
+    users, route = arena.simulation.population.world, context.route.take(np.array([row]))
     place = (route.line[0] - before_line) / SPACING + HERE
     x, y = (np.interp(place, np.arange(POINTS), column[0]) for column in (route.x, route.y))
     piece = int(place)
@@ -205,16 +211,16 @@ def _put(arena: Arena, row: int, before_line: float) -> RouteAhead:
         users = replace(users, **{name: column})
     arena.simulation.population.world = users
     arena.simulation.world = users.join(arena.world.take(np.arange(len(users), len(arena.world))))
-    assert arena._routes is not None
-    arena._routes.forget((users.ids[row],))  # nobody drives so far at once
-    arena.observation = arena._look()
-    return arena._prospects.route.take(np.array([row]))
+    arena.driver.forget((users.ids[row],))  # no vehicle drives so far at once
+    arena.consider()
+    assert arena.situation.context is not None
+    return arena.situation.context.route.take(np.array([row]))
 
 
 def _waits(arena: Arena) -> int | None:
     """The slot of a vehicle with a red light not far ahead, if there is one."""
-    assert arena._prospects is not None
-    route, driving = arena._prospects.route, arena.world.type[:16] != RoadUserType.PEDESTRIAN
+    assert arena.situation.context is not None
+    route, driving = arena.situation.context.route, arena.world.type[:16] != RoadUserType.PEDESTRIAN
     rows = np.flatnonzero(driving & route.closed & (route.signal == 3) & (route.line > 4.0) & (route.line < 30.0))
     return int(rows[0]) if len(rows) else None
 
@@ -222,7 +228,7 @@ def _waits(arena: Arena) -> int | None:
 def test_who_drives_over_a_closed_line_pays_for_it_and_nobody_else(on_routes: Arena) -> None:
     for _ in range(150):
         # The teacher runs no red light.
-        assert not on_routes.step(on_routes.guidance().argmin(axis=1)).terms["red"].any()
+        assert not on_routes.step(on_routes.teacher_costs().argmin(axis=1)).terms["red"].any()
         row = _waits(on_routes)
         if row is not None:
             break
@@ -231,14 +237,14 @@ def test_who_drives_over_a_closed_line_pays_for_it_and_nobody_else(on_routes: Ar
         route = _put(on_routes, row, before)
         assert route.closed.all()
         assert route.line[0] == pytest.approx(before, abs=0.5)
-        modes = on_routes.guidance().argmin(axis=1)
-        assert on_routes.observation.ahead is not None
-        modes[row] = int(on_routes.observation.ahead[row, :, 2].argmax())
+        modes = on_routes.teacher_costs().argmin(axis=1)
+        assert on_routes.situation.rollouts is not None
+        modes[row] = int(on_routes.situation.rollouts.speed[row].argmax())
         terms = on_routes.step(modes).terms
         assert terms["red"][row] == expected
         assert not np.delete(terms["red"], row).any()
     # Going over it is one run, not one in every decision after it.
-    assert on_routes.step(on_routes.guidance().argmin(axis=1)).terms["red"][row] == 0.0
+    assert on_routes.step(on_routes.teacher_costs().argmin(axis=1)).terms["red"][row] == 0.0
 
 
 def test_the_teacher_goes_along_the_path_and_the_prior_does_not(bundle: ModelBundle) -> None:
@@ -246,15 +252,18 @@ def test_the_teacher_goes_along_the_path_and_the_prior_does_not(bundle: ModelBun
         """Mean distance of vehicles from their path (m), and mean progress."""
         aside, progress = [], []
         with Arena(find_scenario("signalised"), bundle, EXTENDED, 3) as arena:
-            prior = PriorSelector(bundle, 1)
+            prior = make_selector("prior", bundle, 1)
             driving = arena.world.type[:16] != RoadUserType.PEDESTRIAN
             for _ in range(40):
                 modes = (
-                    arena.guidance().argmin(axis=1) if taught else prior.choose(arena.observation, arena.world.ids[:16])
+                    arena.teacher_costs().argmin(axis=1)
+                    if taught
+                    else choose(arena.situation, prior, arena.world.ids[:16])[0]
                 )
                 terms = arena.step(modes).terms
-                assert arena.observation.route is not None
-                aside.append(np.abs(arena.observation.route[driving, ROUTE_FEATURES.index("aside")]).mean())
+                route = arena.situation.observation.route
+                assert route is not None
+                aside.append(np.abs(route[driving, ROUTE_FEATURES.index("lateral_offset")]).mean())
                 progress.append(terms["progress"][driving].mean())
         return float(np.mean(aside)), float(np.mean(progress))
 

@@ -28,7 +28,7 @@ def _batch(rewards: list[float], values: list[float], **changes: Any) -> Batch:
         "truncated": torch.zeros(steps, 1, dtype=torch.bool),
         "final_values": none,
         "next_value": torch.tensor([4.0]),
-        "guidance": torch.zeros(steps, 1, MODES),
+        "teacher_costs": torch.zeros(steps, 1, MODES),
     }
     return Batch(**(fields | changes))
 
@@ -65,12 +65,12 @@ class _Lights:
     def reset(self, seed: int) -> None:
         self._random = np.random.default_rng(seed)
         self._age = np.zeros(self.num_envs, np.int64)
-        self._seen, self._guidance = self._look(), np.zeros((self.num_envs, MODES), np.float32)
+        self._seen, self._teacher_costs = self._look(), np.zeros((self.num_envs, MODES), np.float32)
 
     def collect(self, agent: Agent, num_steps: int, seed: int) -> tuple[Batch, list[dict[str, Any]]]:
         generator = torch.Generator().manual_seed(seed)
-        batch, self._seen, infos, self._guidance = rollout(
-            agent, self, self._seen, self._guidance, num_steps, generator
+        batch, self._seen, infos, self._teacher_costs = rollout(
+            agent, self, self._seen, self._teacher_costs, num_steps, generator
         )
         return batch, infos
 
@@ -80,8 +80,8 @@ class _Lights:
         cut = self._age >= 8
         self._age[cut] = 0
         seen = self._look()
-        guidance = np.zeros((self.num_envs, MODES), np.float32)
-        info = {"final_obs": seen, "_final_obs": cut, "right": right, "guidance": guidance}
+        teacher_costs = np.zeros((self.num_envs, MODES), np.float32)
+        info = {"final_obs": seen, "_final_obs": cut, "right": right, "teacher_costs": teacher_costs}
         return seen, right.astype(np.float64), np.zeros(self.num_envs, np.bool_), cut, info
 
     def _look(self) -> dict[str, NDArray[Any]]:
@@ -92,7 +92,7 @@ class _Lights:
         vector = np.zeros((self.num_envs, 12), np.float32)
         vector[np.arange(self.num_envs), 2 + np.arange(self.num_envs) % 3] = 1.0
         ahead = np.zeros((self.num_envs, MODES, 4), np.float32)
-        return {"vector": vector, "image": image, "ahead": ahead}
+        return {"vector": vector, "image": image, "rollouts": ahead}
 
 
 def _seen_at_first(slots: int) -> dict[str, NDArray[Any]]:
@@ -170,7 +170,7 @@ def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
     np.put_along_axis(ahead[..., 0], free[..., None], 0.0, axis=-1)
     vector = np.zeros((steps, slots, 12), np.float32)
     vector[..., 2] = 1.0
-    seen = {"vector": vector, "image": np.zeros((steps, slots, 20, 40, 3), np.uint8), "ahead": ahead}
+    seen = {"vector": vector, "image": np.zeros((steps, slots, 20, 40, 3), np.uint8), "rollouts": ahead}
     tensors = {name: torch.from_numpy(value) for name, value in seen.items()}
     none = torch.zeros(steps, slots)
     batch = Batch(
@@ -183,10 +183,10 @@ def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
         truncated=none.bool(),
         final_values=none,
         next_value=none[0],
-        guidance=torch.from_numpy(10.0 * ahead[..., 0]),
+        teacher_costs=torch.from_numpy(10.0 * ahead[..., 0]),
     )
     flat = {name: value.flatten(0, 1) for name, value in tensors.items()}
-    teacher = agent.teacher_logits(flat, batch.guidance.flatten(0, 1))
+    teacher = agent.teacher_logits(flat, batch.teacher_costs.flatten(0, 1))
     assert (teacher.argmax(-1).numpy() == free.ravel()).all()
     before = agent.logits_and_value(flat)[0]
     assert (before.argmax(-1).numpy() == free.ravel()).mean() < 0.3
@@ -195,7 +195,7 @@ def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
     after = agent.logits_and_value(flat)[0]
     assert (after.argmax(-1).numpy() == free.ravel()).mean() > 0.95
     # The teacher itself stays what it was.
-    torch.testing.assert_close(agent.teacher_logits(flat, batch.guidance.flatten(0, 1)), teacher)
+    torch.testing.assert_close(agent.teacher_logits(flat, batch.teacher_costs.flatten(0, 1)), teacher)
 
 
 def test_exploring_gives_every_mode_a_chance() -> None:

@@ -51,7 +51,7 @@ def collect(rollouts: WorkerRollouts, agent: Agent, kill_before: int | None = No
             os.kill(rollouts._workers.pids()[1], signal.SIGKILL)
         batch, infos = rollouts.collect(agent, 4, 70 + number)
         arrays += [batch.seen["image"].numpy(), batch.actions.numpy(), batch.rewards.numpy(), batch.next_value.numpy()]
-        arrays += [info["speed_mps"] for info in infos] + [batch.logprobs.numpy(), batch.guidance.numpy()]
+        arrays += [info["speed_mps"] for info in infos] + [batch.logprobs.numpy(), batch.teacher_costs.numpy()]
     return arrays
 
 

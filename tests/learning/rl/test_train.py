@@ -147,7 +147,7 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     file = tmp_path / "s.toml"
     file.write_text(
         "[ppo]\ngamma = 0.9\n[reward]\nclose = 2\n[arena]\nmix = [0.2, 0.3, 0.5]\n[policy]\nchannels = [4]\n"
-        "preset = 'extended'\n[guidance]\nsteer = 7\n"
+        "preset = 'extended'\n[teacher]\nheading_error = 7\n"
     )
     settings = read_settings(file)
     assert settings.ppo == replace(PpoSettings(), gamma=0.9)
@@ -156,7 +156,7 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     assert settings.arena.staggered
     assert settings.policy.channels == (4,)
     assert settings.policy.preset == "extended"
-    assert settings.guidance == TeacherWeights(steer=7.0)
+    assert settings.teacher == TeacherWeights(heading_error=7.0)
     # Nobody who does not ask for it gets a policy that needs routes.
     assert TrainSettings().policy.preset == "paper"
 
@@ -176,7 +176,7 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
         ("[policy]\npreset = 'future'", r"\[policy\] preset is 'future': give paper or extended"),
         ("[policy]\npreset = 3", r"\[policy\] preset is 3: give paper or extended"),
         ("[arena]\nextended = true", "has no setting 'extended'"),
-        ("[guidance]\nsteering = 1", "has no setting 'steering'; did you mean 'steer'?"),
+        ("[teacher]\nheading_eror = 1", "has no setting 'heading_eror'; did you mean 'heading_error'?"),
         ("[ppo", "is no TOML"),
     ],
 )

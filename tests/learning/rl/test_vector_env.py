@@ -117,7 +117,7 @@ def test_in_the_preset_extended_everybody_sees_a_route_up_to_the_end() -> None:
     env = ArenaVectorEnv(ArenaSource(("signalised",), "intersection", settings), 1)
     try:
         assert env.observation_space["route"].shape == (8, 14)  # type: ignore[index]
-        assert env.observation_space["ahead"].shape == (8, 20, 9)  # type: ignore[index]
+        assert env.observation_space["rollouts"].shape == (8, 20, 9)  # type: ignore[index]
         seen, _ = env.reset(seed=1)
         for number in range(4):
             assert env.observation_space.contains(seen)

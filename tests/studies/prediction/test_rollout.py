@@ -1,5 +1,6 @@
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,6 +21,9 @@ from slrl_sumo.studies.prediction.rollout import STEPS, Moment, Motion, cast_of,
 
 Path = tuple[int, np.ndarray]
 """First frame, and x, y, heading per row, (n, 3)."""
+
+
+NOWHERE = RoadMap(SurfaceShapes(()))
 
 
 def recording(paths: list[Path], kinds: list[int]) -> Trajectories:
@@ -128,7 +132,7 @@ def test_scenes_do_not_see_each_other_and_batches_do_not_matter(bundle: ModelBun
         random.integers(20, 60, 12), random.uniform(0.5, 5, 12), random.uniform(-0.2, 0.2, 12), np.arange(12) * 2.0,
         strict=True)]  # fmt: skip
     made = recording(paths, [0, 1, 2] * 4)
-    for move in (oracle, drawn_alike):
+    for move in (partial(oracle, ground=NOWHERE), drawn_alike):
         starts = np.arange(0, 40, 7)
         whole = rollout(made, cast_of(made, starts), move(bundle)).error
         single = [rollout(made, cast_of(made, starts[i : i + 1]), move(bundle)).error for i in range(len(starts))]
@@ -142,7 +146,7 @@ def test_scenes_do_not_see_each_other_and_batches_do_not_matter(bundle: ModelBun
 
 
 def drawn_alike(bundle: ModelBundle) -> Callable[[Moment], Motion]:
-    return prior_sampled(bundle, np.full((10_000, STEPS, 2), 0.4))
+    return prior_sampled(bundle, NOWHERE, np.full((10_000, STEPS, 2), 0.4))
 
 
 def test_oracle_takes_the_nearest_of_all_modes(bundle: ModelBundle) -> None:
@@ -158,7 +162,7 @@ def test_oracle_takes_the_nearest_of_all_modes(bundle: ModelBundle) -> None:
 
         return move
 
-    best = rollout(made, cast, oracle(bundle)).error[:, 0]
+    best = rollout(made, cast, oracle(bundle, NOWHERE)).error[:, 0]
     each = np.stack([rollout(made, cast, fixed(mode)).error[:, 0] for mode in range(20)])
     np.testing.assert_allclose(best, each.min(0), rtol=1e-4)
     assert (best < each.mean(0)).all()
@@ -196,7 +200,7 @@ def test_the_best_of_all_samples_is_kept_for_each_road_user(
     made = recording([straight(30, 1.2), straight(30, 1.2, y=50)], [2, 2])
     calls = []
 
-    def made_up(bundle: ModelBundle, draws: np.ndarray) -> Callable[[Moment], Motion]:
+    def made_up(bundle: ModelBundle, ground: RoadMap, draws: np.ndarray) -> Callable[[Moment], Motion]:
         def move(moment: Moment) -> Motion:
             # Sample s drives with acceleration s - 7: the eighth sample is exact.
             calls.append(len(moment.rows))
@@ -224,10 +228,9 @@ def test_a_trained_selector_sees_the_ground_and_its_own_scene(bundle: ModelBundl
     made = recording([circle(30, 4.0, 0.2), circle(30, 1.2, -0.3, y=8), straight(30, 1.0, -6)], [1, 2, 2])
     everywhere = everywhere_road(made.x, made.y)
     starts = np.array([2, 6, 9])
-    nowhere = RoadMap(SurfaceShapes(()))
     moved = {
         name: rollout(made, cast_of(made, starts), policy_chosen(trained, ground, None)).error
-        for name, ground in (("road", everywhere), ("nothing", nowhere))
+        for name, ground in (("road", everywhere), ("nothing", NOWHERE))
     }
     assert np.abs(moved["road"] - moved["nothing"]).max() > 0.01
     single = [

@@ -1,7 +1,7 @@
-"""Where road users get to in the next seconds under each of their modes."""
+"""Paths of road users in the next seconds under each of their modes."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,69 +12,71 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 STEPS = 8
-"""Intervals that are looked ahead: 3.2 s."""
+"""Decision intervals that are looked ahead: 3.2 s."""
 HELD = 5
-"""Intervals for which a mode's acceleration and yaw rate are kept up; then speed and heading stay."""
+"""Intervals for which a mode's acceleration and yaw rate are held; speed and heading are constant afterwards."""
 
 
-@dataclass(frozen=True, eq=False)
-class ModeRollouts:
-    """Of n road users under each mode, after each of STEPS intervals: (n, STEPS, modes) each, in m and m/s."""
+class ModePaths(NamedTuple):
+    """n road users under each mode after each of STEPS intervals: (n, STEPS, modes) each."""
 
     x: Floats
+    """m."""
     y: Floats
     cos: Floats
     """Of the heading."""
     sin: Floats
     speed: Floats
-    way: Floats
+    """m/s."""
+    distance: Floats
     """m covered by then."""
 
 
-def roll_out(users: WorldState, acceleration: Floats, yaw_rate: Floats, top: Floats, *, halting: bool) -> ModeRollouts:
-    """How `advance` would move n road users that keep up a mode's `acceleration` and `yaw_rate`, (n, modes), for HELD
-    intervals, and then speed and heading; up to the speed `top`, (n,). With `halting` as `scene.advance.halting` has
-    it."""
+def mode_paths(
+    users: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, *, halting: bool
+) -> ModePaths:
+    """Move n road users as `advance` does under each mode.
+
+    `acceleration` (m/s²) and `yaw_rate` (rad/s), (n, modes), are held for HELD intervals, up to the speed `max_speed`,
+    (n,). With `halting` slow road users stop as in `scene.advance.halting`.
+    """
     intent = INTENT if halting else -np.inf
     # numpy's tan takes a tenth of the time of a compiled cosine and sine (see geometry.cos_sin).
     tan = np.tan(0.25 * DECISION_INTERVAL * yaw_rate)
-    return ModeRollouts(
-        *_courses(users.x, users.y, users.heading, users.speed, acceleration, tan, top, intent, HALT, DECISION_INTERVAL)
-    )
+    return _mode_paths(users.x, users.y, users.heading, users.speed, acceleration, tan, max_speed, intent)
 
 
 @compiled
-def _courses(
+def _mode_paths(
     x: Floats,
     y: Floats,
     heading: Floats,
     speed: Floats,
     acceleration: Floats,
     tan: Floats,
-    top: Floats,
+    max_speed: Floats,
     intent: float,
-    halt: float,
-    dt: float,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """The fields of ModeRollouts; `tan` (n, modes) of a quarter of the turn of one interval. Who accelerates by
-    less than `intent` and would be slower than `halt` stops."""
+) -> ModePaths:
+    """`tan` (n, modes): tangent of a quarter of the turn of one interval. Below the acceleration `intent`, road users
+    that would be slower than HALT stop."""
     n, modes = acceleration.shape
+    dt = DECISION_INTERVAL
     at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
     at_sin, at_speed, at_way = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
     for i in range(n):
         begin_c, begin_s = math.cos(heading[i]), math.sin(heading[i])
         for mode in range(modes):
-            gain, ends = dt * acceleration[i, mode], acceleration[i, mode] < intent
+            gain, stops = dt * acceleration[i, mode], acceleration[i, mode] < intent
             px, py, way, now, c, s = x[i], y[i], 0.0, speed[i], begin_c, begin_s
             square = tan[i, mode] ** 2
             half_c, half_s = (1.0 - square) / (1.0 + square), 2.0 * tan[i, mode] / (1.0 + square)
             for step in range(STEPS):
                 if step < HELD:
                     after = now + gain
-                    now = min(max(after, 0.0), top[i])
-                    if ends and after < halt:
+                    now = min(max(after, 0.0), max_speed[i])
+                    if stops and after < HALT:
                         now = 0.0
-                    # Half a turn to the mean heading of the interval, and one more to that at its end.
+                    # Half a turn to the mean heading of the interval, and one more to the heading at its end.
                     middle_c, middle_s = c * half_c - s * half_s, s * half_c + c * half_s
                     c, s = middle_c * half_c - middle_s * half_s, middle_s * half_c + middle_c * half_s
                 else:
@@ -84,4 +86,4 @@ def _courses(
                 at_x[i, step, mode], at_y[i, step, mode] = px, py
                 at_cos[i, step, mode], at_sin[i, step, mode] = c, s
                 at_speed[i, step, mode], at_way[i, step, mode] = now, way
-    return at_x, at_y, at_cos, at_sin, at_speed, at_way
+    return ModePaths(at_x, at_y, at_cos, at_sin, at_speed, at_way)

@@ -5,30 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import ALONG, make_routes, make_world
+from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
-from slrl_sumo.lookahead.leaders import Leaders
-from slrl_sumo.lookahead.lookahead import Lookahead, look_ahead, with_ahead
-from slrl_sumo.lookahead.mode_rollout import HELD
-from slrl_sumo.lookahead.route_fit import (
-    AIM,
-    CALM,
-    GAP,
-    HEADWAY,
-    LEADER_BRAKES,
-    RETURN,
-    SLOW,
-    SPARE,
-    TOO_MUCH,
-    RouteContext,
-    RouteFit,
-    strain,
-    ways_left,
-)
+from slrl_sumo.lookahead.mode_paths import HELD
+from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
+from slrl_sumo.lookahead.route_fit import AIM, COMFORT_SHARE, HEADWAY, MAX_RATIO, RETURN, SLOW, RouteFit, _ratio
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
+from slrl_sumo.models.policy import PolicyConfig
 from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.route_context import (
+    GAP,
+    LEADER_BRAKES,
+    STOP_MARGIN,
+    RouteContext,
+    route_context,
+    stop_distances,
+)
+from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import POINTS, RouteAhead
@@ -37,6 +33,8 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 ABLE = Capability(np.ones((3, 2, len(SPEEDS))), np.broadcast_to(STOPPING**2 / 4.0, (3, len(STOPPING))))
 """Everybody brakes with 2 m/s²."""
+
+PAPER, EXTENDED = (PolicyConfig(preset=preset).rollout_features for preset in ("paper", "extended"))
 
 ROAD = RoadMap(
     SurfaceShapes((Area(Surface.ROAD, np.array([[-50.0, -4.0], [150.0, -4.0], [150.0, 4.0], [-50.0, 4.0]])),))
@@ -47,32 +45,49 @@ def _cars(x: list[float], y: list[float], speed: list[float]) -> WorldState:
     return make_world(x, y, speed=speed)
 
 
+def _rolled_out(
+    bundle: ModelBundle, world: WorldState, rows: NDArray[np.intp], context: RouteContext | None = None, **words: bool
+) -> ModeRollouts:
+    """All modes of the road users `rows`; `context` is completed by what `world` says."""
+    scene = Scene(world, rows, ROAD, None if context is None else context.route)
+    if context is not None:
+        gap, speed = context.leader_gap, context.leader_speed
+        stop, follow = stop_distances(context.route, world, gap, speed)
+        context = replace(
+            route_context(context.route, world),
+            leader_gap=gap,
+            leader_speed=speed,
+            stop_distance=stop,
+            follow_distance=follow,
+        )
+    return mode_rollouts(bundle, observe(scene, with_image=False), scene, context, ABLE, **words)
+
+
 def test_who_stands_ahead_is_met_unless_the_mode_brakes_enough(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0, 22.0], [0.0, 0.0], [8.0, 0.0])
     rows = np.array([0])
-    seen = observe(world, rows, ROAD, with_image=False)
-    ahead = look_ahead(shipped_bundle, seen, world, rows, ROAD)
+    ahead = _rolled_out(shipped_bundle, world, rows)
     straight = np.abs(ahead.turn[0]) < 0.05
     slow, fast = ahead.speed[0] < 3.0, ahead.speed[0] > 7.0
-    assert (ahead.meeting[0, straight & fast] > 0).all()
+    assert (ahead.collision[0, straight & fast] > 0).all()
     assert (straight & fast).any()
-    assert (ahead.meeting[0, slow] < ahead.meeting[0, straight & fast].min()).all()
+    assert (ahead.collision[0, slow] < ahead.collision[0, straight & fast].min()).all()
     assert slow.any()
     # Nearer is sooner is worse, and who is alone meets nobody.
     nearer = replace(world, x=np.array([0.0, 12.0]))
-    sooner = look_ahead(shipped_bundle, observe(nearer, rows, ROAD, False), nearer, rows, ROAD)
-    assert (sooner.meeting[0, straight & fast] > ahead.meeting[0, straight & fast]).all()
+    sooner = _rolled_out(shipped_bundle, nearer, rows)
+    assert (sooner.collision[0, straight & fast] > ahead.collision[0, straight & fast]).all()
     alone = world.take(rows)
-    assert not look_ahead(shipped_bundle, observe(alone, rows, ROAD, False), alone, rows, ROAD).meeting.any()
+    assert not _rolled_out(shipped_bundle, alone, rows).collision.any()
     # Who drives away in front at the same speed is not met by modes that keep it.
     going = replace(world, speed=np.array([8.0, 8.0]))
-    after = look_ahead(shipped_bundle, observe(going, rows, ROAD, False), going, rows, ROAD)
-    assert (after.meeting[0, straight & (ahead.speed[0] < 9.0)] == 0).all()
+    after = _rolled_out(shipped_bundle, going, rows)
+    assert (after.collision[0, straight & (ahead.speed[0] < 9.0)] == 0).all()
 
 
 def test_turning_off_the_road_counts_and_straight_on_does_not(shipped_bundle: ModelBundle) -> None:
     world, rows = _cars([0.0], [0.0], [8.0]), np.array([0])
-    ahead = look_ahead(shipped_bundle, observe(world, rows, ROAD, False), world, rows, ROAD)
+    ahead = _rolled_out(shipped_bundle, world, rows)
     turn, off = np.abs(ahead.turn[0]), ahead.off_surface[0]
     assert (off[turn < 0.02] == 0).all()
     assert (off[turn > 0.7] > 0.2).all()
@@ -81,8 +96,8 @@ def test_turning_off_the_road_counts_and_straight_on_does_not(shipped_bundle: Mo
 
 def test_speeds_and_turns_are_those_of_advance(shipped_bundle: ModelBundle) -> None:
     world, rows = _cars([0.0], [0.0], [6.0]), np.array([0])
-    seen = observe(world, rows, ROAD, False)
-    ahead = look_ahead(shipped_bundle, seen, world, rows, ROAD)
+    seen = observe(Scene(world, rows, ROAD), with_image=False)
+    ahead = _rolled_out(shipped_bundle, world, rows)
     for mode in (0, 7, 19):
         acceleration, yaw_rate = shipped_bundle.motion(seen, np.array([mode]))
         np.testing.assert_allclose(ahead.acceleration[:, mode], acceleration, atol=1e-6)
@@ -97,32 +112,31 @@ def test_speeds_and_turns_are_those_of_advance(shipped_bundle: ModelBundle) -> N
 def test_rows_are_looked_at_wherever_they_stand(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0, 18.0, 60.0, 75.0], [0.0, 0.5, 0.0, 0.0], [8.0, 1.0, 9.0, 2.0])
     every = np.arange(4)
-    whole = with_ahead(shipped_bundle, observe(world, every, ROAD, False), world, every, ROAD).ahead
+    whole = _rolled_out(shipped_bundle, world, every).columns(PAPER)
     some = np.array([2, 0])
-    part = with_ahead(shipped_bundle, observe(world, some, ROAD, False), world, some, ROAD).ahead
-    assert whole is not None
-    assert part is not None
+    part = _rolled_out(shipped_bundle, world, some).columns(PAPER)
     np.testing.assert_allclose(part, whole[some], atol=1e-5)
     assert whole[[0, 2], :, 0].max(axis=1).min() > 0
 
 
-def _prospects(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: float) -> RouteContext:
+def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: float) -> RouteContext:
     """Of road users whose places on one path along the x axis are at `x`; all the same otherwise."""
     n = len(x)
     route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
-    return RouteContext(route, Leaders(np.full(n, gap), np.full(n, leading)), ABLE)
+    none = np.zeros(n)
+    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), none, none)
 
 
-def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[Lookahead, RouteFit]:
+def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[ModeRollouts, RouteFit]:
     rows = np.arange(len(context.route))
-    ahead = look_ahead(bundle, observe(world, rows, ROAD, False), world, rows, ROAD, context)
+    ahead = _rolled_out(bundle, world, rows, context)
     assert ahead.route is not None
     return ahead, ahead.route
 
 
 def _after(bundle: ModelBundle, world: WorldState, steps: int) -> list[WorldState]:
     """A single road user after some intervals of each mode."""
-    seen = observe(world, np.array([0]), ROAD, False)
+    seen = observe(Scene(world, np.array([0]), ROAD), with_image=False)
     states = []
     for mode in range(bundle.config.modes):
         acceleration, yaw_rate = bundle.motion(seen, np.array([mode]))
@@ -141,93 +155,95 @@ def _speeds(states: list[WorldState]) -> Floats:
 @pytest.mark.parametrize("beside", [1.5, -1.5, 0.0])
 def test_the_best_mode_leads_back_to_the_path(shipped_bundle: ModelBundle, beside: float) -> None:
     world = _cars([0.0], [beside], [6.0])
-    ahead, fits = _on_route(shipped_bundle, world, _prospects(0.0))
-    best = int(fits.steer[0].argmin())
+    ahead, fits = _on_route(shipped_bundle, world, _context(0.0))
+    best = int(fits.heading_error[0].argmin())
     if beside:
         assert ahead.turn[0, best] * beside < -0.05
-        assert abs(fits.aside[0, best]) < abs(beside) - 0.05
+        assert abs(fits.lateral_offset[0, best]) < abs(beside) - 0.05
     else:
         assert abs(ahead.turn[0, best]) < 0.05
-        assert abs(fits.aside[0, best]) < 0.05
+        assert abs(fits.lateral_offset[0, best]) < 0.05
     states = _after(shipped_bundle, world, 2)
     aside, heading = (np.array([getattr(s, name)[0] for s in states]) for name in ("y", "heading"))
-    assert fits.aside[0] == pytest.approx(aside, abs=1e-6)
+    assert fits.lateral_offset[0] == pytest.approx(aside, abs=1e-6)
     aim = np.clip(np.arctan(RETURN * aside / (_speeds(states) + SLOW)), -AIM, AIM)
-    assert fits.steer[0] == pytest.approx(np.abs(heading + aim), abs=1e-6)
+    assert fits.heading_error[0] == pytest.approx(np.abs(heading + aim), abs=1e-6)
 
 
 def test_the_way_back_is_to_the_path_wherever_it_points(shipped_bundle: ModelBundle) -> None:
-    world, context = _cars([0.0], [1.0], [6.0]), _prospects(0.0)
+    world, context = _cars([0.0], [1.0], [6.0]), _context(0.0)
     _, along = _on_route(shipped_bundle, world, context)
     turned = replace(world, x=np.array([-1.0]), y=np.zeros(1), heading=np.array([0.5 * np.pi]))
     route = replace(context.route, x=np.zeros((1, POINTS)), y=np.array([ALONG]))
     _, north = _on_route(shipped_bundle, turned, replace(context, route=route))
     # The heading itself is a feature, so that modes differ a little.
-    assert north.aside[0] == pytest.approx(along.aside[0], abs=0.3)
-    assert int(north.steer[0].argmin()) == int(along.steer[0].argmin())
+    assert north.lateral_offset[0] == pytest.approx(along.lateral_offset[0], abs=0.3)
+    assert int(north.heading_error[0].argmin()) == int(along.heading_error[0].argmin())
 
 
 def test_a_closed_line_is_too_near_for_modes_that_speed_up(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0], [0.0], [6.0])
     first, second = (_speeds(_after(shipped_bundle, world, steps)) for steps in (1, 2))
     # From 6 m/s it needs 9 m, and has 12.5 m less the spare one and what it covers in between.
-    ahead, fits = _on_route(shipped_bundle, world, _prospects(0.0, stop=12.5, line=13.5))
-    room = 12.5 - SPARE - DECISION_INTERVAL * first
-    assert fits.brake[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
-    assert (fits.brake[0, ahead.speed[0] > 6.5] > 1.0).all()
+    ahead, fits = _on_route(shipped_bundle, world, _context(0.0, stop=12.5, line=13.5))
+    room = 12.5 - STOP_MARGIN - DECISION_INTERVAL * first
+    assert fits.stop_ratio[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
+    assert (fits.stop_ratio[0, ahead.speed[0] > 6.5] > 1.0).all()
     assert (ahead.speed[0] > 6.5).any()
-    assert (fits.brake[0, first < 5.5] < 1.0).all()
+    assert (fits.stop_ratio[0, first < 5.5] < 1.0).all()
     assert (first < 5.5).any()
     # It wants to be able to stop within a share of the way, and is never asked for more than desired.
-    allowed = np.minimum(np.sqrt(4.0 * CALM * (12.5 - SPARE - DECISION_INTERVAL * (first + second))), 8.0)
-    assert fits.pace[0] == pytest.approx(np.clip((second - allowed) / allowed, -1.0, 1.0), abs=0.01)
-    _, free = _on_route(shipped_bundle, world, _prospects(0.0))
-    assert free.pace[0] == pytest.approx(np.clip((second - 8.0) / 8.0, -1.0, 1.0), abs=1e-6)
-    assert not free.brake.any()
-    assert not free.follow.any()
+    allowed = np.minimum(
+        np.sqrt(4.0 * COMFORT_SHARE * (12.5 - STOP_MARGIN - DECISION_INTERVAL * (first + second))), 8.0
+    )
+    assert fits.speed_error[0] == pytest.approx(np.clip((second - allowed) / allowed, -1.0, 1.0), abs=0.01)
+    _, free = _on_route(shipped_bundle, world, _context(0.0))
+    assert free.speed_error[0] == pytest.approx(np.clip((second - 8.0) / 8.0, -1.0, 1.0), abs=1e-6)
+    assert not free.stop_ratio.any()
+    assert not free.follow_ratio.any()
 
 
 def test_who_is_at_the_line_is_to_stand(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0], [0.0], [1.0])
     second = _speeds(_after(shipped_bundle, world, 2))
-    _, fits = _on_route(shipped_bundle, world, _prospects(0.0, stop=1.2, line=2.2))
-    assert fits.pace[0] == pytest.approx(np.minimum(second, 1.0), abs=1e-6)
+    _, fits = _on_route(shipped_bundle, world, _context(0.0, stop=1.2, line=2.2))
+    assert fits.speed_error[0] == pytest.approx(np.minimum(second, 1.0), abs=1e-6)
     standing = second == 0.0
     assert standing.any()
-    assert (fits.pace[0, standing] == 0.0).all()
-    assert (fits.pace[0, ~standing] > 0.0).all()
+    assert (fits.speed_error[0, standing] == 0.0).all()
+    assert (fits.speed_error[0, ~standing] > 0.0).all()
     # Beyond it brakes as hard as it can say.
-    _, past = _on_route(shipped_bundle, _cars([0.0], [0.0], [8.0]), _prospects(0.0, stop=-0.5, line=0.5))
-    assert past.brake[0].max() == TOO_MUCH
+    _, past = _on_route(shipped_bundle, _cars([0.0], [0.0], [8.0]), _context(0.0, stop=-0.5, line=0.5))
+    assert past.stop_ratio[0].max() == MAX_RATIO
 
 
 @pytest.mark.parametrize("leading", [0.0, 5.0])
 def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading: float) -> None:
     world = _cars([0.0], [0.0], [6.0])
     first = _speeds(_after(shipped_bundle, world, 1))
-    ahead, fits = _on_route(shipped_bundle, world, _prospects(0.0, gap=14.5, leading=leading))
+    ahead, fits = _on_route(shipped_bundle, world, _context(0.0, gap=14.5, leading=leading))
     # It stops where the leader would, if that braked, less the gap, the headway, and what it covers in between.
     behind = 14.5 - GAP[0] + leading**2 / (2.0 * LEADER_BRAKES) + leading * DECISION_INTERVAL
     room = behind - (DECISION_INTERVAL + HEADWAY) * first
-    assert fits.follow[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
+    assert fits.follow_ratio[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
     quick = ahead.speed[0] > 7.0
     assert quick.any()
-    assert (fits.follow[0, quick] > 1.0).all() == (leading == 0.0)
-    assert not fits.brake.any()
+    assert (fits.follow_ratio[0, quick] > 1.0).all() == (leading == 0.0)
+    assert not fits.stop_ratio.any()
     # Who walks stands closer.
     walker = replace(world, type=np.array([RoadUserType.PEDESTRIAN], np.int8), speed=np.ones(1))
     step = _speeds(_after(shipped_bundle, walker, 1))
-    _, walks = _on_route(shipped_bundle, walker, _prospects(0.0, gap=2.0))
+    _, walks = _on_route(shipped_bundle, walker, _context(0.0, gap=2.0))
     quickest = step.argmax()
     room = 2.0 - GAP[2] - (DECISION_INTERVAL + HEADWAY) * step[quickest]
-    assert walks.follow[0, quickest] == pytest.approx(step[quickest] ** 2 / 4.0 / room, rel=0.01)
+    assert walks.follow_ratio[0, quickest] == pytest.approx(step[quickest] ** 2 / 4.0 / room, rel=0.01)
 
 
-def test_strain() -> None:
+def test_ratios() -> None:
     room = [10.0, 4.0, 0.31, 0.0, -3.0, np.inf]
-    assert [strain(2.0, one) for one in room] == pytest.approx([0.2, 0.5, 2 / 0.31, 2 / 0.3, 2 / 0.3, 0.0])
-    assert strain(9.0, 0.0) == TOO_MUCH
-    assert strain(0.0, 0.0) == 0.0
+    assert [_ratio(2.0, one) for one in room] == pytest.approx([0.2, 0.5, 2 / 0.31, 2 / 0.3, 2 / 0.3, 0.0])
+    assert _ratio(9.0, 0.0) == MAX_RATIO
+    assert _ratio(0.0, 0.0) == 0.0
 
 
 def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
@@ -238,76 +254,72 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     out = np.array([25.0, 25.0, 25.0, 25.0, 15.8, np.inf, 25.0])
     stop = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0])
     route = replace(RouteAhead.unknown(7), stop=stop, line=line, out=out)
-    cars, order = _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), np.array([6, 0, 1, 2, 3, 4, 5])
-    stop, _ = ways_left(RouteContext(route, Leaders(gap, speed), ABLE), cars, order)
-    assert (stop + SPARE).tolist() == [4.0, 9.0, np.inf, np.inf, np.inf, np.inf, 50.0]
+    stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), gap, speed)
+    assert (stop + STOP_MARGIN).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
 
 
 def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBundle) -> None:
     # 8 m eastwards, then to the left, where somebody stands; straight on there is nobody.
     world = _cars([0.0, 8.0], [0.0, 12.0], [7.0, 0.0])
-    context = _prospects(0.0)
+    context = _context(0.0)
     x, y = np.minimum(ALONG, 8.0)[None], np.maximum(ALONG - 8.0, 0.0)[None]
     context = replace(context, route=replace(context.route, x=x, y=y))
     ahead, _ = _on_route(shipped_bundle, world, context)
     quick, slow = ahead.speed[0] > 6.0, ahead.speed[0] < 1.0
-    assert (ahead.meeting[0, quick] > 0.0).all()
-    assert (ahead.meeting[0, slow] == 0.0).all()
+    assert (ahead.collision[0, quick] > 0.0).all()
+    assert (ahead.collision[0, slow] == 0.0).all()
     assert quick.any()
     assert slow.any()
     rows = np.array([0])
-    wandering = look_ahead(shipped_bundle, observe(world, rows, ROAD, False), world, rows, ROAD)
-    assert (wandering.meeting[0, np.abs(ahead.turn[0]) < 0.1] == 0.0).all()
+    wandering = _rolled_out(shipped_bundle, world, rows)
+    assert (wandering.collision[0, np.abs(ahead.turn[0]) < 0.1] == 0.0).all()
 
 
 def test_who_goes_on_straight_touches_who_stands_beyond_the_corner(shipped_bundle: ModelBundle) -> None:
     # 6 m eastwards, then to the left; somebody stands straight ahead, where the path does not lead.
     world = _cars([0.0, 12.0], [0.0, 0.0], [7.0, 0.0])
     x, y = np.minimum(ALONG, 6.0)[None], np.maximum(ALONG - 6.0, 0.0)[None]
-    context = _prospects(0.0)
+    context = _context(0.0)
     context = replace(context, route=replace(context.route, x=x, y=y))
     rows = np.array([0])
-    seen = observe(world, rows, ROAD, False)
-    ahead = look_ahead(shipped_bundle, seen, world, rows, ROAD, context, touching=True)
-    assert ahead.touching is not None
+    ahead = _rolled_out(shipped_bundle, world, rows, context, off_route=True)
+    assert ahead.collision_off_route is not None
     straight = (ahead.speed[0] > 6.0) & (np.abs(ahead.turn[0]) < 0.1)
     assert straight.any()
-    assert (ahead.meeting[0, straight] == 0.0).all()
-    assert (ahead.touching[0, straight] >= 0.5).all()
-    assert (ahead.touching[0, ahead.speed[0] < 1.0] == 0.0).all()
-    assert look_ahead(shipped_bundle, seen, world, rows, ROAD, context).touching is None
+    assert (ahead.collision[0, straight] == 0.0).all()
+    assert (ahead.collision_off_route[0, straight] >= 0.5).all()
+    assert (ahead.collision_off_route[0, ahead.speed[0] < 1.0] == 0.0).all()
+    assert _rolled_out(shipped_bundle, world, rows, context).collision_off_route is None
 
 
 def test_who_leaves_the_ground_at_the_end_of_its_path_is_right(shipped_bundle: ModelBundle) -> None:
     world = _cars([145.0], [0.0], [8.0])
     rows = np.array([0])
-    wandering = look_ahead(shipped_bundle, observe(world, rows, ROAD, False), world, rows, ROAD)
-    ahead, _ = _on_route(shipped_bundle, world, _prospects(145.0))
+    wandering = _rolled_out(shipped_bundle, world, rows)
+    ahead, _ = _on_route(shipped_bundle, world, _context(145.0))
     quick = wandering.speed[0] > 7.0
     assert quick.any()
     assert (wandering.off_surface[0, quick] > 0.0).all()
     assert (ahead.off_surface[0, quick] == 0.0).all()
     # Beside the road it is wrong.
     beside = _cars([60.0], [6.0], [8.0])
-    off, _ = _on_route(shipped_bundle, beside, _prospects(60.0))
+    off, _ = _on_route(shipped_bundle, beside, _context(60.0))
     assert (off.off_surface[0] > 0.0).all()
 
 
 def test_columns_belong_to_their_rows_and_who_has_no_route_has_zeros(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0, 40.0, 80.0], [0.5, 0.0, -0.5], [5.0, 6.0, 7.0])
-    context = _prospects(0.0, 40.0, 80.0, stop=9.0, gap=12.0)
+    context = _context(0.0, 40.0, 80.0, stop=9.0, gap=12.0)
     known = np.array([True, False, True])
     context = replace(context, route=replace(context.route, known=known))
     every = np.arange(3)
-    whole = with_ahead(shipped_bundle, observe(world, every, ROAD, False), world, every, ROAD, context).ahead
+    whole = _rolled_out(shipped_bundle, world, every, context).columns(EXTENDED)
     some = np.array([2, 1])
-    part = with_ahead(shipped_bundle, observe(world, some, ROAD, False), world, some, ROAD, context).ahead
-    assert whole is not None
-    assert part is not None
+    part = _rolled_out(shipped_bundle, world, some, context).columns(EXTENDED)
     assert whole.shape == (3, shipped_bundle.config.modes, 9)
     np.testing.assert_allclose(part, whole[some], atol=1e-5)
     assert not whole[1, :, 4:].any()
     assert (np.abs(whole[known, :, 4:]).max(axis=1) > 0.0).all()
-    without = with_ahead(shipped_bundle, observe(world, every, ROAD, False), world, every, ROAD).ahead
-    assert without is not None
-    assert without.shape == (3, shipped_bundle.config.modes, 4)
+    without = _rolled_out(shipped_bundle, world, every).columns(EXTENDED)
+    assert without.shape == whole.shape
+    assert not without[..., 4:].any()

@@ -1,7 +1,6 @@
 """Who drives or stands ahead of road users on their own path."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,25 +21,17 @@ STANDING = 0.5
 """m/s below which whoever is on the path counts, whatever the direction."""
 
 
-@dataclass(frozen=True, eq=False)
-class Leaders:
-    """Of n road users with routes: the gap between boxes along the path (m, inf: nobody within sight), and the
-    leader's speed along it (m/s)."""
-
-    gap: Floats
-    speed: Floats
-
-
-def leaders(route: RouteAhead, world: WorldState) -> Leaders:
-    """The nearest road user on the path of each of the first n road users of `world`, n being those of `route`."""
+def leaders(route: RouteAhead, world: WorldState) -> tuple[Floats, Floats]:
+    """Gap between boxes along the path (m, inf: no leader within sight) and speed along it (m/s) of the nearest road
+    user on the path of each of the n road users of `route`, the first ones of `world`: (n,) each."""
     n = len(route)
     if len(world) < 2:
-        return Leaders(np.full(n, np.inf), np.zeros(n))
+        return np.full(n, np.inf), np.zeros(n)
     room, reach = SIDE_GAP[world.type] + 0.5 * world.width, 0.5 * np.hypot(world.length, world.width)
     ego, other = beside(route, room, world.x, world.y, reach)
     places = on_path(route, world.x[other, None], world.y[other, None], ego)
     # What other modules say must not be a constant of the compiled function.
-    gap, speed = _first(
+    return _first(
         n,
         ego,
         other,
@@ -53,7 +44,6 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
         AHEAD,
         int(RoadUserType.PEDESTRIAN),
     )
-    return Leaders(gap, speed)
 
 
 @compiled

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from builders import ALONG, make_routes, make_world
 
-from slrl_sumo.lookahead.leaders import ALIKE, NEAREST, SIDE_GAP, STANDING, Leaders, leaders
-from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.perception.leaders import ALIKE, NEAREST, SIDE_GAP, STANDING, leaders
+from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -29,7 +29,7 @@ def eastwards(*y: float) -> RouteAhead:
 def of_one(*others: Box) -> list[float]:
     """Gap and speed."""
     found = leaders(eastwards(0.0), world(EGO, *others))
-    return [float(found.gap[0]), float(found.speed[0])]
+    return [float(found[0][0]), float(found[1][0])]
 
 
 def test_the_nearest_one_on_the_path_leads() -> None:
@@ -70,12 +70,12 @@ def test_who_leads(other: Box, leads: bool) -> None:
 def test_people_wait_behind_others_and_walk_round_those_who_come(heading: float, leads: bool) -> None:
     scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, 0.0, 0.2, 0.5))
     walking = replace(scene, type=np.full(2, RoadUserType.PEDESTRIAN, np.int8))
-    assert np.isfinite(leaders(eastwards(0.0), walking).gap[0]) == leads
+    assert np.isfinite(leaders(eastwards(0.0), walking)[0][0]) == leads
     # Drivers stop for whoever stands in their way.
-    assert np.isfinite(leaders(eastwards(0.0), scene).gap[0])
+    assert np.isfinite(leaders(eastwards(0.0), scene)[0][0])
     # Who has room to pass has no leader, and people need less than cars.
     beside = replace(walking, y=np.array([0.0, 0.65]))
-    assert np.isinf(leaders(eastwards(0.0), beside).gap[0])
+    assert np.isinf(leaders(eastwards(0.0), beside)[0][0])
 
 
 def test_gaps_are_along_the_path() -> None:
@@ -83,7 +83,7 @@ def test_gaps_are_along_the_path() -> None:
     x, y = np.minimum(ALONG, 15.0), np.maximum(ALONG - 15.0, 0.0)
     route = replace(eastwards(0.0), x=x[None], y=y[None])
     found = leaders(route, world(EGO, (15.0, 10.0, 0.5 * np.pi, 3.0, 5.0, 1.8), (25.0, 0.0, 0.0, 3.0, 5.0, 1.8)))
-    assert (found.gap[0], found.speed[0]) == (pytest.approx(20.0), pytest.approx(3.0))
+    assert (found[0][0], found[1][0]) == (pytest.approx(20.0), pytest.approx(3.0))
 
 
 def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
@@ -92,11 +92,11 @@ def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
     )
     route = replace(eastwards(0.0, 0.0, 0.0), known=np.array([True, True, False]))
     route = replace(route, x=route.x + np.array([[0.0], [15.0], [30.0]]))
-    found = leaders(route, three)
-    assert found.gap.tolist() == [pytest.approx(10.0), pytest.approx(10.0), np.inf]
-    assert found.speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
-    alone: Leaders = leaders(eastwards(0.0), world(EGO))
-    assert alone.gap.tolist() == [np.inf]
+    gap, speed = leaders(route, three)
+    assert gap.tolist() == [pytest.approx(10.0), pytest.approx(10.0), np.inf]
+    assert speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
+    alone, _ = leaders(eastwards(0.0), world(EGO))
+    assert alone.tolist() == [np.inf]
 
 
 def crooked(n: int, rng: np.random.Generator, share: float) -> RouteAhead:
@@ -124,14 +124,14 @@ def test_a_quick_look_leaves_out_no_leader(share: float) -> None:
         heading, speed = rng.uniform(-np.pi, np.pi, 60), rng.uniform(0.0, 8.0, 60) * (rng.random(60) < 0.6)
         crowd = world(*zip(x, y, heading, speed, sizes[:, 0], sizes[:, 1], strict=True))
         found, expected = leaders(route, crowd), of_everybody(route, crowd)
-        assert np.allclose(found.gap, expected.gap, atol=1e-9)
-        assert np.allclose(found.speed, expected.speed, atol=1e-9)
-        followed += int(np.isfinite(found.gap).sum())
+        assert np.allclose(found[0], expected[0], atol=1e-9)
+        assert np.allclose(found[1], expected[1], atol=1e-9)
+        followed += int(np.isfinite(found[0]).sum())
     assert followed > 300
 
 
-def of_everybody(route: RouteAhead, crowd: WorldState) -> Leaders:
-    """Leaders by a look at everybody who is near the middle of a path."""
+def of_everybody(route: RouteAhead, crowd: WorldState) -> tuple[Floats, Floats]:
+    """Leaders by a look at all road users near the middle of a path."""
     gap, speed = np.full(len(route), np.inf), np.zeros(len(route))
     for i in np.flatnonzero(route.known):
         for j in range(len(crowd)):
@@ -152,4 +152,4 @@ def of_everybody(route: RouteAhead, crowd: WorldState) -> Leaders:
             ahead = NEAREST[kind] < along < AHEAD + 0.5 * length
             if beside < SIDE_GAP[kind] and ahead and leads and between < gap[i]:
                 gap[i], speed[i] = between, max(crowd.speed[j] * np.cos(turn), 0.0)
-    return Leaders(gap, speed)
+    return gap, speed

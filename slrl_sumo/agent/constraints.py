@@ -1,0 +1,51 @@
+"""Rules that are not learned, by name: which ones are on, and what they do to a motion."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.advance import halting
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import DECISION_INTERVAL
+
+EASING = 3.0
+"""m/s²: deceleration of road users above their models' top speed."""
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """Which rules apply beside the policy; the fields are their names, in the order in which they apply.
+
+    `path_smoothing`, `guard`, `deadlock_release` and `standing_still` need routes, and do nothing without them.
+    """
+
+    path_smoothing: bool = True
+    """Paths are as round, and speeds in curves as low, as the models need (agent.path_smoothing)."""
+    guard: bool = False
+    """No modes that lead into a conflict (agent.guard)."""
+    deadlock_release: bool = True
+    """Road users that stand for no reason, or for each other, go on (agent.deadlock)."""
+    standing_still: bool = True
+    """Road users that crawl and do not speed up stop: models of mean motion approach a stand for ever."""
+    speed_cap: bool = True
+    """Road users faster than their models' top speed decelerate at EASING to it."""
+
+
+def stand_still(speed: Floats, acceleration: Floats, max_speed: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Acceleration (m/s², (n,)) under `standing_still`, and for which road users it ends in another speed, (n,).
+
+    `speed` (m/s) now; `max_speed` (m/s) of the next interval.
+    """
+    constrained = halting(speed, acceleration, DECISION_INTERVAL)
+    reached, free = (np.clip(speed + a * DECISION_INTERVAL, 0.0, max_speed) for a in (constrained, acceleration))
+    return constrained, reached != free
+
+
+def cap_speed(speed: Floats, acceleration: Floats, top_speed: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Highest speed (m/s, (n,)) of the next interval under `speed_cap`, and which road users it slows down, (n,).
+
+    `top_speed`: of their models, m/s, (n,).
+    """
+    cap = np.maximum(top_speed, speed - EASING * DECISION_INTERVAL)
+    return cap, speed + acceleration * DECISION_INTERVAL > cap

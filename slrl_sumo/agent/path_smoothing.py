@@ -1,0 +1,158 @@
+"""Constraint `path_smoothing`: paths as round, and speeds in curves as low, as the models of a bundle need."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.models.capability import SPEEDS, Capability
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.route import HERE, SPACING, RouteAhead
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+
+SPARE = 0.95
+"""Share of the largest curvature that a path may ask for: the rest is for the way back to the path."""
+COMFORT = 3.0
+"""m/s²: largest lateral acceleration in a curve."""
+STRAIGHT = 1e-3
+"""1/m: a smaller curvature counts as straight."""
+BEST_TURNING = 0.95
+"""Share of the largest curvature from which a speed counts as one at which the models turn best."""
+SLOWEST = 1.2
+"""m/s below which no road user slows for a curve, however sharp."""
+BRAKING = np.array([1.8, 1.0, 0.5])
+"""m/s² with which curves are approached, per type."""
+REACTION = 2 * DECISION_INTERVAL
+"""s before braking takes effect."""
+PASSES = 60
+"""Largest number of smoothing passes over a path."""
+NEIGHBOURS = 3
+"""Points to either side of a sharp one that are smoothed as well."""
+CHORD = 3
+"""Points from one end to the other of the chords that measure curvature: lanes are drawn with corners."""
+
+
+def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -> tuple[RouteAhead, NDArray[np.bool_]]:
+    """`route` of the first road users of `users` with smoothed paths and lower desired speeds before curves, and for
+    which of them it changed, (n,). Paths of pedestrians stay as they are."""
+    changed = np.zeros(len(route), np.bool_)
+    driving = route.known & (users.type[: len(route)] != RoadUserType.PEDESTRIAN)
+    if not driving.any():
+        return route, changed
+    x, y, desired = route.x.copy(), route.y.copy(), route.desired.copy()
+    largest = np.ascontiguousarray(capability.sharpest)
+    _smooth(x, y, desired, np.flatnonzero(driving), users.type, users.speed, largest, changed)
+    return replace(route, x=x, y=y, desired=desired), changed
+
+
+@compiled
+def _smooth(
+    x: Floats,
+    y: Floats,
+    desired: Floats,
+    rows: NDArray[np.intp],
+    kinds: NDArray[np.int8],
+    speed: Floats,
+    sharpest: Floats,
+    changed: NDArray[np.bool_],
+) -> None:
+    """Smooth the paths `rows` of x and y, (n, points), lower `desired`, (n,), to what their curves allow, and mark what
+    `changed`, (n,)."""
+    points = x.shape[1]
+    bends, sharp = np.empty((3, points)), np.empty(points, np.bool_)
+    for row in rows:
+        kind = kinds[row]
+        right, left = sharpest[kind, 0], sharpest[kind, 1]
+        changed[row] = _round(x[row], y[row], SPARE * right[0], SPARE * left[0], bends, sharp)
+        slowest = math.inf
+        for k in range(HERE, points):
+            allowed, straight = SPEEDS[-1], True
+            if k < points - CHORD:
+                # Most are straight: an angle is smaller than its tangent, and that is known without libm.
+                straight = bends[0, k] > 0.0 and abs(bends[1, k]) < 0.99 * STRAIGHT * bends[2, k] * bends[0, k]
+            if not straight:
+                signed = math.atan2(bends[1, k], bends[0, k]) / bends[2, k]
+                if abs(signed) >= STRAIGHT:
+                    allowed = min(
+                        _fastest(abs(signed), right if signed < 0.0 else left), math.sqrt(COMFORT / abs(signed))
+                    )
+            distance = max((k - HERE) * SPACING - REACTION * speed[row], 0.0)
+            slowest = min(slowest, max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kind] * distance)
+        allowed = math.sqrt(slowest)
+        changed[row] |= allowed < desired[row]
+        desired[row] = min(desired[row], allowed)
+
+
+@compiled
+def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp: NDArray[np.bool_]) -> bool:
+    """Smooth one path where its curvature exceeds `right` and `left` (1/m), until it does not; whether it changed.
+
+    `bends` (3, points) are those of `_bend` at last; `sharp` (points,) is room to work in.
+    """
+    points, moved = len(x), False
+    # Curvature changes only near points that have moved.
+    begin, end = (
+        min(CHORD, points),
+        points - CHORD,
+    )  # not just CHORD: it would be compiled for that number, then for any
+    for _ in range(PASSES):
+        _bend(x, y, bends, begin, end)
+        sharp[:] = False
+        first, last = points, 0
+        for k in range(begin, end):
+            most = bends[2, k] * bends[0, k]
+            if bends[0, k] > 0.0 and -right * most <= bends[1, k] <= left * most:
+                continue  # its tangent is small enough: so is the angle
+            curve = math.atan2(bends[1, k], bends[0, k]) / bends[2, k]
+            if -right <= curve <= left:
+                continue
+            # Round the points beside sharp ones as well: the turn spreads to both sides.
+            sharp[k - NEIGHBOURS : k + NEIGHBOURS + 1] = True
+            first, last = min(first, k - NEIGHBOURS), k + NEIGHBOURS
+        # The ends stay where they are.
+        before_x, before_y = x[max(first, 1) - 1], y[max(first, 1) - 1]
+        if first == points:
+            return moved
+        moved = True
+        for k in range(max(first, 1), min(last, points - 2) + 1):
+            here_x, here_y = x[k], y[k]
+            if sharp[k]:
+                x[k] += 0.25 * ((x[k + 1] - here_x) - (here_x - before_x))
+                y[k] += 0.25 * ((y[k + 1] - here_y) - (here_y - before_y))
+            before_x, before_y = here_x, here_y
+        begin, end = max(first - CHORD, CHORD), min(last + 1, points - 2 * CHORD) + CHORD
+    _bend(x, y, bends, begin, end)
+    return moved
+
+
+@compiled
+def _bend(x: Floats, y: Floats, bends: Floats, begin: int, end: int) -> None:
+    """Where chords of one path meet, at points from `begin` to before `end`: cosine and sine of the turn to the left,
+    times both lengths, and the mean length (m), to rows 0 to 2 of `bends` (3, points)."""
+    for k in range(begin, end):
+        from_x, from_y = x[k] - x[k - CHORD], y[k] - y[k - CHORD]
+        to_x, to_y = x[k + CHORD] - x[k], y[k + CHORD] - y[k]
+        bends[0, k] = to_x * from_x + to_y * from_y
+        bends[1, k] = to_y * from_x - to_x * from_y
+        lengths = math.sqrt(to_x * to_x + to_y * to_y) + math.sqrt(from_x * from_x + from_y * from_y)
+        bends[2, k] = max(0.5 * lengths, 0.1)
+
+
+@compiled
+def _fastest(curve: float, sharpest: Floats) -> float:
+    """The highest speed (m/s) at which a curve (1/m) is still possible; `sharpest` falls with speed, as in Capability.
+
+    Where no speed will do, the highest one of those at which they turn best: slower ones do not help.
+    """
+    curve = min(curve, BEST_TURNING * SPARE * sharpest[0])
+    low, high = 0, len(sharpest)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if SPARE * sharpest[middle] >= curve:
+            low = middle
+        else:
+            high = middle
+    return float(SPEEDS[low])

@@ -1,0 +1,118 @@
+"""All modes of road users, rolled out for the next seconds and judged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.lookahead.collision import MARGIN, collision_scores
+from slrl_sumo.lookahead.forecast import bring_to_paths, forecast_boxes, path_following
+from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
+from slrl_sumo.lookahead.off_surface import off_surface
+from slrl_sumo.lookahead.route_fit import RouteFit, route_fit
+from slrl_sumo.models.bundle import ModelBundle, tensors
+from slrl_sumo.models.capability import Capability
+from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.route_context import RouteContext
+from slrl_sumo.perception.scene import Scene
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import DECISION_INTERVAL
+
+
+@dataclass(frozen=True, eq=False)
+class ModeRollouts:
+    """What each mode of n road users leads to, (n, modes) each."""
+
+    acceleration: Floats
+    """m/s² of the mode's displacement model now."""
+    yaw_rate: Floats
+    """rad/s, likewise."""
+    collision: Floats
+    """0 where the mode collides with no road user within STEPS, up to 1 where it does at once; along the route for
+    vehicles that follow one."""
+    off_surface: Floats
+    """Share of the STEPS off the own surface; of the first NEAR steps for road users with a route."""
+    speed: Floats
+    """m/s after HELD intervals."""
+    turn: Floats
+    """rad turned after HELD intervals."""
+    route: RouteFit | None = None
+    """How it fits the route; None without routes."""
+    collision_off_route: Floats | None = None
+    """As `collision`, on the path of the mode itself also for vehicles that follow a route; None unless asked for."""
+
+    def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
+        """Fields of this class and of RouteFit by name, for a network, (n, modes, len(names)); those of RouteFit are 0
+        without routes."""
+        result = np.zeros((*self.collision.shape, len(names)), np.float32)
+        for column, name in enumerate(names):
+            if name not in RouteFit._fields:
+                result[..., column] = getattr(self, name)
+            elif self.route is not None:
+                result[..., column] = getattr(self.route, name)
+        return result
+
+
+def mode_rollouts(
+    bundle: ModelBundle,
+    observation: Observation,
+    scene: Scene,
+    context: RouteContext | None = None,
+    capability: Capability | None = None,
+    *,
+    off_route: bool = False,
+) -> ModeRollouts:
+    """Roll out all modes of the deciding road users of `scene`, which made the `observation`.
+
+    Each road user alone follows a mode as `advance` would move it; all others keep speed and yaw rate. With `context`
+    (and what the models can do, `capability`) vehicles that have a route follow it at the speeds of the mode, so that
+    a collision does not depend on how they turn in the next moment. `off_route` also gives `collision_off_route`.
+    """
+    motions = bundle.displacement.motion_all(*tensors(observation))
+    acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
+    if scene.group is None:
+        return _judged(bundle, scene, acceleration, yaw_rate, context, capability, off_route)
+    collision, outside, speed, turn = (np.empty_like(acceleration) for _ in range(4))
+    for part, places in scene.groups():
+        one = _judged(bundle, part, acceleration[places], yaw_rate[places])
+        collision[places], outside[places] = one.collision, one.off_surface
+        speed[places], turn[places] = one.speed, one.turn
+    return ModeRollouts(acceleration, yaw_rate, collision, outside, speed, turn)
+
+
+def _judged(
+    bundle: ModelBundle,
+    scene: Scene,
+    acceleration: Floats,
+    yaw_rate: Floats,
+    context: RouteContext | None = None,
+    capability: Capability | None = None,
+    off_route: bool = False,
+) -> ModeRollouts:
+    world, rows = scene.world, scene.rows
+    users = world.take(rows)
+    paths = mode_paths(users, acceleration, yaw_rate, bundle.max_speed[users.type], halting=context is not None)
+    route = None if context is None else context.route
+    outside = off_surface(paths, users.type, scene.road_map, rows, route)
+    fit, excused = None, np.zeros(len(users), np.bool_)
+    following = path_following(context, world)
+    # A vehicle that keeps to its path cannot step aside, as pedestrians do.
+    margin = np.full_like(MARGIN, MARGIN.max()) if context is None else MARGIN
+    if context is not None and capability is not None:
+        fit, excused = route_fit(context, capability, users, rows, paths, yaw_rate), following.follows[rows]
+    boxes = forecast_boxes(world, following, margin)
+    direct = collision_scores(paths, excused, boxes, world, rows) if off_route else None
+    if context is not None:
+        bring_to_paths(paths, following, rows)
+    collision = collision_scores(paths, excused, boxes, world, rows)
+    return ModeRollouts(
+        acceleration=acceleration,
+        yaw_rate=yaw_rate,
+        collision=collision,
+        off_surface=outside,
+        speed=paths.speed[:, HELD - 1],
+        turn=HELD * DECISION_INTERVAL * yaw_rate,
+        route=fit,
+        collision_off_route=direct,
+    )

@@ -1,0 +1,85 @@
+"""Where learned road users are on their routes, and what limits them there."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.perception.leaders import leaders
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.route import RouteAhead, on_path
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+
+STOP_MARGIN = 1.5
+"""m before a stop line, for road users that do not stop to the centimetre."""
+GAP = np.array([1.5, 1.5, 0.4])
+"""m that each type keeps behind a leader."""
+CAR = int(RoadUserType.CAR)
+LEADER_BRAKES = 4.0
+"""m/s² with which a leader is expected to brake at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class RouteContext:
+    """The routes of n learned road users, the first rows of a world; all arrays are (n,)."""
+
+    route: RouteAhead
+    lateral_offset: Floats
+    """m to the left of the own path."""
+    direction: Floats
+    """rad: direction of the own path beside the road user."""
+    leader_gap: Floats
+    """m along the path between the own box and the next one, inf where there is no leader within sight."""
+    leader_speed: Floats
+    """m/s along the path."""
+    stop_distance: Floats
+    """m to where it must stop: a stop line, or a junction whose exit is taken."""
+    follow_distance: Floats
+    """m within which it must be able to stop behind its leader."""
+
+    def __len__(self) -> int:
+        return len(self.route)
+
+    def take(self, rows: NDArray[np.intp]) -> "RouteContext":
+        """The entries of the road users `rows`."""
+        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "route"}
+        return RouteContext(self.route.take(rows), **arrays)
+
+
+def route_context(route: RouteAhead, world: WorldState) -> RouteContext:
+    """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
+    n = len(route)
+    _, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
+    gap, speed = leaders(route, world)
+    stop, follow = stop_distances(route, world, gap, speed)
+    return RouteContext(route, lateral_offset[:, 0], direction[:, 0], gap, speed, stop, follow)
+
+
+def stop_distances(route: RouteAhead, world: WorldState, gap: Floats, speed: Floats) -> tuple[Floats, Floats]:
+    """`stop_distance` and `follow_distance` (see RouteContext) of the first road users of `world`, those of `route`,
+    whose leaders are `gap` m away at `speed` m/s, (n,) each."""
+    n = len(route)
+    return _stop_distances(world.type[:n], world.length[:n], route.stop, route.line, route.out, gap, speed)
+
+
+@compiled
+def _stop_distances(
+    kind: NDArray[np.int8],
+    length: Floats,
+    stop: Floats,
+    line: Floats,
+    out: Floats,
+    gap: Floats,
+    leading: Floats,
+) -> tuple[Floats, Floats]:
+    n = len(kind)
+    must, room = np.empty(n), np.empty(n)
+    for i in range(n):
+        must[i] = stop[i] - STOP_MARGIN
+        exit_taken = leading[i] < 1.0 and line[i] < gap[i] < out[i] + length[i] + GAP[CAR]
+        if exit_taken and 1.0 < line[i] < np.inf and out[i] < np.inf:
+            must[i] = min(stop[i], line[i] - 1.0) - STOP_MARGIN
+        room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)
+    return must, room
