@@ -54,7 +54,7 @@ def test_episodes_end_and_begin_anew(arena: Arena, bundle: ModelBundle) -> None:
         np.testing.assert_array_equal(outcome.truncated, (age >= 12) & ~outcome.terminated)
         if over.any():
             assert outcome.final is not None
-            assert len(outcome.final) == over.sum()
+            assert len(outcome.final.scene) == over.sum()
             # Whose episode begins stands elsewhere, under way and free of others.
             now = arena.world
             moved = np.hypot(now.x[:24] - before.x[:24], now.y[:24] - before.y[:24])
