@@ -48,7 +48,7 @@ class PpoSettings:
     kl_coef: float = 1.0
     kl_coef_last: float = 0.1
     """First and last weight of the divergence KL(teacher || policy), interpolated linearly. The teacher is the initial
-    policy minus the lookahead's cost of each mode (Arena.teacher_costs). So behaviour imitated from recordings fades only
+    policy minus the cost of each mode (Arena.teacher_costs). So behaviour imitated from recordings fades only
     where the reward opposes it (as in human-regularised PPO, arXiv 2403.19648)."""
     teacher_first: int = 40
     """Updates in which the policy learns from the teacher alone while the critic learns its values: an untrained critic
