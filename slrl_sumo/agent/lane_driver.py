@@ -20,7 +20,7 @@ from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 
@@ -124,7 +124,7 @@ class LaneDriver:
         if standing and safe < 0.5 and track.standing_time > STANDSTILL_TIME + 4.0 * random.Random(road_user).random():
             track.ignores_standing_until, track.standing_time = state.time + 5.0, 0.0
         # Spawned vehicles have no destination: they leave the network at its end, and are reinserted.
-        beyond = OFF_END if road_user.startswith("learned_") else 0.0
+        beyond = OFF_END if road_user.startswith(SPAWNED_PREFIX) else 0.0
         track.speed = speed = min(speed, max(track.path.end + beyond - track.s, 0.0) / dt)
         track.s += speed * dt
         self._centre(track, dt)

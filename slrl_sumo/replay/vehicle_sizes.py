@@ -2,9 +2,8 @@
 
 import re
 
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.sumo.scenario.demand import OWN_PREFIX
 from slrl_sumo.sumo.scenario.trace_types import trace_types
 
 Size = tuple[float, float]
@@ -64,7 +63,7 @@ def scenario_sizes(scenario: Scenario) -> tuple[dict[str, Size], dict[str, str]]
             sizes[name] = (float(vtype.get("length", length)), float(vtype.get("width", width)))
         except ValueError:  # SUMO itself says what is wrong with it
             continue
-        if name.startswith(OWN_PREFIX):
+        if name.startswith(SPAWNED_PREFIX):
             continue
         if vclass in ("bicycle", "pedestrian"):
             kinds[name] = vclass
@@ -77,7 +76,7 @@ def size_of(vtype: str, kind: int, known: dict[str, Size]) -> Size:
     """
     if vtype in known:
         return known[vtype]
-    if kind == RoadUserType.CAR and vtype != f"{OWN_PREFIX}{TYPE_NAMES[kind]}":
+    if kind == RoadUserType.CAR and vtype != f"{SPAWNED_PREFIX}{TYPE_NAMES[kind]}":
         for vclass, words in _WORDS:
             if re.search(words, vtype.lower()):
                 return CLASS_SIZES[vclass]

@@ -8,6 +8,7 @@ import numpy as np
 
 from slrl_sumo.routing.walk_graph import CrossingEntry, WalkGraph, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.links import read_links
 from slrl_sumo.sumo.network import Network
@@ -62,7 +63,7 @@ class PedestrianTracker:
         """Position (m) and heading (rad) `dt` s later of a person that walks along its path."""
         track = self._pedestrians.get(person)
         moved = math.inf if track is None else math.hypot(x - track.x, y - track.y)
-        if track is None or moved > DISPLACED or (person.startswith("learned_") and _is_at_end(track)):
+        if track is None or moved > DISPLACED or (person.startswith(SPAWNED_PREFIX) and _is_at_end(track)):
             track = self._pedestrians[person] = self._begin(person, x, y, heading)
         if track.path is not None:
             x, y, heading = self._advance(track, track.path, x, y, heading, dt)
@@ -79,7 +80,7 @@ class PedestrianTracker:
                 s, _ = path.line.nearest(x, y, track.s - 2.0)
             track.s = s
         if track is None or (
-            person.startswith("learned_") and (_is_at_end(track) or math.hypot(x - track.x, y - track.y) > OFF_PATH)
+            person.startswith(SPAWNED_PREFIX) and (_is_at_end(track) or math.hypot(x - track.x, y - track.y) > OFF_PATH)
         ):
             track = self._pedestrians[person] = self._begin(person, x, y, heading)
         track.x, track.y = x, y
@@ -98,7 +99,7 @@ class PedestrianTracker:
     def remaining_distance(self, person: str) -> float:
         """m that a person still has to walk on edges; inf without a track, and for spawned pedestrians."""
         track = self._pedestrians.get(person)
-        if track is None or person.startswith("learned_"):
+        if track is None or person.startswith(SPAWNED_PREFIX):
             return math.inf
         return track.path.last_edge_end - track.s if track.path is not None else 0.0
 
@@ -108,7 +109,7 @@ class PedestrianTracker:
             self._pedestrians.pop(person, None)
 
     def _begin(self, person: str, x: float, y: float, heading: float) -> PedestrianTrack:
-        if person.startswith("learned_"):
+        if person.startswith(SPAWNED_PREFIX):
             path, speed = self._random_path(person, x, y, heading), SPAWNED_SPEED
         else:
             # Read before the walk is cut to the edge under the person (see `TakenOverControl.move`).

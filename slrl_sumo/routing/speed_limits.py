@@ -5,6 +5,7 @@ import math
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.routing.right_of_way import LINE_OF_SIGHT, STOP_LINE, RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
+from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 
@@ -98,7 +99,7 @@ class SpeedLimits:
 
     def following_speed(self, road_user: str, track: VehicleTrack, dt: float) -> float:
         """Krauss' safe speed behind SUMO's leader (https://sumo.dlr.de/docs/Car-Following-Models.html)."""
-        if road_user.startswith("learned_"):
+        if road_user.startswith(SPAWNED_PREFIX):
             return math.inf
         leader = leader_of(self._api, road_user, 50.0)
         if leader is None:

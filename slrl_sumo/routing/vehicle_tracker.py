@@ -8,7 +8,7 @@ import numpy as np
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.network import Network
@@ -79,7 +79,7 @@ class VehicleTracker:
         Also inf while the vehicle is obstructed: SUMO would brake harder for the obstacle, or not at all.
         """
         track = self._vehicles.get(road_user)
-        if track is None or track.obstructed or road_user.startswith("learned_"):
+        if track is None or track.obstructed or road_user.startswith(SPAWNED_PREFIX):
             return math.inf
         path, lanes = track.path, self._graph.lanes
         last = lanes[path.lanes[-1]].edge
@@ -127,14 +127,17 @@ class VehicleTracker:
         """A new track: the vehicle's parameters, and its place on its path."""
         road_user, edges = state.ids[i], tuple[str, ...]()
         parameters = vehicle_parameters(self._api, road_user)
+        max_speed = parameters.max_speed
         length, heading = float(state.length[i]), float(state.heading[i])
         front = (
             float(state.x[i]) + 0.5 * length * math.cos(heading),
             float(state.y[i]) + 0.5 * length * math.sin(heading),
         )
-        if road_user.startswith("learned_"):
+        if road_user.startswith(SPAWNED_PREFIX):
             # Of spawned vehicles, SUMO knows neither class nor lane.
-            vehicle_class = "bicycle" if state.type[i] == RoadUserType.BICYCLE else "passenger"
+            cycles = state.type[i] == RoadUserType.BICYCLE
+            vehicle_class = "bicycle" if cycles else "passenger"
+            max_speed = CYCLING_SPEED if cycles else max_speed
             lane = self._lane_under(front, heading, vehicle_class)
         else:
             vehicle_class = parameters.vehicle_class
@@ -154,7 +157,7 @@ class VehicleTracker:
             accel=max(parameters.accel, 0.1),
             decel=max(parameters.decel, 0.1),
             emergency=max(parameters.emergency_decel, parameters.decel, 0.1),
-            max_speed=CYCLING_SPEED if road_user.startswith("learned_bicycle") else parameters.max_speed,
+            max_speed=max_speed,
             speed_factor=parameters.speed_factor,
             tau=parameters.tau,
             x=float(state.x[i]),
@@ -165,7 +168,7 @@ class VehicleTracker:
 
     def _update_max_speed(self, road_user: str, track: VehicleTrack, lane: str) -> None:
         """The vehicle's desiredMaxSpeed shows only where its lane allows more."""
-        if road_user.startswith("learned_") or vehicle_lane(self._api, road_user) != lane:
+        if road_user.startswith(SPAWNED_PREFIX) or vehicle_lane(self._api, road_user) != lane:
             return
         allowed = allowed_speed(self._api, road_user)
         if allowed < self._graph.lanes[lane].max_speed * track.speed_factor - 0.01:
@@ -197,7 +200,7 @@ class VehicleTracker:
         if here == 0 or lane.startswith(":"):
             return
         edge = self._graph.lanes[lane].edge
-        if not road_user.startswith("learned_"):
+        if not road_user.startswith(SPAWNED_PREFIX):
             route, index = vehicle_route(self._api, road_user)
             begin = max(index, 0)
             if edge in route[begin:]:
@@ -238,7 +241,7 @@ class VehicleTracker:
 
 
 def _seed(road_user: str) -> str:
-    return road_user if road_user.startswith("learned_") else ""
+    return road_user if road_user.startswith(SPAWNED_PREFIX) else ""
 
 
 def _gap(world: WorldState, i: int, track: VehicleTrack, lateral_offset: float, hurried: bool) -> bool:

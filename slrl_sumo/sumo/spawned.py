@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.road_users import loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
-LEARNED_TYPES = tuple(f"learned_{name}" for name in TYPE_NAMES)
+LEARNED_TYPES = tuple(f"{SPAWNED_PREFIX}{name}" for name in TYPE_NAMES)
 """vType ids of learned road users, indexed by RoadUserType."""
 
 SUMO_TEMPLATES = ("DEFAULT_VEHTYPE", "DEFAULT_BIKETYPE", "DEFAULT_PEDTYPE")
@@ -88,7 +88,7 @@ class SpawnedControl:
         points = self._staging.nearest(x[~walking], y[~walking])[:, 0]
         for road_user, kind, point in zip(_pick(ids, ~walking), kinds[~walking].tolist(), points, strict=True):
             lane = self._staging.lanes[self._staging.lane[point]]
-            route = f"learned_{lane.edge}"
+            route = f"{SPAWNED_PREFIX}{lane.edge}"
             if route not in self._routes:
                 self._api.route.add(route, [lane.edge])
                 self._routes.add(route)

@@ -9,11 +9,9 @@ from typing import IO, cast
 from lxml import etree
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.scenario.configuration import Scenario, parse_time
 from slrl_sumo.sumo.scenario.options import input_files
-
-OWN_PREFIX = "learned_"
-"""Prefix of the ids, routes and types of spawned road users."""
 
 VEHICLES = frozenset({"vehicle", "trip", "flow"})
 PERSONS = frozenset({"person", "personFlow"})
@@ -135,7 +133,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
         if parent is None or parent.tag not in VEHICLES:
             if item.find("stop") is not None:
                 stopping_routes.add(name)
-            if name.startswith(OWN_PREFIX):
+            if name.startswith(SPAWNED_PREFIX):
                 demand.own_routes.append(name)
             _use_edges(item, demand, f"route {name}", last)
     elif tag == "calibrator":
@@ -153,7 +151,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
             _use_edges(part, demand, label, when)
         if type_id := item.get("type"):
             demand.types_used.setdefault(type_id, (label, when))
-        if name.startswith(OWN_PREFIX):
+        if name.startswith(SPAWNED_PREFIX):
             demand.own_ids.append(name)
         if tag in PERSONS:
             demand.riding += item.find(".//ride") is not None or "public" in _modes(item)
