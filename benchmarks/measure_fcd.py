@@ -4,7 +4,7 @@
 
 Each measurement is a process of its own: `users` road users in `steps` time steps, a third of them persons. Prints a
 Markdown table: medians of rows a second of wall time and of processor time, and how far the peak of memory rose while
-writing or reading. docs/performance.md holds the last results.
+writing or reading. docs/measurements/performance.md holds the last results.
 """
 
 import argparse

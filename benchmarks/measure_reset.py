@@ -3,7 +3,7 @@
     python benchmarks/measure_reset.py [--repeat 5] [--agents 16]
 
 Prints a Markdown table of medians in ms, and whether a loaded state goes on as the simulation that it was saved from;
-docs/training.md holds the last results.
+docs/measurements/performance.md holds the last results.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Figures for the cost model of docs/scaling.md.
+"""Figures for the cost model of docs/measurements/scaling.md.
 
     setsid -w python -m benchmarks.measure_scaling episodes|jobs|rollouts [ROUNDS [STEPS]]
 

@@ -1,4 +1,4 @@
-"""The schedule of a cluster, simulated event by event with the measured costs of docs/scaling.md.
+"""The schedule of a cluster, simulated event by event with the measured costs of docs/measurements/scaling.md.
 
 python benchmarks/schedule.py study    [--cores 16,256,4096] [--jobs-per-core 64] [--mean S] [--sd S] [--driver-ms MS]
 python benchmarks/schedule.py training [--cores 16,256,4096] [--rollout S] [--sd S] [--update S] [--gbit 10]

@@ -1,4 +1,4 @@
-"""Results of `slrl-sumo evaluate SCENARIO` and `evaluate FILE` as the Markdown tables of docs/selectors.md.
+"""Results of `slrl-sumo evaluate` as the Markdown tables of docs/measurements/selectors.md.
 
 python benchmarks/selector_tables.py RESULTS.json ...
 """

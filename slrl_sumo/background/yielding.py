@@ -2,9 +2,9 @@
 
 A vehicle in SUMO detects road users that SUMO has mapped to its lane. A road user that is moved from outside is often
 mapped elsewhere or not at all: partly on the lane, inside a junction, on a crossing, off its route. Before each SUMO
-step, the boxes that background vehicles will sweep are therefore compared with those of the learned road users, now
-and over the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's rules
-stay in force: a held vehicle drives at the set speed, or slower where SUMO requires it. See docs/yielding.md.
+step, the boxes that background vehicles will sweep are therefore compared with those of the learned road users, now and
+over the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's rules stay in
+force: a held vehicle drives at the set speed, or slower where SUMO requires it. See docs/explanation/yielding.md.
 """
 
 import math

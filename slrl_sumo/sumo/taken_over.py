@@ -1,6 +1,6 @@
 """Road users of the scenario that are taken over, moved from outside, and handed back to SUMO.
 
-Rules (measured with libsumo 1.28, see docs/takeover.md):
+Rules (measured with libsumo 1.28, see docs/explanation/sumo.md):
 
 - Vehicles move with keepRoute 3, so that their route survives, with speed mode and lane change mode 0. Both are
   restored on hand-back (otherwise SUMO ignores all obstacles), and `setSpeed(-1)` lets SUMO choose the speed again.
@@ -27,7 +27,8 @@ LEFT_TO_SUMO = frozenset(
         *("ship", "container", "aircraft", "drone"),
     }
 )
-"""Vehicle classes that are never taken over (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
+"""Vehicle classes that are never taken over
+(https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
 KEEP_ROUTE_STRICTLY = 1
 """Onto the route, wherever the given position is."""
