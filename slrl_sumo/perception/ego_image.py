@@ -1,4 +1,4 @@
-"""What a road user sees: the image of the ground and of the others around it (paper, section 3.1 and Fig. 2)."""
+"""The ego image: the ground and the other road users around a road user (paper, section 3.1 and Fig. 2)."""
 
 from typing import NamedTuple
 
@@ -16,29 +16,29 @@ from slrl_sumo.scene.types import RoadUserType
 EGO_ROWS = 20
 EGO_COLS = 40
 BEHIND, AHEAD, SIDE = 8.0, 32.0, 10.0
-"""What the image shows around the road user, in m; one pixel is one metre."""
+"""m behind, ahead and to each side that the image shows; one pixel is one metre."""
 
 FINE = 2
-"""Pixels per metre while drawing; averaged 2 x 2 in the end, which smooths the edges."""
+"""Pixels per metre while drawing; the final mean of 2 x 2 pixels smooths the edges."""
 THICKNESS = np.array([2, 3, 5, 7])
-"""Line thicknesses that differ; 4 px draws what 3 px does. 1 px is left out: too faint for pedestrians."""
+"""Thicknesses of lines; 4 px draws the same as 3 px, and 1 px is too faint for pedestrians."""
 DRAWN_WIDTH = np.array([2.9, 4.7, 6.6, 8.3])
-"""How wide lines of these thicknesses really are, in px (mean over directions and sub-pixel places)."""
+"""Drawn width of these lines in px (mean over directions and sub-pixel positions)."""
 WIDTH_BOUNDS = (DRAWN_WIDTH[1:] + DRAWN_WIDTH[:-1]) / 2
-"""Widths of boxes (px) from which on the next thickness is nearer."""
+"""Widths of boxes (px) above which the next thickness is nearer."""
 WIDEST = float(DRAWN_WIDTH[-1]) / FINE
 """The same of the thickest one, in m."""
 CUT = 4.5
-"""Lines are cut this many rows outside their view, from where the thickest one just does not show."""
+"""Lines are cut this many rows outside their view, where the thickest one just does not show."""
 MIN_LENGTH = 1.0
 """Boxes are drawn at least this long (m), so that pedestrians are seen."""
 VIEWS_AT_ONCE = 128
-"""Views that are drawn before they are made small: as many as the processor's cache holds."""
+"""Views that are drawn together: as many as the cache of the processor holds."""
 
 PAINT = 8
 """Value of road user type 0 in a view; the values below are those of Surface."""
 PAPER_PALETTE: NDArray[np.uint8] = np.zeros((256, 1, 3), np.uint8)
-"""RGB of each value. The paper knows neither crossings nor cycle lanes: both are road."""
+"""RGB of each value. In the paper, crossings and cycle lanes are road."""
 PAPER_PALETTE[[1, 3, 4]] = 255, 255, 255
 PAPER_PALETTE[2] = 255, 255, 0
 PAPER_PALETTE[PAINT + RoadUserType.CAR] = 255, 0, 0
@@ -102,10 +102,10 @@ def ego_images(
 ) -> NDArray[np.uint8]:
     """The images of the road users `rows` of `world`, (len(rows), EGO_ROWS, EGO_COLS, 3) RGB.
 
-    The ego is at a fixed place, 8 m from the left border and half-way up, and looks right; row 0 is the far left.
-    Ground in its colours, black outside. Everybody is a line along its heading, as long and about as wide as its box
-    (at least 1 m): cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too.
-    With their `route` the path ahead lies under the road users, and crossings and cycle lanes have their own colours.
+    The ego is 8 m from the left border, half-way up, and faces right; row 0 is the far left. The ground has its
+    colours, outside is black. Each road user is a line along its heading, as long and about as wide as its box (at
+    least 1 m): cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too. With their
+    `route` the path ahead lies under the road users, and crossings and cycle lanes have their own colours.
     """
     images = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
     if len(rows) == 0:
@@ -114,14 +114,14 @@ def ego_images(
     columns = (world.x, world.y, *cos_sin(world.heading), world.length, world.width)
     users = _Users(*(np.ascontiguousarray(column, np.float64) for column in columns))
     x, y = users.x, users.y
-    # Cars first: whoever is vulnerable is never hidden. Within a type along the longer side of the scene, so that few
-    # have to be looked at for a view.
+    # Cars first, so that vulnerable road users are never hidden. Within a type sorted along the longer side of the
+    # scene, so that a view has few candidates.
     by_x = bool(np.ptp(x) >= np.ptp(y))
     order = np.lexsort((x if by_x else y, world.type))
     groups = np.searchsorted(world.type[order], np.arange(len(RoadUserType) + 1))
     sorting = _Sorting(order, groups, by_x)
-    way = RouteAhead.unknown(len(rows)) if route is None else route
-    path_x, path_y = (np.ascontiguousarray(column, np.float64) for column in (way.x, way.y))
+    ahead = RouteAhead.unknown(len(rows)) if route is None else route
+    path_x, path_y = (np.ascontiguousarray(column, np.float64) for column in (ahead.x, ahead.y))
     colours = PAPER_COLOURS if route is None else EXTENDED_COLOURS
     for start in range(0, len(rows), VIEWS_AT_ONCE):
         some = slice(start, start + VIEWS_AT_ONCE)
@@ -129,13 +129,13 @@ def ego_images(
         views = roadmap.ego_surfaces(
             x[egos], y[egos], world.heading[egos], behind=BEHIND, ahead=AHEAD, side=SIDE, resolution=FINE
         )
-        paths = _Paths(way.known[some], path_x[some], path_y[some])
+        paths = _Paths(ahead.known[some], path_x[some], path_y[some])
         _draw_views(views, images[some], egos, users, sorting, paths, colours)
     return images
 
 
 def ego_picture(image: NDArray[np.uint8], scale: int = 10) -> NDArray[np.uint8]:
-    """One ego image enlarged for people, (rows * scale, cols * scale, 3): every pixel becomes a square."""
+    """One ego image enlarged, (rows * scale, cols * scale, 3): each pixel becomes a square."""
     return image.repeat(scale, axis=0).repeat(scale, axis=1)
 
 
@@ -179,12 +179,12 @@ def _draw_views(
         if paths.known[v]:
             for k in range(HERE, paths.x.shape[1]):
                 dx, dy = paths.x[v, k] - x, paths.y[v, k] - y
-                # A path that leaves the view goes on beside it.
+                # A path that leaves the view continues beside it.
                 left = min(max(c * dy - s * dx, -SIDE - 1.5), SIDE + 1.5)
                 lines[count, 2] = int(np.rint(((c * dx + s * dy + BEHIND) * FINE - 0.5) * SIXTEENTHS))
                 lines[count, 3] = int(np.rint(((SIDE - left) * FINE - 0.5) * SIXTEENTHS))
                 lines[count, 4], lines[count, 5], lines[count, 6] = PATH, PATH_THICKNESS, k == HERE + 1
-                # It is where the next one begins; the first point ends nothing.
+                # The next line begins here; no line ends at the first point.
                 lines[count + 1, 0], lines[count + 1, 1] = lines[count, 2], lines[count, 3]
                 if k > HERE:
                     count += 1
@@ -193,7 +193,7 @@ def _draw_views(
         centre = x + middle * c if sorting.by_x else y + middle * s
         for group in range(len(sorting.groups) - 1):
             low, high = sorting.groups[group], sorting.groups[group + 1]
-            while low < high:  # the first one that may be seen
+            while low < high:  # the first one that may be visible
                 half_way = (low + high) // 2
                 if along[half_way] < centre - sight:
                     low = half_way + 1

@@ -1,4 +1,4 @@
-"""What a road user knows as numbers: its own motion and how many others are near (paper, section 3.1)."""
+"""The feature vector: own motion, and numbers of road users nearby (paper, section 3.1)."""
 
 import math
 
@@ -34,8 +34,8 @@ FEATURES: tuple[str, ...] = (
 def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """The vector of the road users `rows` of `world`, (len(rows), 12), columns as in FEATURES, not normalised.
 
-    All road users of the world are counted, learned or background, except the road user itself. Where `world` holds
-    several scenes that do not see each other, `scene` (n,) says which one each road user belongs to.
+    All road users of the world count, learned or background, except the road user itself. Where `world` holds several
+    separate scenes, `scene` (n,) is the scene of each road user.
     """
     scene = np.zeros(len(world), np.int64) if scene is None else scene
     # Scene by scene, from west to east: near road users are neighbours in this order.

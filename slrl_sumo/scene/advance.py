@@ -10,19 +10,20 @@ from slrl_sumo.scene.kernels import moved, wrapped
 from slrl_sumo.scene.state import WorldState
 
 HALT, INTENT = 0.5, 0.15
-"""m/s, and m/s² that somebody needs to mean to drive on."""
+"""m/s, and m/s²: a road user that would be slower than HALT and accelerates by less than INTENT stops."""
 
 
 def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, dt: float) -> WorldState:
-    """Move every road user by one interval.
+    """Move each road user by one interval.
 
     `acceleration` (m/s²), `yaw_rate` (rad/s) and `max_speed` (m/s): (n,) arrays for the road users of `state`, or
     (1,) for all of them; ValueError for any other shape.
-    The new speed is kept within [0, max_speed]; the displacement is new speed x dt along the mean heading of the
-    interval, so that speed is exactly distance over time (as SUMO's Euler update has it) and nobody slides sideways.
-    Returns the state at `state.time + dt`, with the acceleration and yaw rate that were really carried out.
+    The new speed is clipped to [0, max_speed]. The displacement is new speed x dt along the mean heading of the
+    interval, so that speed is exactly distance over time (as in SUMO's Euler update) and road users do not slide
+    sideways. Returns the state at `state.time + dt`, with the acceleration and yaw rate that were carried out.
     """
-    # Copies: what is broadcast cannot be written to, and would be compiled for once more; nor is it the caller's then.
+    # Copies, because broadcast arrays are read-only, for which the kernel would be compiled again, and the returned yaw
+    # rates must not be the caller's array.
     felt, turning, top = (
         np.array(np.broadcast_to(given, len(state)), np.float64) for given in (acceleration, yaw_rate, max_speed)
     )
@@ -55,10 +56,10 @@ def _advance(
 
 
 def halting(speed: Floats, acceleration: Floats, dt: float) -> Floats:
-    """`acceleration` (m/s², of the shape of `speed` in m/s), but a stop for who would be slower than HALT after `dt` s
-    and hardly speeds up.
+    """`acceleration` (m/s², of the shape of `speed` in m/s), replaced by a stop for road users that would be slower
+    than HALT after `dt` s and accelerate by less than INTENT.
 
-    Models that learned means of what people did approach a stand for ever: those that crawl mean to stop.
+    Models that have learned mean motions approach a standstill for ever: road users that crawl are meant to stop.
     """
     ends = (acceleration < INTENT) & (speed + acceleration * dt < HALT)
     return np.where(ends, -speed / dt, acceleration)

@@ -1,4 +1,4 @@
-"""Who touches whom."""
+"""Pairs of road users that are close to, or overlap, each other."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from slrl_sumo.scene.geometry import Floats, boxes_overlap
 from slrl_sumo.scene.state import WorldState
 
 COLLISION_DISTANCE = 0.5
-"""m between centres: the paper's definition of a collision (section 4.1)."""
+"""m between centres: a collision as the paper defines it (section 4.1)."""
 
 Pairs = NDArray[np.intp]
 
@@ -23,7 +23,7 @@ def close_pairs(world: WorldState, distance: float) -> Pairs:
 
 
 def colliding_pairs(world: WorldState) -> Pairs:
-    """Pairs in collision as the paper counts it: centres closer than 0.5 m. (p, 2), sorted."""
+    """Pairs in a paper collision: centres closer than 0.5 m. (p, 2), sorted."""
     return close_pairs(world, COLLISION_DISTANCE)
 
 
@@ -37,7 +37,7 @@ def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
     if len(world) < 2:
         return np.zeros((0, 2), np.intp), np.zeros((0, 2), np.intp)
     reach = np.hypot(world.length, world.width)
-    # A few long vehicles must not make everybody's search radius long: ordinary ones pair within their own reach.
+    # A few long vehicles must not enlarge the search radius of all: ordinary ones pair within their own reach.
     ordinary = max(float(np.median(reach)), 6.0)
     pairs = close_pairs(world, ordinary + 0.01)
     long = np.flatnonzero(reach > ordinary)
@@ -63,9 +63,9 @@ def ids_of(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
 def _near(x: Floats, y: Floats, distance: float) -> Pairs:
     """All pairs of points at most `distance` apart, once each, and some that are a little farther: (p, 2).
 
-    The plane is cut into strips as high as `distance`, and these laid end to end, so that neighbours are those beside
-    one in the own strip and in the next one. Not by a tree: the process that counts has no other use for scipy, which
-    takes 0.2 s and 40 MiB.
+    The plane is cut into strips as high as `distance`, laid end to end: neighbours of a point are close to it in its
+    own strip or in the next one. A tree would need scipy (0.2 s and 40 MiB), which the counting process does not use
+    otherwise.
     """
     strip = np.floor((y - y.min()) / distance)
     length = np.ptp(x) + 3 * distance
@@ -81,7 +81,7 @@ def _near(x: Floats, y: Floats, distance: float) -> Pairs:
 
 
 def _listed(begin: NDArray[np.intp], end: NDArray[np.intp]) -> Pairs:
-    """The whole numbers of ranges, (p, 2): which range, and the number."""
+    """The integers of ranges, (p, 2): index of the range, and the integer."""
     count = np.maximum(end - begin, 0)
     which = np.repeat(np.arange(len(count)), count)
     return np.stack([which, np.arange(len(which)) + (begin - np.cumsum(count) + count)[which]], axis=1)

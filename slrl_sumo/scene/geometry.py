@@ -67,7 +67,7 @@ def front_from_centre(x: ArrayLike, y: ArrayLike, heading: ArrayLike, length: Ar
 
 
 def to_ego(dx: ArrayLike, dy: ArrayLike, heading: ArrayLike) -> tuple[Floats, Floats]:
-    """World offsets (m) seen in the ego frame: +x along `heading` (rad), +y to its left."""
+    """World offsets (m) in the ego frame: +x along `heading` (rad), +y to its left."""
     c, s = cos_sin(heading)
     dx, dy = np.asarray(dx, np.float64), np.asarray(dy, np.float64)
     return c * dx + s * dy, c * dy - s * dx

@@ -1,4 +1,4 @@
-"""The way that lies ahead of road users with a route, as plain arrays."""
+"""The path and the stops ahead of road users with a route, as plain arrays."""
 
 import math
 from dataclasses import dataclass, fields
@@ -14,27 +14,27 @@ from slrl_sumo.scene.kernels import wrapped
 SPACING = 1.0
 """m between the points of a path."""
 BEHIND, AHEAD = 8.0, 40.0
-"""m of a path that are known behind and ahead of the road user's place on it."""
+"""m of a path that are known behind and ahead of the road user's position on it."""
 POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
 SEVEN = 7
-"""Points of a path that are looked at together for the nearest one."""
+"""Points of a path in one block of the search for the nearest one."""
 ROOM = SEVEN * math.ceil(POINTS / SEVEN)
 APART = 3
-"""Points from one to the next of those that are looked at first; the last one is among them."""
+"""Stride of the points that are compared first; the last point is among them."""
 FEW = 1 + (POINTS - 1) // APART
 LONGEST = 1.5 * SPACING
-"""m at most from point to point of smooth paths: beside a line they are a bit more or less than SPACING."""
+"""Longest piece of a smooth path in m: pieces of a path beside a line deviate a little from SPACING."""
 WITHIN = 0.75 * AHEAD + 10.0
-"""m from the middle of a path within which somebody may be on it."""
+"""m from the middle of a path; road users farther away are not on it."""
 HERE = round(BEHIND / SPACING)
 """Index of the point beside the road user."""
 
 
 @dataclass(frozen=True, eq=False)
 class RouteAhead:
-    """Of n road users; where `known` is False there is no route, and the other entries mean nothing.
+    """Of n road users; where `known` is False there is no route, and the other entries have no meaning.
 
-    Distances to what lies ahead are from the front of the box in m, inf where there is nothing within sight.
+    Distances are in m from the front of the box, inf where there is nothing within sight.
     """
 
     known: NDArray[np.bool_]
@@ -42,19 +42,20 @@ class RouteAhead:
     """Points every SPACING m of the own path, (n, POINTS), from BEHIND m behind to AHEAD m ahead of the centre."""
     y: Floats
     desired: Floats
-    """m/s: what limits, here and further on, and the own wishes allow, (n,)."""
+    """m/s that limits here and ahead and the desired speed of the road user allow, (n,)."""
     stop: Floats
-    """Line before which it has to stop: red, yellow in time, others go first, the end of a lane that leads astray."""
+    """Distance to the line before which it has to stop: red, yellow in time, right of way of others, the end of a lane
+    that leaves the route."""
     line: Floats
-    """The next line at which a junction or a signalised crossing begins."""
+    """Distance to the next line at which a junction or a signalised crossing begins."""
     out: Floats
-    """Where that junction ends."""
+    """Distance to the end of that junction."""
     signal: NDArray[np.int8]
     """At that line: 0 none, 1 green, 2 yellow, 3 red."""
     closed: NDArray[np.bool_]
     """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
     left: Floats
-    """To the end of the route."""
+    """Distance to the end of the route."""
 
     def __len__(self) -> int:
         return len(self.known)
@@ -83,26 +84,26 @@ class RouteAhead:
 def on_path(
     route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
 ) -> tuple[Floats, Floats, Floats]:
-    """Where points (n, m), in m, lie beside the n paths: m along from the road user's place, m to the left, and the
-    direction there (rad), (n, m) each. Beyond its ends a path goes straight on. With `rows` (n,) those paths are
-    meant, else all. ValueError for arrays of other shapes."""
+    """Points (n, m), in m, projected onto the n paths: m along from the road user's position, m to the left, and the
+    direction of the path there (rad), (n, m) each. Beyond its ends a path continues straight on. `rows` (n,) selects
+    the paths; default: all. ValueError for arrays of other shapes."""
     rows = np.arange(len(route)) if rows is None else rows
     if not (x.shape == y.shape and len(x) == len(rows)):
-        raise ValueError(f"{len(rows)} paths, but places {x.shape} and {y.shape}")
+        raise ValueError(f"{len(rows)} paths, but points {x.shape} and {y.shape}")
     return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
 
 
 def beside(
     route: RouteAhead, room: Floats, x: Floats, y: Floats, reach: Floats
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Pairs (p,) of those with a route and of who may be on it: whose path, and who.
+    """Pairs (p,) of a path and a road user that may be on it: row of the path, and row of the road user.
 
-    Places (m,), in m, are those of road users, the first n of them those of the paths, who are not beside their own.
-    All are found who are at most `room` (n,) and `reach` (m,) aside of a path, as `on_path` has it, at most `reach`
-    beyond its ends, and within WITHIN of its middle.
+    Positions (m,), in m, are those of road users; the first n are the owners of the paths, which are not paired with
+    their own. A road user is found if its lateral offset, as in `on_path`, is at most `room` (n,) plus `reach` (m,), if
+    it is at most `reach` beyond the ends of the path, and within WITHIN of its middle.
     """
     rows = np.flatnonzero(route.known)
-    # From west to east, so that who is near a path is found side by side.
+    # From west to east, so that road users near a path are neighbours in this order.
     order = np.argsort(x)
     begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN)
     return _beside(route.x, route.y, rows, room, x[order], y[order], reach, order, begin)
@@ -122,7 +123,7 @@ def _on_path(
         for j in range(m):
             px, py = x[i, j], y[i, j]
             nearest = _nearest(xs, ys, px, py, squares)
-            # Two pieces meet at the nearest point: the one that the point lies beside.
+            # Two pieces meet at the nearest point: take the one that the point lies beside.
             x0, y0 = xs[nearest], ys[nearest]
             dx, dy = xs[nearest + 1] - x0, ys[nearest + 1] - y0
             begin = nearest
@@ -134,7 +135,7 @@ def _on_path(
             ahead = ((px - x0) * dx + (py - y0) * dy) / length
             along[i, j] = (begin - HERE) * SPACING + ahead
             aside[i, j] = (dx * (py - y0) - dy * (px - x0)) / length
-            # Directions change from piece to piece: in between they are blended, so that curves have no corners.
+            # Directions change from piece to piece: they are interpolated, so that curves have no corners.
             for k in (begin, begin + 1):
                 if not known[k]:
                     before, after = max(k - 1, 0), min(k + 1, POINTS - 1)
@@ -147,14 +148,14 @@ def _on_path(
 
 @compiled
 def _nearest(path_x: Floats, path_y: Floats, x: float, y: float, squares: Floats) -> int:
-    """Index of the point of a path that is nearest to a point, but for its ends, where only one piece is.
+    """Index of the point of a path that is nearest to a point, except its ends, which have only one piece.
 
-    `squares` is room for as many numbers as there are points.
+    `squares` is a buffer of ROOM numbers.
     """
     for k in range(POINTS):
         dx, dy = x - path_x[k], y - path_y[k]
         squares[k] = dx * dx + dy * dy
-    # The nearest SEVEN, then the nearest of them, without jumps: twice as fast as one after the other.
+    # The nearest block of SEVEN, then the nearest of them, without branches: twice as fast as one by one.
     least, begin = math.inf, 0
     for k in range(0, POINTS, SEVEN):
         a, b = min(squares[k], squares[k + 1]), min(squares[k + 2], squares[k + 3])
@@ -180,7 +181,7 @@ def _beside(
     order: NDArray[np.intp],
     begin: NDArray[np.intp],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """x and y as in `order`; `begin`: where in it those begin that are not too far west of each of `rows`."""
+    """x and y in `order`; `begin`: index in it of the first road user that is not too far west of each of `rows`."""
     squares, few_x, few_y, found = np.full(ROOM, np.inf), np.empty(FEW), np.empty(FEW), 0
     ego, other = np.empty(2 * len(x), np.intp), np.empty(2 * len(x), np.intp)
     for i in range(len(rows)):
@@ -198,7 +199,7 @@ def _beside(
                 continue
             most = room[row] + reach[one]
             if smooth:
-                # How far somebody may be from a point: outside a turn, off the path's end, and on to one of these few.
+                # Largest distance from a point: outside a turn, beyond the end of the path, plus half the stride.
                 gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * LONGEST
                 for k in range(FEW):
                     dx, dy = px - few_x[k], py - few_y[k]
@@ -206,7 +207,7 @@ def _beside(
                 if gap > far * far:
                     continue
             nearest = _nearest(xs, ys, px, py, squares)
-            # One of these two pieces counts.
+            # The projection lies on one of these two pieces.
             fits = False
             for k in range(nearest - 1, nearest + 1):
                 dx, dy = xs[k + 1] - xs[k], ys[k + 1] - ys[k]

@@ -1,4 +1,4 @@
-"""Road user types and the figures that belong to a type."""
+"""Road user types and their figures."""
 
 from enum import IntEnum
 

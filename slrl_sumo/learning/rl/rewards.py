@@ -1,6 +1,6 @@
-"""What a road user is rewarded for: pure functions on arrays, and their weights (paper, section 3.3).
+"""Terms of the reward as pure functions on arrays, and their weights (paper, section 3.3).
 
-All of them return one number per road user, of order 1, positive where it is good.
+Each returns one number per road user, of order 1; positive is good.
 """
 
 import math
@@ -21,31 +21,31 @@ CLOSE = 1.0
 """m between centres; the paper's r1."""
 SLOW = 0.5
 """m/s; the paper's r3."""
-LIKED = np.zeros((len(RoadUserType), len(Surface)))
-"""How wrong a Surface is for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads, but
-slightly dislike it (paper, r2)."""
-LIKED[:, Surface.NONE] = 1.0
-LIKED[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
-LIKED[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
+PENALTY = np.zeros((len(RoadUserType), len(Surface)))
+"""Penalty of a Surface for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads at a small
+penalty (paper, r2)."""
+PENALTY[:, Surface.NONE] = 1.0
+PENALTY[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
+PENALTY[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
 HARD_ACCELERATION = 3.0
 """m/s²; uncomfortable, along or across."""
 HORIZON = 2.4
-"""s that `danger` looks ahead: in it a car stops comfortably from 25 km/h."""
+"""s of prediction in `danger`: within it a car stops comfortably from 25 km/h."""
 MARGIN = 0.5
-"""m between boxes that it counts as too near: centres of pedestrians collide before their small boxes do."""
+"""m between boxes below which `danger` counts: centres of pedestrians collide before their small boxes do."""
 REACH = 40.0
-"""m within which it looks."""
+"""m between centres beyond which `danger` ignores road users."""
 STEP = 0.2
-"""m in a decision interval, below which somebody is to stand."""
+"""m in a decision interval; where less is wanted, the road user is to stand."""
 PATH = 0.5
-"""m beside its path where everybody may be."""
+"""m of lateral offset that are not penalised."""
 RAREST = -8.0
-"""Log probability at which a mode counts as never seen."""
+"""Log probability of modes that count as never seen."""
 
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """What each term counts; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three; the last
+    """Weight of each term; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three; the last
     four are for road users with a route (preset `extended`)."""
 
     close: float = 1.0
@@ -80,36 +80,36 @@ def close(world: WorldState, n: int) -> Floats:
 
 
 def off_surface(kind: NDArray[np.int8], surface: NDArray[np.uint8]) -> Floats:
-    """r2: minus how wrong the `surface` under each road user is for its type `kind`; both (n,)."""
-    return -LIKED[kind, surface]
+    """r2: minus the penalty of the `surface` under each road user for its type `kind`; both (n,)."""
+    return -PENALTY[kind, surface]
 
 
 def moving(speed: Floats) -> Floats:
-    """r3: 1 for who is faster than SLOW; `speed` (n,) in m/s."""
+    """r3: 1 for road users faster than SLOW; `speed` (n,) in m/s."""
     return (speed > SLOW).astype(np.float64)
 
 
 def alive(n: int) -> Floats:
-    """1 for everybody, (n,). Without it most decisions cost something, and an end by contact would be a relief: what is
-    spared by it made up for two thirds of the penalty."""
+    """1 for each road user, (n,). Without it most decisions have a cost, and a contact, which ends the episode, would
+    avoid it: the avoided cost made up for two thirds of the penalty."""
     return np.ones(n)
 
 
 def contact(touching: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for who has come into contact with somebody, (n,)."""
+    """Minus 1 for road users that have come into contact with another, (n,)."""
     return -touching.astype(np.float64)
 
 
 def lost(gone: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for who has left the ground and the scene, (n,): otherwise that would be a way out of trouble."""
+    """Minus 1 for road users that have left the ground and the scene, (n,): otherwise leaving would avoid penalties."""
     return -gone.astype(np.float64)
 
 
 def danger(world: WorldState, n: int) -> Floats:
-    """From 0 down to -1 the sooner each of the first `n` road users of `world` would come too near to somebody, (n,).
+    """From 0 down to -1 the sooner each of the first `n` road users of `world` would come too near to another, (n,).
 
-    Too near: MARGIN from box to box. Everybody is led on at present speed and yaw rate, in steps of 0.4 s up to
-    HORIZON. Only what lies ahead counts: who is run into from behind has nothing to mend.
+    Too near: MARGIN from box to box. All road users are predicted at constant speed and yaw rate, in steps of 0.4 s up
+    to HORIZON. Only road users ahead count: one that is hit from behind cannot avoid it.
     """
     seconds = np.arange(HORIZON, 0.0, -DECISION_INTERVAL)
     columns = (world.x, world.y, world.heading, world.speed, world.yaw_rate, world.length, world.width)
@@ -159,7 +159,7 @@ def speed_kept(speed: Floats, desired: Floats) -> Floats:
 
 
 def wrong_way(heading: Floats, lane_heading: Floats, on_lane: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for who is `on_lane` and drives against its direction (more than 90 degrees off); rad, (n,)."""
+    """Minus 1 for road users `on_lane` that drive against its direction (more than 90 degrees off); rad, (n,)."""
     against = np.abs(wrap_angle(heading - lane_heading)) > 0.5 * np.pi
     return -(against & on_lane).astype(np.float64)
 
@@ -171,7 +171,7 @@ def comfort(speed: Floats, acceleration: Floats, yaw_rate: Floats) -> Floats:
 
 
 def realism(log_probability: Floats) -> Floats:
-    """From 0 for modes that people always chose down to -1 for modes that nobody did.
+    """From 0 for modes that people always chose down to -1 for modes that no one chose.
 
     `log_probability` (n,): that of the chosen mode under the bundle's prior, a density learned from recordings.
     """
@@ -179,19 +179,19 @@ def realism(log_probability: Floats) -> Floats:
 
 
 def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
-    """1 for who came as far along its path as it was to, down to -1 for who went back; 1 too for who had to stop.
+    """1 for road users that covered the wanted distance, down to -1 for those going back; 1 where they had to stop.
 
-    `covered` and `wanted` (n,): m along the path; `known` (n,): who has a route, 0 without.
+    `covered` and `wanted` (n,): m along the path; `known` (n,): whether there is a route; 0 without.
     """
     share = np.clip(covered / np.maximum(wanted, STEP), -1.0, 1.0)
     return np.where(known, np.where(wanted < STEP, 1.0, share), 0.0)
 
 
 def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
-    """From 0 within PATH of the path down to -1 at three times as far; `aside` in m, (n,)."""
+    """From 0 within PATH of the path down to -1 at three times PATH; lateral offset `aside` in m, (n,)."""
     return -np.where(known, np.clip((np.abs(aside) - PATH) / (2.0 * PATH), 0.0, 1.0), 0.0)
 
 
 def passed(covered: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for who went over a `closed` line, (n,) each; m covered along the path, and m from the front to it."""
+    """Minus 1 for road users that crossed a `closed` line, (n,) each; m covered on the path, m from front to line."""
     return -(closed & (line > 0.0) & (covered > line)).astype(np.float64)
