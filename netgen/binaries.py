@@ -16,7 +16,7 @@ _TIME_LIMIT = 300.0
 def binary(name: str) -> str:
     """Path of SUMO's program `name`; that of the eclipse-sumo wheel before any other, so that versions agree.
 
-    Raises NetgenError where there is none.
+    Raises NetgenError if there is none.
     """
     try:
         import sumo

@@ -1,4 +1,4 @@
-"""Demand: who enters where, goes where, and how differently they drive, ride and walk.
+"""Demand: origins and destinations of road users, and differences in how they drive, ride and walk.
 
 Flows with Poisson arrivals, so that another seed of SUMO gives other traffic from the same file. See
 https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html and
@@ -17,10 +17,10 @@ from netgen.specs import DemandSpec
 TYPES_PER_CLASS = 8
 """Different drivers, riders and walkers in the routes file: models that learn from this traffic need variety."""
 _MOST_FLOWS = 32
-"""Per class: a large net has too many pairs of ends for a flow each."""
+"""Per class: a large net has too many pairs of ends for one flow each."""
 
 _Range = tuple[float, float]
-# Drawn uniformly per type, round SUMO's defaults: https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html
+# Drawn uniformly per type, around SUMO's defaults: https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html
 _DRAWN: Mapping[str, Mapping[str, _Range]] = {
     "passenger": {
         "length": (3.8, 5.2),
@@ -49,7 +49,7 @@ def demand_xml(graph: NetGraph, demand: DemandSpec) -> bytes:
     """The contents of a .rou.xml for a net with `graph`; the same arguments give the same bytes.
 
     Every flow leads between two ends of the net that are connected for its class.
-    Raises NetgenError where a class with demand cannot get from anywhere to anywhere.
+    Raises NetgenError if no two ends are connected for a class with demand.
     """
     root = etree.Element("routes")
     rates = {
@@ -107,7 +107,7 @@ def _add_flows(
 def trip_pairs(graph: NetGraph, vehicle_class: str) -> list[tuple[str, str]]:
     """Edges (from, to) that lead from one end of the net to another for `vehicle_class`, sorted.
 
-    The ends are the dead ends; in a net with fewer than two of them every edge is one. People start and arrive on
+    The ends are the dead ends; in a net with fewer than two of them every edge is one. Pedestrians start and arrive on
     either side of the street.
     """
     usable = {i: e for i, e in graph.edges.items() if vehicle_class in e.classes}

@@ -33,7 +33,7 @@ def generate(family: str, seed: int, folder: Path, size: int | None = None) -> P
 
 
 def draw_spec(family: str, seed: int, size: int | None = None) -> tuple[NetSpec, DemandSpec]:
-    """The net and the demand that `seed` stands for in `family`; for `size` see `generate`.
+    """The net and the demand of `seed` in `family`; for `size` see `generate`.
 
     Streets, controls, angles, speed limits and traffic differ from seed to seed. Raises NetgenError as `generate` does.
     """

@@ -1,8 +1,8 @@
 """Road networks: netgenerate draws the streets, netconvert builds them with sidewalks, crossings and signals.
 
-netgenerate's own net has straight arms and one kind of street. So its plain XML (nodes and edges) is taken, streets are
-turned, dropped and dressed there, and netconvert makes the net. Roundabouts, which netgenerate does not know, come from
-netgen.roundabout. See https://sumo.dlr.de/docs/netgenerate.html and
+netgenerate's own net has straight arms and one kind of street. Its plain XML (nodes and edges) is therefore edited:
+streets are turned, removed and given lanes, and netconvert builds the net. Roundabouts, which netgenerate lacks, come
+from netgen.roundabout. See https://sumo.dlr.de/docs/netgenerate.html and
 https://sumo.dlr.de/docs/Networks/PlainXML.html.
 """
 
@@ -28,8 +28,8 @@ def build_net(spec: NetSpec) -> bytes:
     """The contents of a .net.xml for `spec`; the same spec gives the same bytes (the dated header is left out)."""
     with TemporaryDirectory(prefix="netgen-") as name:
         folder = Path(name)
-        # One arm after the other gets green: left-turning cyclists and cars of opposite arms waited for each other for
-        # ever where they shared a phase (in 3 of 3 runs of 600 s; never like this).
+        # One arm at a time gets green: in a shared phase, left-turning cyclists and cars of opposite arms waited for each
+        # other for ever (in 3 of 3 runs of 600 s; never with this).
         options = ["--no-turnarounds", "--walkingareas", "--tls.layout", "incoming"]
         if isinstance(spec, RandomSpec):
             plan = _dress_streets(_draw_streets(spec, folder), spec)

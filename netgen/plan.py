@@ -1,4 +1,4 @@
-"""Plans of road networks, what netconvert reads: nodes, edges and crossings in SUMO's plain XML.
+"""Plans of road networks, the input of netconvert: nodes, edges and crossings in SUMO's plain XML.
 
 See https://sumo.dlr.de/docs/Networks/PlainXML.html.
 """
@@ -14,7 +14,7 @@ from netgen.specs import NetSpec, SharedSpaceSpec
 SIDEWALK_WIDTH = "2.00"
 CYCLE_LANE_WIDTH = "1.50"
 SHARED_PATH_WIDTH = "2.50"
-"""m, as SUMO writes them."""
+"""m, in SUMO's notation."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class Plan:
     nodes: Mapping[str, Node]
     edges: Mapping[str, Edge]
     ring: tuple[str, ...] = ()
-    """The edges of a roundabout's ring: who is on them goes before those who enter."""
+    """Edges of the ring of a roundabout: traffic on them has priority over entering traffic."""
     crossings: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Nodes that people cross at, and the two edges they cross there, besides those that netconvert guesses."""
+    """Nodes with a crossing, and the two edges that it crosses, besides the crossings that netconvert guesses."""
 
 
 def lanes_of(spec: NetSpec, car_lanes: int) -> tuple[Mapping[str, str], ...]:
@@ -62,7 +62,7 @@ def lanes_of(spec: NetSpec, car_lanes: int) -> tuple[Mapping[str, str], ...]:
         made.append({"allow": "pedestrian", "width": SIDEWALK_WIDTH})
         barred.append("pedestrian")
     if spec.cycle_lanes:
-        # Without a sidewalk people walk at the edge of the street, and that is the cycle lane.
+        # Without a sidewalk, pedestrians use the edge of the street, which is the cycle lane.
         path = {"allow": "bicycle pedestrian", "width": SHARED_PATH_WIDTH}
         made.append({"allow": "bicycle", "width": CYCLE_LANE_WIDTH} if spec.sidewalks else path)
         barred = ["pedestrian", "bicycle"]

@@ -1,4 +1,4 @@
-"""Who can get from where to where in a net."""
+"""Which edges of a net are connected, by vehicle class."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from lxml import etree
 
 @dataclass(frozen=True)
 class NetGraph:
-    """Edges of a net and how the vehicle classes of interest get from one to the next."""
+    """Edges of a net and their connections for the vehicle classes of interest."""
 
     edges: Mapping[str, "NetEdge"]
     """The streets' edges (no internal ones), by id, in the net's order."""
@@ -28,7 +28,7 @@ class NetEdge:
     length: float
     """m."""
     classes: frozenset[str]
-    """Who may use at least one lane, of CLASSES."""
+    """Those of CLASSES that may use at least one lane."""
 
 
 CLASSES = ("passenger", "bicycle", "pedestrian")
@@ -37,8 +37,8 @@ CLASSES = ("passenger", "bicycle", "pedestrian")
 def read_graph(net: bytes) -> NetGraph:
     """The graph of the contents of a .net.xml.
 
-    People walk both ways on every surface, vehicles only with the lane. At dead ends people do not change to the other
-    side of the street, although SUMO would let them: nobody's way should lead round the end of the net.
+    Pedestrians walk in both directions on every surface, vehicles only with the lane. At dead ends pedestrians do not
+    change to the other side of the street, although SUMO allows it: no path should lead around the end of the net.
     """
     root = etree.fromstring(net)
     allowed = {str(lane.attrib["id"]): _classes(lane) for lane in root.iter("lane")}
@@ -75,7 +75,7 @@ def reachable(graph: NetGraph, start: str, vehicle_class: str) -> frozenset[str]
 
 
 def _classes(lane: etree._Element) -> frozenset[str]:
-    """Those of CLASSES that may use a lane: an empty `allow` and `disallow` means everybody."""
+    """Those of CLASSES that may use a lane: empty `allow` and `disallow` mean all."""
     if "allow" in lane.attrib:
         named = str(lane.attrib["allow"]).split()
         return frozenset(CLASSES if "all" in named else set(CLASSES) & set(named))

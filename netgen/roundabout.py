@@ -1,4 +1,4 @@
-"""Roundabouts: a ring of one-way edges round an island, arms that give way to it, crossings before it.
+"""Roundabouts: a ring of one-way edges around an island, arms that give way to it, crossings before it.
 
 See https://sumo.dlr.de/docs/Networks/PlainXML.html#roundabouts: netconvert yields at the entries of a named ring.
 """
@@ -10,10 +10,10 @@ from netgen.plan import Edge, Node, Plan, lanes_of
 from netgen.specs import RoundaboutSpec
 
 _SET_BACK = 16.0
-"""m from the island's edge to the middle of a crossing: past the ring there is room for one car, which waits for those
-who cross without blocking the ring."""
+"""m from the island's edge to the middle of a crossing: before it one car can wait for pedestrians without blocking the
+ring."""
 _COMFORTABLE = 2.5
-"""m/s², sideways: how fast the ring is driven."""
+"""m/s², lateral: it gives the speed on the ring."""
 _PIECE = radians(6.0)
 """Arcs are drawn by straight pieces that turn no more than this."""
 

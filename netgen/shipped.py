@@ -31,7 +31,7 @@ SHIPPED: Mapping[str, tuple[NetSpec, DemandSpec]] = {
 }
 """Net and demand of each shipped scenario, by the name of its folder.
 
-The seeds are ones whose plain run says nothing; with others SUMO warns of up to three emergency brakings for people.
+With these seeds a plain run has no warnings; with others SUMO warns of up to three emergency brakings for pedestrians.
 """
 
 

@@ -1,4 +1,4 @@
-"""What a made scenario is to look like: small frozen specs, checked when they are built."""
+"""Specifications of generated scenarios: small frozen dataclasses, checked on construction."""
 
 from dataclasses import dataclass
 from math import degrees, floor, isfinite
@@ -7,7 +7,7 @@ from typing import Literal, get_args
 from netgen.errors import NetgenError
 
 Control = Literal["priority", "right_before_left", "traffic_light"]
-"""Who goes first at the junction: SUMO's node types of the same names."""
+"""Right of way at the junction: SUMO's node types of the same names."""
 _LEAST_GAP = 17.0
 """m of the island's edge from the middle of one arm to that of the next."""
 
@@ -37,7 +37,7 @@ def _crossings_have_sidewalks(spec: "IntersectionSpec | RoundaboutSpec | RandomS
 class IntersectionSpec:
     """One intersection.
 
-    Without sidewalks, people walk at the edge of the street; without crossings, they only get round the corners.
+    Without sidewalks, pedestrians use the edge of the street; without crossings, they can only turn corners.
     """
 
     arms: int = 4
@@ -51,7 +51,7 @@ class IntersectionSpec:
     arm_length: float = 90.0
     """From the middle of the junction to the end of an arm, in m."""
     angle_spread: float = 0.0
-    """Each arm is turned by up to so many degrees, drawn from `seed`."""
+    """Each arm is turned by up to this many degrees, drawn from `seed`."""
     speed_limit: float = 13.89
     """m/s."""
     seed: int = 0
@@ -72,23 +72,23 @@ class IntersectionSpec:
 
 @dataclass(frozen=True)
 class RoundaboutSpec:
-    """One roundabout with one car lane: who enters gives way to those on the ring, on foot one crosses the arms.
+    """One roundabout with one car lane: entering traffic gives way to the ring, pedestrians cross the arms.
 
-    Without sidewalks, people walk at the edge of the street; without crossings, they only get round the corners.
+    Without sidewalks, pedestrians use the edge of the street; without crossings, they can only turn corners.
     """
 
     arms: int = 4
     """3 to 5 streets that meet."""
     radius: float = 18.0
-    """Of the island in the middle, in m: the ring lies round it, car lane first."""
+    """Of the island in the middle, in m: the ring surrounds it, car lane first."""
     sidewalks: bool = True
     crossings: bool = True
-    """Over every arm, a car's length before the ring; those who walk go first."""
+    """Over every arm, a car's length before the ring; pedestrians have priority."""
     cycle_lanes: bool = True
     arm_length: float = 100.0
     """From the middle of the island to the end of an arm, in m."""
     angle_spread: float = 0.0
-    """Each arm is turned by up to so many degrees, drawn from `seed`."""
+    """Each arm is turned by up to this many degrees, drawn from `seed`."""
     speed_limit: float = 13.89
     """m/s, on the arms; slower on the ring, which is tight."""
     seed: int = 0
@@ -111,20 +111,20 @@ class RoundaboutSpec:
 
 
 def most_spread(arms: int, radius: float) -> float:
-    """Degrees by which each arm of a roundabout may be turned so that a piece of ring is left between any two.
+    """Degrees by which each arm of a roundabout may be turned so that a piece of ring remains between any two.
 
     Measured along the island's edge: an arm with sidewalks and cycle lanes takes 15 m of it. To a tenth of
-    a degree; negative: no room at all.
+    a degree; negative: no room.
     """
     return min(25.0, floor(5.0 * (360.0 / arms - degrees(_LEAST_GAP / radius))) / 10.0)
 
 
 @dataclass(frozen=True)
 class SharedSpaceSpec:
-    """A place without kerbs: cars, bicycles and people on the same wide, slow surface, right before left."""
+    """A square without kerbs: cars, bicycles and pedestrians on the same wide, slow surface, right before left."""
 
     arms: int = 4
-    """2 (a street), 3 or 4 (a square) ways in."""
+    """2 (a street), 3 or 4 (a square) arms."""
     width: float = 14.0
     """Width of the whole surface of an arm, in m: half of it for each direction."""
     corner_radius: float = 6.0
@@ -132,7 +132,7 @@ class SharedSpaceSpec:
     arm_length: float = 80.0
     """From the middle to the end of an arm, in m."""
     angle_spread: float = 0.0
-    """Each arm is turned by up to so many degrees, drawn from `seed`."""
+    """Each arm is turned by up to this many degrees, drawn from `seed`."""
     speed_limit: float = 5.56
     """m/s: 20 km/h."""
     seed: int = 0
@@ -154,7 +154,7 @@ class RandomSpec:
     iterations: int = 10
     """How often a street is added. 8 gives 2 or 3 junctions, 12 gives 5 to 8, 30 about 20."""
     street_length: float = 100.0
-    """Streets are 0.8 to 1.3 times so long, in m."""
+    """Streets are 0.8 to 1.3 times this long, in m."""
     two_lane_share: float = 0.25
     """Share of the streets with two car lanes per direction."""
     signal_share: float = 0.3
@@ -181,7 +181,7 @@ NetSpec = IntersectionSpec | RoundaboutSpec | SharedSpaceSpec | RandomSpec
 
 @dataclass(frozen=True)
 class DemandSpec:
-    """How many road users enter per hour, with Poisson arrivals, and for how long."""
+    """Numbers of road users that enter per hour, with Poisson arrivals, and the duration."""
 
     cars_per_hour: float = 500.0
     bicycles_per_hour: float = 150.0
@@ -189,7 +189,7 @@ class DemandSpec:
     duration: float = 600.0
     """s of simulated time; also the end of the scenario."""
     seed: int = 0
-    """Draws the drivers' parameters and who goes where; also SUMO's seed in the .sumocfg."""
+    """Draws the parameters and the routes of road users; also SUMO's seed in the .sumocfg."""
 
     def __post_init__(self) -> None:
         for name in ("cars_per_hour", "bicycles_per_hour", "pedestrians_per_hour"):
@@ -197,4 +197,4 @@ class DemandSpec:
         _within(self, "duration", 10.0, 86400.0)
         _whole(self, "seed", 0, 2**31 - 1)
         if self.cars_per_hour + self.bicycles_per_hour + self.pedestrians_per_hour == 0:
-            raise NetgenError("DemandSpec has nobody in it: give at least one type more than 0 per hour")
+            raise NetgenError("DemandSpec has no road users: give at least one type more than 0 per hour")

@@ -1,4 +1,4 @@
-"""Tracks of road users over time, their file, and how to collect them."""
+"""Tracks of road users over time, their file, and their collection from a running simulation."""
 
 import os
 import zipfile
@@ -28,7 +28,7 @@ class Trajectories:
     """T tracks in R rows, sorted by track, then frame; a track has a row in every frame from its first to its last.
 
     Frame: metres, x east, y north; headings in radians counter-clockwise from +x. Positions are centres of boxes.
-    Arrays are taken as they are and are not to be written to. Raises ValueError where the table breaks these rules.
+    Arrays are not copied and must not be written to. Raises ValueError if the table breaks these rules.
     """
 
     track: Integers
@@ -53,10 +53,10 @@ class Trajectories:
     source: str = ""
     """Where the tracks come from."""
     licence: str = ""
-    """On what terms they may be used."""
+    """Terms of use."""
     parked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
-    """Whether the road user only stood there, per track, (T,): others see it, nothing is to be learned from it.
-    Nobody is if it is not given."""
+    """Whether the road user is parked, per track, (T,): others perceive it, models do not learn from it.
+    Default: none."""
 
     def __post_init__(self) -> None:
         rows, tracks = len(self.track), len(self.ids)
@@ -159,7 +159,7 @@ class Trajectories:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write an .npz file that `load_trajectories` reads; a file that was there is replaced whole or not at all."""
+        """Write an .npz file that `load_trajectories` reads; an existing file is replaced atomically."""
         path = Path(path)
         part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
@@ -196,7 +196,7 @@ _DTYPES: dict[str, type[np.generic]] = {
 
 
 def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
-    """Read what `Trajectories.save` wrote. Raises InputError where the file is missing, damaged or something else."""
+    """Read what `Trajectories.save` wrote. Raises InputError if the file is missing, damaged or of another kind."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             if not isinstance(data, np.lib.npyio.NpzFile) or "kind" not in data or str(data["kind"]) != FILE_KIND:
@@ -238,7 +238,7 @@ def track_names(ids: Iterable[str]) -> tuple[str, ...]:
             seen[name] = 0
             names.append(name)
             continue
-        while True:  # somebody may really be called `id#1`
+        while True:  # `id#1` may be the id of another road user
             count += 1
             new = f"{name}#{count}"
             if new not in taken:
@@ -250,9 +250,9 @@ def track_names(ids: Iterable[str]) -> tuple[str, ...]:
 
 
 class TrajectoryBuilder:
-    """Collects the worlds of a running simulation, one per interval, and makes Trajectories of them.
+    """Collects the worlds of a running simulation, one per interval, as Trajectories.
 
-    A road user that was absent for a frame, or that is named as jumped, goes on in a new track: `id`, `id#1`, …
+    A road user that was absent for a frame, or that jumped, continues in a new track: `id`, `id#1`, …
     """
 
     def __init__(self, dt: float = DECISION_INTERVAL, source: str = "", licence: str = "") -> None:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from slrl_sumo.ground.surfaces import Surface, SurfaceShapes, paint
 
 TYPE_COLOURS = ("#D55E00", "#0072B2", "#009E73")
-"""Car, bicycle, pedestrian: Okabe and Ito's palette, which the colour-blind can tell apart."""
+"""Car, bicycle, pedestrian: the palette of Okabe and Ito, distinguishable with colour blindness."""
 SURFACE_GREYS = {
     Surface.NONE: (250, 250, 247),
     Surface.ROAD: (205, 205, 205),

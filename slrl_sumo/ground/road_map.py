@@ -1,4 +1,4 @@
-"""The ground of a scene as pixels, in tiles that are painted when somebody comes near."""
+"""The ground of a scene as pixels, in tiles that are painted when a road user comes near."""
 
 import math
 from collections.abc import Sequence
@@ -15,23 +15,23 @@ from slrl_sumo.scene.geometry import Floats
 __all__ = ["Area", "Ribbon", "RoadMap", "Surface", "SurfaceShapes"]
 
 CORE = 128.0
-"""Side of the square that one tile answers for, in m."""
+"""Side of the square that one tile covers, in m."""
 MARGIN = 48.0
-"""What a tile shows around its core, in m: the ego view (33.5 m) of all in the core lies within this one tile."""
+"""m painted around the core of a tile: the ego view (33.5 m) of any position in the core lies within one tile."""
 MEMORY_LIMIT = 128 * 2**20
 """Bytes: 334 tiles."""
 NEAR = 10.0
-"""Who is farther than this (m) from every surface has left the scene."""
+"""m from every surface; road users farther away have left the scene."""
 NEAR_CELL = 2.0
-"""Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS of them."""
+"""Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS cells."""
 MAX_CELLS = 16 * 2**20
 
 
 class RoadMap:
     """Surface ids of a whole network as pixels (rows grow northwards), in square tiles of bounded total memory.
 
-    Tiles are painted on demand and the least recently used ones are dropped: a map costs time where road users are, and
-    all its tiles together at most `memory_limit` bytes (at least one tile is kept).
+    Tiles are painted on demand and the least recently used ones are dropped: a map takes time only where road users
+    are, and at most `memory_limit` bytes (at least one tile is kept).
     """
 
     def __init__(
@@ -77,9 +77,9 @@ class RoadMap:
         return self._tiles.at(x, y)
 
     def near_surface(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
-        """Whether some surface lies near each point (m), (n,): True up to 10 m, False beyond 20 m.
+        """Whether any surface lies near each point (m), (n,): True up to 10 m, False beyond 20 m.
 
-        In between it depends on the grid; on scenes above about 50 km² that range grows.
+        In between it depends on the grid; that range grows on scenes above about 50 km².
         """
         rows, cols = self._near.shape
         reach = _near_reach(self._near_cell)
@@ -101,7 +101,7 @@ class RoadMap:
         side: float,
         resolution: float,
     ) -> Ids:
-        """Crops of the ground as seen by each road user, (n, rows, cols) Surface ids.
+        """Crops of the ground around each road user, (n, rows, cols) Surface ids.
 
         The view reaches `behind`, `ahead` and to each `side` (m) of positions `x`, `y` (m). `heading` (rad) points to
         the right of the crop; row 0 is the far left. `resolution` in px/m; the nearest pixel counts. Raises ValueError
@@ -116,9 +116,9 @@ class RoadMap:
 
 
 def _near_reach(cell: float) -> float:
-    """How far a shape's mark on the occupancy grid reaches beyond it, and the grid beyond the bounds, in m.
+    """m by which the mark of a shape on the occupancy grid exceeds it, and the grid exceeds the bounds.
 
-    NEAR, and two cells for where in their cells the point and the border of the shape lie.
+    NEAR, and two cells for the positions of the point and of the border within their cells.
     """
     return NEAR + 2 * cell
 

@@ -1,4 +1,4 @@
-"""Where the shapes of the ground lie: which of them a tile has to paint."""
+"""Index of the shapes that each tile of the ground has to paint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ class PieceBoxes:
 def piece_boxes(shapes: Sequence[Shape], longest: float) -> PieceBoxes:
     """The boxes of all shapes.
 
-    Ribbons are cut into pieces of at most `longest` m along x and y, so that a diagonal of kilometres is not listed in
-    every tile of its bounding box.
+    Ribbons are cut into pieces of at most `longest` m along x and y, so that a diagonal of kilometres is not in every
+    tile of its bounding box.
     """
     kept = [k for k, shape in enumerate(shapes) if len(shape.points)]
     if not kept:
@@ -70,9 +70,9 @@ def _repeated(count: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.int
 
 
 def index_by_tile(boxes: PieceBoxes, core: float, margin: float) -> dict[tuple[int, int], NDArray[np.intp]]:
-    """Which shapes (ascending, thus in paint order) may show in each tile; tiles without shapes are left out.
+    """Shapes (ascending, thus in paint order) that may show in each tile; tiles without shapes are omitted.
 
-    Tile (i, j) answers for the square of side `core` (m) from (i, j) * core on and shows `margin` (m) around it.
+    Tile (i, j) covers the square of side `core` (m) from (i, j) * core on and shows `margin` (m) around it.
     """
     if not len(boxes.shape):
         return {}

@@ -1,4 +1,4 @@
-"""What the ground is made of: shapes of roads and pavements, and how they are painted into pixels."""
+"""Shapes of roads and pavements, and their painting into pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from slrl_sumo.scene.types import RoadUserType
 SHIFT = 6
 """Fractional bits of the coordinates given to OpenCV: 1/64 px."""
 ARC_STEPS = 5
-"""Straight pieces of a round joint; at the usual turns of lane centre lines one would nearly do."""
+"""Straight pieces of a round joint; at usual turns of lane centre lines one would nearly suffice."""
 
 
 class Surface(IntEnum):
-    """What one may stand on; the value of a pixel."""
+    """Kind of ground; the value of a pixel."""
 
     NONE = 0
     ROAD = 1
@@ -27,7 +27,7 @@ class Surface(IntEnum):
 
 
 OWN_SURFACE = np.zeros((len(RoadUserType), len(Surface)), np.bool_)
-"""Which Surface belongs to which RoadUserType (paper, section 3.3): cars keep to roads, the others may use both."""
+"""Which Surface belongs to which RoadUserType (paper, section 3.3): cars use roads, the others both."""
 OWN_SURFACE[RoadUserType.CAR, [Surface.ROAD, Surface.CROSSING]] = True
 OWN_SURFACE[RoadUserType.BICYCLE, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
 OWN_SURFACE[RoadUserType.PEDESTRIAN, [Surface.ROAD, Surface.CROSSING, Surface.CYCLEWAY, Surface.SIDEWALK]] = True
@@ -77,7 +77,7 @@ def paint(
     rows grow northwards. A pixel is painted if its centre is covered; along the border OpenCV also paints pixels whose
     centre is up to half a pixel outside, so that neighbouring lanes never leave a gap.
     """
-    import cv2  # 16 MiB that the process which only counts and writes can do without
+    import cv2  # 16 MiB, which the process that counts and writes does not need
 
     origin = np.array([x0, y0])
 
@@ -102,7 +102,7 @@ def paint(
 
 
 Polygons = tuple[NDArray[np.intp], Floats]
-"""Index of the ribbon that each belongs to, (m,), and corners, (m, corners, 2) in m."""
+"""Index of the ribbon of each polygon, (m,), and corners, (m, corners, 2) in m."""
 
 
 def _ribbon_polygons(ribbons: Sequence[Ribbon]) -> tuple[Polygons, Polygons]:
@@ -112,7 +112,7 @@ def _ribbon_polygons(ribbons: Sequence[Ribbon]) -> tuple[Polygons, Polygons]:
         return (none, np.zeros((0, 4, 2))), (none, np.zeros((0, ARC_STEPS + 2, 2)))
     owner = np.repeat(np.arange(len(ribbons)), [len(r.points) for r in ribbons])
     points = np.concatenate([np.asarray(r.points, np.float64).reshape(-1, 2) for r in ribbons])
-    # Repeated points go, so that every segment left has a direction.
+    # Without repeated points, each segment has a direction.
     fresh = np.ones(len(points), np.bool_)
     fresh[1:] = (owner[1:] != owner[:-1]) | (np.abs(np.diff(points, axis=0)).max(axis=1, initial=0.0) > 1e-6)
     owner, points = owner[fresh], points[fresh]

@@ -20,7 +20,7 @@ PACKED = 8
 MISSING = -1
 """Slot of a square that is not painted."""
 FARTHEST = 2**31
-"""Squares are numbered below this, to either side of the origin; what is farther away has no ground."""
+"""Squares are numbered below this on either side of the origin; there is no ground farther away."""
 
 
 class Store(NamedTuple):
@@ -31,7 +31,7 @@ class Store(NamedTuple):
     slots: Longs
     """Where each of them is painted, or MISSING."""
     used: Longs
-    """When each slot was last asked for."""
+    """When each slot was last used."""
     now: int
     squares: Words
     """The slots, (slots, pixels, words)."""
@@ -59,10 +59,10 @@ class Views(NamedTuple):
 
 
 class Tiles:
-    """The squares of side `core` (m) that the ground consists of, each painted with `margin` m around it.
+    """The ground in squares of side `core` (m), each painted with `margin` m around it.
 
-    Squares are painted when they are asked for, and the least recently used one goes where `memory_limit` bytes would
-    be exceeded; one always fits.
+    Squares are painted on demand. The least recently used one is dropped where `memory_limit` bytes would be exceeded;
+    one always fits.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Tiles:
         margin: float,
         memory_limit: int,
     ) -> None:
-        """`index`: which shapes show in the square (column, row), in paint order; `resolution` in px/m."""
+        """`index`: shapes that show in the square (column, row), in paint order; `resolution` in px/m."""
         self._shapes = shapes
         self._resolution = resolution
         self._core, self._margin = core, margin
@@ -86,21 +86,21 @@ class Tiles:
         self._members = [members[key] for key in self._keys.tolist()]
         self._slots = np.full(len(self._keys), MISSING, np.int64)
         one = self._pixels * self._words * PACKED // 2
-        # Memory that nobody has written to is only reserved: what is not painted costs nothing.
+        # Memory is only reserved until it is written: unpainted squares use none.
         self._squares = np.zeros((max(1, min(memory_limit // one, len(self._keys))), self._pixels, self._words), "u4")
         self._used = np.zeros(len(self._squares), np.int64)
-        """When each slot was last asked for; 0 is never."""
+        """When each slot was last used; 0 is never."""
         self._owner = np.full(len(self._squares), MISSING, np.int64)
-        """Which square each slot holds."""
+        """Square in each slot."""
         self._now = 0
 
     @property
     def resident_bytes(self) -> int:
-        """Memory of the squares that are painted now."""
+        """Memory of the painted squares."""
         return int(np.count_nonzero(self._owner != MISSING) * self._squares[0].nbytes)
 
     def at(self, x: Floats, y: Floats) -> Ids:
-        """What lies under points (m), (n,); zero outside everything. ValueError where there are not as many y as x."""
+        """Ground under points (m), (n,); zero outside all squares. ValueError for different numbers of x and y."""
         _alike(x, y)
         found = np.zeros(len(x), np.uint8)
         pending = np.ones(len(x), np.bool_)
@@ -111,9 +111,9 @@ class Tiles:
         return found
 
     def views(self, x: Floats, y: Floats, heading: Floats, begin: tuple[float, float], step: float, out: Ids) -> None:
-        """What lies under the pixels of views from places `x`, `y` (m) with `heading` (rad), written to `out` (n, rows,
+        """Ground under the pixels of views from positions `x`, `y` (m) with `heading` (rad), written to `out` (n, rows,
         cols). The first pixel lies at `begin` (m ahead, m to the left), the next ones every `step` m, columns ahead and
-        rows to the right. All of a view must lie within the margin round its place. ValueError where lengths differ."""
+        rows to the right. A view must lie within the margin around its position. ValueError for different lengths."""
         _alike(x, y, heading)
         places = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
         views = Views(*places, *cos_sin(heading), *begin, step)
@@ -127,7 +127,7 @@ class Tiles:
         return Store(self._keys, self._slots, self._used, self._now, self._squares, *measures)
 
     def _paint(self, square: int) -> None:
-        """Paint a square, in place of the one that was not asked for for longest if there is no room."""
+        """Paint a square, in place of the least recently used one if there is no room."""
         slot = int(self._used.argmin())
         if self._owner[slot] != MISSING:
             self._slots[self._owner[slot]] = MISSING
@@ -135,16 +135,16 @@ class Tiles:
         canvas = np.zeros((self._pixels, self._words * PACKED), np.uint8)
         shapes = [self._shapes.shapes[k] for k in self._members[square].tolist()]
         x0, y0 = column * self._core - self._margin, row * self._core - self._margin
-        # A view of the canvas: OpenCV clips at its borders.
+        # OpenCV clips at the borders of this view of the canvas.
         paint(canvas[:, : self._pixels], shapes, x0, y0, self._resolution)
         _pack(canvas, self._squares[slot])
         self._slots[square], self._owner[slot], self._used[slot] = slot, square, self._now
 
 
 def _alike(*columns: Floats) -> None:
-    """Compiled functions would read beyond the end of a shorter one."""
+    """ValueError for different shapes: compiled functions would read beyond the end of a shorter array."""
     if len({np.shape(column) for column in columns}) > 1:
-        raise ValueError(f"places need arrays of one shape, not {', '.join(str(np.shape(c)) for c in columns)}")
+        raise ValueError(f"positions need arrays of one shape, not {', '.join(str(np.shape(c)) for c in columns)}")
 
 
 def _key(column: int, row: int) -> int:
@@ -169,7 +169,7 @@ def _pack(canvas: Ids, words: Words) -> None:
 
 @compiled
 def _square(x: float, y: float, core: float, keys: Longs) -> int:
-    """Index of the square that a point (m) lies in, MISSING where there is none."""
+    """Index of the square around a point (m), or MISSING."""
     column, row = math.floor(x / core), math.floor(y / core)
     if not (abs(x / core) < FARTHEST - 1 and abs(y / core) < FARTHEST - 1):
         return MISSING
@@ -186,14 +186,14 @@ def _square(x: float, y: float, core: float, keys: Longs) -> int:
 
 @compiled
 def _look_up(x: Floats, y: Floats, found: Ids, pending: NDArray[np.bool_], store: Store) -> int:
-    """Find what lies under the `pending` points whose square is painted; returns a square that is not, or MISSING."""
+    """Find the ground under `pending` points in painted squares; returns a square that is not painted, or MISSING."""
     keys, slots, used, now, squares, resolution, core, margin = store
     missing = square = MISSING
     west, south = 0.0, 0.0
     for i in range(len(x)):
         if not pending[i]:
             continue
-        # Neighbours in the list are mostly neighbours on the ground.
+        # Neighbours in the array are mostly neighbours on the ground.
         if square == MISSING or not (west <= x[i] < west + core and south <= y[i] < south + core):
             square = _square(x[i], y[i], core, keys)
             if square == MISSING:
@@ -214,9 +214,9 @@ def _look_up(x: Floats, y: Floats, found: Ids, pending: NDArray[np.bool_], store
 
 @compiled
 def _cut_out(views: Views, out: Ids, pending: NDArray[np.bool_], store: Store) -> int:
-    """Cut the `pending` views out of squares that are painted; returns a square that is not, or MISSING.
+    """Cut the `pending` views out of painted squares; returns a square that is not painted, or MISSING.
 
-    The nearest pixel counts, in single precision: what OpenCV 5 does in warpAffine, to the bit.
+    The nearest pixel counts, in single precision, equal to warpAffine of OpenCV 5 to the bit.
     """
     keys, slots, used, now, squares, resolution, core, margin = store
     x, y, cos, sin, ahead, left, step = views
@@ -229,7 +229,7 @@ def _cut_out(views: Views, out: Ids, pending: NDArray[np.bool_], store: Store) -
         if not pending[i]:
             continue
         square, c, s = _square(x[i], y[i], core, keys), cos[i], sin[i]
-        # Nor is there anything to be seen where a direction is no number.
+        # Views are empty without a square, and where the direction is not a number.
         if square == MISSING or not c * c + s * s < 2.0:
             out[i] = 0
             pending[i] = False
@@ -247,7 +247,7 @@ def _cut_out(views: Views, out: Ids, pending: NDArray[np.bool_], store: Store) -
             col_begin = np.float64(across * np.float32(r) + col0)
             row_begin = np.float64(-along * np.float32(r) + row0)
             for k in range(cols):
-                # Multiplied and added at once, rounded once to single precision.
+                # Fused multiply-add: rounded once to single precision.
                 col = np.int32(np.rint(np.float32(np.float64(along) * k + col_begin)))
                 row = np.int32(np.rint(np.float32(np.float64(across) * k + row_begin)))
                 at[k] = row * words + (col >> 3)

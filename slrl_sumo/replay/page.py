@@ -78,7 +78,9 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
         for number, (world, keys) in enumerate(worlds(rows, users, times)):
             finder.look(world, keys)
             bar.update(task, completed=(number + 1) / len(times))
-    page = build_page(network, users, rows, times, finder.conflicts(), title=fcd.name, notes=notes, told=table.told)
+    page = build_page(
+        network, users, rows, times, finder.conflicts(), title=fcd.name, notes=notes, told=table.marks_learned
+    )
     write_file(out, page)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)

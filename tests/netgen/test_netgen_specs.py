@@ -36,7 +36,7 @@ from netgen.specs import DemandSpec, IntersectionSpec, RandomSpec, RoundaboutSpe
         (DemandSpec, {"cars_per_hour": -1.0}, "DemandSpec.cars_per_hour"),
         (DemandSpec, {"pedestrians_per_hour": "many"}, "DemandSpec.pedestrians_per_hour is 'many'"),
         (DemandSpec, {"duration": math.inf}, "DemandSpec.duration"),
-        (DemandSpec, {"cars_per_hour": 0, "bicycles_per_hour": 0, "pedestrians_per_hour": 0}, "nobody"),
+        (DemandSpec, {"cars_per_hour": 0, "bicycles_per_hour": 0, "pedestrians_per_hour": 0}, "no road users"),
     ],
 )
 def test_wrong_values_are_refused_in_one_line(kind: type, fields: dict[str, object], named: str) -> None:

@@ -139,7 +139,7 @@ def test_places_far_from_the_origin_are_those_near_it() -> None:
 def test_places_that_do_not_fit_the_paths_are_refused() -> None:
     route = paths(straight(0.0), circle(20.0))
     for x, y in (((2, 3), (2, 1)), ((2, 3), (2, 4)), ((3, 2), (3, 2)), ((1, 2), (1, 2))):
-        with pytest.raises(ValueError, match="2 paths, but places"):
+        with pytest.raises(ValueError, match="2 paths, but points"):
             on_path(route, np.zeros(x), np.zeros(y))
-    with pytest.raises(ValueError, match="1 paths, but places"):
+    with pytest.raises(ValueError, match="1 paths, but points"):
         on_path(route, np.zeros((2, 1)), np.zeros((2, 1)), np.array([1]))

@@ -1,4 +1,4 @@
-"""What a row of an FCD file holds, in any format (https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html)."""
+"""Contents of the rows of FCD files, in any format (https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html)."""
 
 import os
 from dataclasses import dataclass
@@ -12,28 +12,28 @@ from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
 
 SUFFIXES = (".xml.gz", ".xml", ".csv", ".parquet")
-"""What the name of an FCD file may end in; it decides the format."""
+"""Suffixes of FCD files; they decide the format."""
 
 CSV_COLUMNS = (
     *("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_type"),
     *("vehicle_speed", "vehicle_pos", "vehicle_lane", "vehicle_edge", "vehicle_slope"),
 )
-"""Columns of SUMO 1.28's own CSV and Parquet. Persons use the same columns: they have an edge and no lane."""
+"""Columns of the CSV and Parquet of SUMO 1.28. Persons use the same columns: they have an edge and no lane."""
 OWN_COLUMNS = ("mode", "learned")
-"""Columns that follow them: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0.
-SUMO's schema of the XML has no place for either."""
+"""Additional columns: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0. The
+schema of SUMO's XML has neither."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """What FCD says about the road users of a WorldState beside their motion; parallel to it."""
+    """FCD of the road users of a WorldState apart from their motion; parallel to it."""
 
     sumo_type: tuple[str, ...]
     """SUMO vehicle type id of each."""
     lane: tuple[str, ...]
     """Lane id of a vehicle, edge id of a person; '' where SUMO maps the road user nowhere."""
     lane_position: Floats
-    """m from the start of the lane or edge, (n,); without meaning where `lane` is ''."""
+    """m from the start of the lane or edge, (n,); no meaning where `lane` is ''."""
     person: NDArray[np.bool_]
     """True for SUMO's persons, False for its vehicles, (n,)."""
 
@@ -52,7 +52,7 @@ def check_fcd_path(path: str | os.PathLike[str]) -> str:
 
 
 def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """x, y (m, of front bumpers), angle (degrees), speed (m/s) and position on the lane (m) as FCD has them, (n,) each.
+    """x, y (m, of front bumpers), angle (degrees), speed (m/s) and position on the lane (m) as in FCD, (n,) each.
 
     Raises ValueError where one is not finite.
     """
@@ -73,7 +73,7 @@ def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Flo
 def learned_modes(world: WorldState, modes: NDArray[np.integer] | None) -> tuple[list[int], list[int] | list[str]]:
     """Rows of the learned road users, and their modes; '' where they have none.
 
-    Raises ValueError where there are not as many `modes` as learned road users.
+    Raises ValueError if the numbers of `modes` and learned road users differ.
     """
     learned: list[int] = np.flatnonzero(world.learned).tolist()
     if modes is None:

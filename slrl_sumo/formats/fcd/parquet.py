@@ -1,4 +1,4 @@
-"""FCD as Parquet, with the columns that SUMO 1.28 gives it and our own; needs pyarrow (`slrl-sumo[parquet]`)."""
+"""FCD as Parquet, with the columns of SUMO 1.28 and our own; needs pyarrow (`slrl-sumo[parquet]`)."""
 
 import os
 from collections.abc import Iterator
@@ -25,18 +25,18 @@ _TYPES = (
     | {"mode": pa.int8(), "learned": pa.bool_()}
 )
 SCHEMA = pa.schema([(name, _TYPES[name]) for name in CSV_COLUMNS + OWN_COLUMNS])
-"""Types are those of SUMO's own Parquet; what a row does not have is null."""
+"""Types are those of SUMO's Parquet; missing values are null."""
 
 ROW_GROUP = 1 << 16
-"""Rows that are put together before they are written."""
+"""Rows that are collected before they are written."""
 
 
 class ParquetWriter:
-    """Writes an FCD file as Parquet, some time steps after the other; a context manager with the methods of FcdWriter.
+    """Writes an FCD file as Parquet, step by step; a context manager with the methods of FcdWriter.
 
-    Memory holds ROW_GROUP rows and those of one time step. Parquet is readable once it has been closed, not before:
-    where the process is killed, or writing fails, nothing of the file can be read. Raises InputError where the file
-    cannot be written; what there is of it is removed then.
+    Memory holds ROW_GROUP rows and those of one time step. Parquet is readable only after `close`: if the process is
+    killed or writing fails, the file is unreadable. Raises InputError if the file cannot be written; an incomplete file
+    is then removed.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -45,7 +45,7 @@ class ParquetWriter:
         self._rows = 0
         try:
             self._file = open(self.path, "wb")  # noqa: SIM115 (closed by close)
-            self._file.tell()  # pipes have no places, and Parquet is read by places
+            self._file.tell()  # raises for pipes: Parquet needs seekable files
             self._writer = pq.ParquetWriter(self._file, SCHEMA, compression="zstd")
         except OSError as e:
             raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
@@ -59,8 +59,8 @@ class ParquetWriter:
         order = np.argsort(places.person, kind="stable")  # vehicles first
         lane = np.array(places.lane, np.object_)
         nowhere = lane == ""
-        nobody = np.full(n, None, np.object_)
-        mode = nobody.copy()
+        null = np.full(n, None, np.object_)
+        mode = null.copy()
         if modes is not None:
             rows, values = learned_modes(world, modes)
             mode[rows] = values
@@ -73,8 +73,8 @@ class ParquetWriter:
             "vehicle_type": np.array(places.sumo_type, np.object_),
             "vehicle_speed": speed,
             "vehicle_pos": np.where(nowhere, np.nan, position),
-            "vehicle_lane": np.where(nowhere | places.person, nobody, lane),
-            "vehicle_edge": np.where(nowhere | ~places.person, nobody, lane),
+            "vehicle_lane": np.where(nowhere | places.person, null, lane),
+            "vehicle_edge": np.where(nowhere | ~places.person, null, lane),
             "vehicle_slope": np.zeros(n),
             "mode": mode,
             "learned": world.learned,
@@ -86,7 +86,7 @@ class ParquetWriter:
             self._flush()
 
     def close(self) -> None:
-        """Finish the file. Doing it twice does no harm."""
+        """Finish the file. May be called twice."""
         if self._file.closed:
             return
         self._flush()
@@ -103,7 +103,7 @@ class ParquetWriter:
         try:
             self.close()
         except InputError:
-            if error is None:  # else the error that came first says more
+            if error is None:  # else the first error says more
                 raise
 
     def _flush(self) -> None:
@@ -111,7 +111,7 @@ class ParquetWriter:
         rows, self._rows = self._rows, 0
         if not rows:
             return
-        # NaN is what `pos` has where there is none: nothing else may be.
+        # NaN marks a missing `pos`; no other column has NaN.
         arrays = [
             pa.array(np.concatenate(columns[name]), SCHEMA.field(name).type, from_pandas=True) for name in columns
         ]
@@ -121,7 +121,7 @@ class ParquetWriter:
             self._give_up(e)
 
     def _give_up(self, error: OSError) -> None:
-        """A file without its end is of no use to anybody."""
+        """Remove the file, which is unreadable without its end."""
         self._file.close()
         if self.path.is_file():
             self.path.unlink()
@@ -134,7 +134,7 @@ class ParquetWriter:
 def parquet_steps(name: str) -> Iterator[FcdStep]:
     """The time steps of the Parquet file `name`, ours or SUMO's; memory holds a batch of rows.
 
-    Persons are told from vehicles as in CSV. Raises InputError at the first flaw; lines in messages are rows, from 1.
+    Persons are distinguished as in CSV. Raises InputError at the first error; lines in messages are rows, from 1.
     """
     try:
         with pq.ParquetFile(name) as file:

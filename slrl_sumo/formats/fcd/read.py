@@ -1,4 +1,4 @@
-"""Trajectories from floating car data (FCD): SUMO's own files and ours."""
+"""Trajectories from floating car data (FCD), SUMO's files and ours."""
 
 import os
 from collections.abc import Mapping
@@ -18,18 +18,18 @@ _INTERVAL_MS = round(1000 * DECISION_INTERVAL)
 def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = None) -> Trajectories:
     """Read an FCD file (.xml, .xml.gz, .csv, .parquet) of any constant step as Trajectories of 0.4 s.
 
-    Rows at multiples of 0.4 s from its first time step on are taken as they are, others are interpolated linearly
-    between two neighbouring steps of the file; a road user that is absent for a step goes on in a new track (`id#1`).
-    Front bumpers become centres.
+    Rows at multiples of 0.4 s after its first time step are kept; others are interpolated linearly between two
+    neighbouring steps of the file. A road user that is absent for a step continues in a new track (`id#1`). Front
+    bumpers become centres.
 
-    `types` says which road user type ('car', 'bicycle', 'pedestrian') a vehicle type id is. Those it does not name:
-    persons are pedestrians, ids with "bike" or "cycl" and without "motor" bicycles, the rest cars. In CSV and Parquet,
-    where SUMO does not tag persons, a person is who has an edge and no lane, or whose type id says "pedestrian".
-    Lengths and widths are the defaults of the types. Containers, and persons at exactly the place of a vehicle (riding
-    in it), are left out.
+    `types` maps vehicle type ids to road user types ('car', 'bicycle', 'pedestrian'). Others are guessed: persons are
+    pedestrians, ids with "bike" or "cycl" and without "motor" are bicycles, the rest cars. In CSV and Parquet, where
+    SUMO does not mark persons, rows with an edge and no lane, or with "pedestrian" in the type id, are persons. Lengths
+    and widths are the defaults of the types. Containers, and persons at exactly the position of a vehicle (riding in
+    it), are omitted.
 
-    Raises InputError, with file and line, where the file is missing, empty, malformed, cut off (and after how many
-    complete time steps), of an irregular step or in geographic coordinates.
+    Raises InputError, with file and line, if the file is missing, empty, malformed, cut off (with the number of
+    complete time steps), has irregular steps or geographic coordinates.
     """
     for vtype, kind in (types or {}).items():
         if kind not in TYPE_NAMES:

@@ -19,7 +19,7 @@ _FIELDS = ("id", "type", "x", "y", "angle", "lane", "edge", "speed", *OWN_COLUMN
 
 
 class FcdRow(NamedTuple):
-    """One road user in one time step; figures as text or, from binary formats, as numbers."""
+    """One road user in one time step; numbers as text or, from binary formats, as numbers."""
 
     id: str
     vtype: str
@@ -29,10 +29,10 @@ class FcdRow(NamedTuple):
     angle: str | float
     line: int
     speed: str | float = ""
-    """'' where the file has none; so is `mode`."""
+    """'' where the file has none; the same for `mode`."""
     mode: str | float = ""
     learned: bool | None = None
-    """None where the file does not say."""
+    """None if the file has no such column."""
 
 
 class FcdStep(NamedTuple):
@@ -44,7 +44,7 @@ class FcdStep(NamedTuple):
 def xml_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     """The time steps of the XML text of `file`, called `name` in messages; memory holds one step at a time.
 
-    Containers and persons marked as riding in a vehicle are left out. Raises InputError at the first flaw.
+    Containers and persons marked as riding in a vehicle are left out. Raises InputError at the first error.
     """
     complete = 0
     try:
@@ -83,7 +83,7 @@ def _check_root(name: str, root: etree._Element) -> None:
 
 
 def _is_cut_off(name: str) -> bool:
-    """Whether the text ends before its root element does (looked at only once reading has failed)."""
+    """Whether the text ends before its root element does (checked only after reading has failed)."""
     end = b""
     try:
         with gzip.open(name) if name.lower().endswith(".gz") else open(name, "rb") as file:
@@ -101,8 +101,8 @@ class _RaggedError(ValueError):
 def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     """The time steps of the CSV text of `file`, called `name` in messages; memory holds one step at a time.
 
-    `person` of a row is certain only where the file is of xml2csv.py; else it is whether there is an edge and no lane.
-    Raises InputError at the first flaw.
+    `person` of a row is certain only in files of xml2csv.py; in others, rows with an edge and no lane are persons.
+    Raises InputError at the first error.
     """
     lines = csv.reader((line.decode() for line in file), delimiter=";", strict=True)
     complete = 0
@@ -135,7 +135,7 @@ def _whole_lines(lines: "_csv.Reader", width: int) -> Iterator[tuple[int, list[s
 
 
 def _kinds(columns: Sequence[str]) -> list[str]:
-    """SUMO names the columns of all rows after the first row's element, its xml2csv.py those of each element apart."""
+    """Kinds of columns: SUMO names all after the element of the first row, xml2csv.py has columns for each element."""
     return [kind for kind in ("vehicle", "person") if f"{kind}_id" in columns]
 
 
@@ -148,7 +148,7 @@ def is_fcd(columns: Sequence[str]) -> bool:
 
 
 def steps_of_rows(columns: Sequence[str], rows: Iterable[tuple[int, list[Any]]]) -> Iterator[FcdStep]:
-    """The time steps of a table for which `is_fcd`: `rows` are line numbers and fields, '' where there is nothing."""
+    """The time steps of a table for which `is_fcd`: `rows` are line numbers and fields, '' for empty ones."""
     kinds, empty = _kinds(columns), len(columns)  # an absent column is read as an empty field behind the others
     place = {column: i for i, column in enumerate(columns)}
     at = {kind: [place.get(c if c in OWN_COLUMNS else f"{kind}_{c}", empty) for c in _FIELDS] for kind in kinds}
@@ -165,7 +165,7 @@ def steps_of_rows(columns: Sequence[str], rows: Iterable[tuple[int, list[Any]]])
         identity, vtype, x, y, angle, lane, edge, speed, mode, learned = [fields[i] for i in at[kind]]
         if identity:  # else a time step without road users
             person = kind == "person" if len(kinds) == 2 else bool(edge) and not lane
-            told = None if learned == "" else learned in (True, "1", "true", "True")
-            step.rows.append(FcdRow(identity, vtype, person, x, y, angle, line, speed, mode, told))
+            known = None if learned == "" else learned in (True, "1", "true", "True")
+            step.rows.append(FcdRow(identity, vtype, person, x, y, angle, line, speed, mode, known))
     if now is not None:
         yield step

@@ -1,4 +1,4 @@
-"""All rows of an FCD file, as the file has them: compact arrays of columns."""
+"""All rows of an FCD file as compact columns."""
 
 import gzip
 import os
@@ -23,10 +23,10 @@ _COLUMNS = ("key", "step", "x", "y", "angle", "speed", "mode", "learned")
 
 @dataclass
 class FcdTable:
-    """All rows of a file in its order; compact arrays: memory follows the number of rows, not the size of the text."""
+    """All rows of a file in its order, as compact arrays: memory grows with the number of rows, not with the text."""
 
     untagged: bool
-    """Whether persons and vehicles look alike, as in CSV and Parquet."""
+    """Whether rows of persons and vehicles look alike, as in CSV and Parquet."""
     steps: "array[int]" = field(default_factory=lambda: array("q"))
     """Time of each time step, ms."""
     key: "array[int]" = field(default_factory=lambda: array("i"))
@@ -34,7 +34,7 @@ class FcdTable:
     step: "array[int]" = field(default_factory=lambda: array("i"))
     """Index into the time steps."""
     x: "array[float]" = field(default_factory=lambda: array("d"))
-    """m, of the front bumper, as in the file; so are y and angle (degrees clockwise from north)."""
+    """m, of the front bumper, as in the file; y and angle (degrees clockwise from north) likewise."""
     y: "array[float]" = field(default_factory=lambda: array("d"))
     angle: "array[float]" = field(default_factory=lambda: array("d"))
     speed: "array[float]" = field(default_factory=lambda: array("f"))
@@ -42,16 +42,16 @@ class FcdTable:
     mode: "array[int]" = field(default_factory=lambda: array("b"))
     """1 + mode of learned road users, 0 where the file has none."""
     learned: "array[int]" = field(default_factory=lambda: array("b"))
-    """1 where the file says that the road user is a learned one."""
-    told: bool = False
-    """Whether the file says who is learned, and who is not."""
+    """1 where the file marks the road user as learned."""
+    marks_learned: bool = False
+    """Whether the file marks learned road users."""
     users: list[tuple[str, str]] = field(default_factory=list)
     """id and vehicle type id of each road user."""
     persons: set[int] = field(default_factory=set)
-    """Road users that were seen as a person."""
+    """Road users that appear as a person."""
 
     def drop_last_step(self, rows: int) -> None:
-        """Forget the last time step, and all rows but the first `rows`."""
+        """Drop the last time step, and all rows after the first `rows`."""
         self.steps.pop()
         for name in _COLUMNS:
             del getattr(self, name)[rows:]
@@ -60,11 +60,11 @@ class FcdTable:
 def read_table(
     path: str | os.PathLike[str], progress: Callable[[float], object] = lambda share: None
 ) -> tuple[FcdTable, InputError | None]:
-    """Every whole time step of an FCD file up to its first flaw, and that flaw, None where the file is sound.
+    """All complete time steps of an FCD file up to its first error, and that error, or None.
 
-    Containers, and persons at exactly the place of a vehicle (riding in it), are left out. Raises InputError where
-    there is no whole time step, and where the file is missing, empty, no FCD or in geographic coordinates.
-    `progress` is told the share of the file that has been read.
+    Containers, and persons at exactly the position of a vehicle (riding in it), are omitted. Raises InputError if there
+    is no complete time step, or the file is missing, empty, not FCD or in geographic coordinates. `progress` is called
+    with the share of the file that has been read.
     """
     name = os.fspath(path)
     suffix = check_fcd_path(path)
@@ -95,7 +95,7 @@ def read_table(
 
 
 def _collect(name: str, steps: Iterator[FcdStep], table: FcdTable) -> Iterator[None]:
-    """Append all steps to `table`, stopping after each; the one in which an InputError is raised is not in it."""
+    """Append all steps to `table`, pausing after each; a step that raises InputError is not appended."""
     index: dict[tuple[str, bool], int] = {}
     for step in steps:
         time = _milliseconds(name, step)
@@ -118,7 +118,7 @@ def _append(name: str, step: FcdStep, table: FcdTable, index: dict[tuple[str, bo
     for row in step.rows:
         if row.person and (row.x, row.y) in vehicles:
             continue
-        # A vehicle and a person may have the same id; only in XML can they be told apart in every step.
+        # A vehicle and a person may have the same id; only XML distinguishes them in every step.
         key = index.setdefault((row.id, row.person and not table.untagged), len(table.users))
         if key == len(table.users):
             table.users.append((row.id, row.vtype))
@@ -136,7 +136,7 @@ def _append(name: str, step: FcdStep, table: FcdTable, index: dict[tuple[str, bo
         table.speed.append(speed)
         table.mode.append(mode)
         table.learned.append(bool(row.learned))
-        table.told |= row.learned is not None
+        table.marks_learned |= row.learned is not None
 
 
 def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
@@ -152,7 +152,7 @@ def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
         )
     try:
         speed = np.nan if row.speed == "" else float(row.speed)
-        # A column with gaps that pandas has written holds 3.0 for 3.
+        # pandas writes columns with gaps as floats: 3.0 for 3.
         mode = 0 if row.mode == "" else 1 + int(float(row.mode))
         if not 0 <= mode <= 100:
             raise ValueError
@@ -177,7 +177,7 @@ def _milliseconds(name: str, step: FcdStep) -> int:
 
 def user_types(table: FcdTable, types: Mapping[str, str]) -> NDArray[np.int8]:
     """RoadUserType of each road user of the table, (U,). `types`: vehicle type id to type name, see `read_fcd`."""
-    # In CSV a person beside every edge looks like a vehicle, but its type may have been seen on a person elsewhere.
+    # In CSV a person off all edges looks like a vehicle, but its type may belong to a person elsewhere.
     walking = {vtype for key in table.persons if (vtype := table.users[key][1])} if table.untagged else set()
     kinds = []
     for key, (_, vtype) in enumerate(table.users):

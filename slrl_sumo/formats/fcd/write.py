@@ -46,7 +46,7 @@ _FLUSH_CHARACTERS = 1 << 18
 
 
 def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
-    """A writer of the format that the file's name asks for. Raises InputError as FcdWriter does."""
+    """A writer for the format of the file's suffix. Raises InputError as FcdWriter does."""
     if check_fcd_path(path) != ".parquet":
         return FcdWriter(path)
     from slrl_sumo.formats.fcd.parquet import ParquetWriter  # pyarrow is an extra
@@ -55,13 +55,12 @@ def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
 
 
 class FcdWriter:
-    """Writes an FCD file as XML or CSV, one whole time step after the other; a context manager.
+    """Writes an FCD file as XML or CSV, step by step; a context manager.
 
-    The same worlds give the same bytes. The file on disk is valid at any time, even where the process dies, and after
-    `close` it holds every time step up to the last one that could be written whole. A pipe is written straight on, and
-    ends validly with `close`. Raises InputError, with the path
-    and the reason, where the name has no known suffix or the file cannot be written (on construction), and where
-    writing fails later (in `write` or `close`; the file is closed then).
+    The same worlds give the same bytes. The file on disk is valid at any time, even if the process dies, and after
+    `close` it holds every time step up to the last one that could be written completely. A pipe is valid after `close`.
+    Raises InputError, with path and reason, on construction if the suffix is unknown or the file cannot be written, and
+    in `write` or `close` if writing fails; the file is then closed.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -71,7 +70,7 @@ class FcdWriter:
         self._csv = suffix == ".csv"
         self._tail = b"" if self._csv else self._encode("</fcd-export>\n")
         self._whole = 0
-        """Bytes on disk that end with a whole time step; the tail follows them and the next steps overwrite it."""
+        """Bytes on disk up to the last complete time step; the tail follows, and the next steps overwrite it."""
         self._waiting: list[str] = []
         self._waiting_characters = 0
         try:
@@ -126,7 +125,7 @@ class FcdWriter:
             self._flush()
 
     def close(self) -> None:
-        """Finish the file. Doing it twice does no harm."""
+        """Finish the file. May be called twice."""
         if not self._file.closed:
             self._flush()
             if not self._seekable:
@@ -140,7 +139,7 @@ class FcdWriter:
         try:
             self.close()
         except InputError:
-            if error is None:  # else the error that came first says more
+            if error is None:  # else the first error says more
                 raise
 
     def _flush(self) -> None:
@@ -153,11 +152,11 @@ class FcdWriter:
         return gzip.compress(text.encode(), compresslevel=4, mtime=0) if self._gzip else text.encode()
 
     def _put(self, steps: list[str]) -> None:
-        """Write whole time steps and the tail; where that fails, as many of them as find room."""
+        """Write complete time steps and the tail; if that fails, as many steps as fit."""
         try:
             self._put_text("".join(steps))
         except OSError as e:
-            # Of a pipe nobody knows how much has gone through.
+            # It is unknown how much of the text a pipe has passed on.
             with suppress(OSError):
                 for step in steps if self._seekable else ():
                     self._put_text(step)

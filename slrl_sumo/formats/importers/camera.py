@@ -1,4 +1,4 @@
-"""Where the camera moved: cars, parked ones among them, that all slide one way at once."""
+"""Detection of camera motion: cars, including parked ones, that all slide in one direction at once."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ SLIDE = 0.3
 """m that 80 % of them must have moved in a span …"""
 
 ONE_WAY = 0.8
-"""… with their displacements adding up to this share of the way they went."""
+"""… with their displacements adding up to this share of the distances covered."""
 
 SETTLED = 3.0
 """s that a camera must be still between two moves, and at the end, for the time to count."""
@@ -26,8 +26,8 @@ def camera_moves(car: Integers, frame: Integers, x: Floats, y: Floats, rate: flo
     """Spans of frames (S, 2), first and last included, in which the camera rather than the cars moved.
 
     Rows (N,) are those of cars: index, frame (`rate` per s) and position in m. At least 5 cars of which nearly all
-    move, and all one way, are taken for a moving camera: SDD's cars are parked or come one by one. A column of moving
-    cars with nobody standing or oncoming looks the same; it is given up with the rest.
+    move, and all in one direction, count as camera motion: cars in SDD are parked or come one by one. A column of
+    moving cars without standing or oncoming road users looks the same and is dropped as well.
     """
     span = round(SPAN * rate)
     spans = []
@@ -37,8 +37,8 @@ def camera_moves(car: Integers, frame: Integers, x: Floats, y: Floats, rate: flo
         if len(a) < FEWEST:
             continue
         dx, dy = x[then][b] - x[now][a], y[then][b] - y[now][a]
-        way = np.hypot(dx, dy)
-        if np.mean(way > SLIDE) >= 0.8 and np.hypot(dx.sum(), dy.sum()) >= ONE_WAY * way.sum():
+        length = np.hypot(dx, dy)
+        if np.mean(length > SLIDE) >= 0.8 and np.hypot(dx.sum(), dy.sum()) >= ONE_WAY * length.sum():
             spans.append((first, first + span))
     settle = round(SETTLED * rate)
     joined: list[tuple[int, int]] = []

@@ -28,7 +28,7 @@ def read_citr(pedestrians: Path) -> Trajectories:
 
 
 def _read(pedestrians: Path, rate: float, vehicle: RoadUserClass, dataset: str) -> Trajectories:
-    """A clip; vehicles lie beside the pedestrians, if there are any. y and headings are turned; boxes are defaults."""
+    """A clip; vehicles, if any, are in a file beside the pedestrians. y and headings are turned; boxes are defaults."""
     name = pedestrians.name.removesuffix("_traj_ped_filtered.csv")
     vehicles = pedestrians.with_name(f"{name}_traj_veh_filtered.csv")
     files = [(pedestrians, "ped", PEDESTRIAN), (vehicles, "veh", vehicle)]

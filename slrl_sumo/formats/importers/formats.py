@@ -27,9 +27,9 @@ class Format:
     read: Callable[[Path], Trajectories]
     """From the main file of a recording."""
     files: tuple[str, ...]
-    """What main files are called, as patterns."""
+    """Patterns of the names of main files."""
     siblings: dict[str, str] = field(default_factory=dict)
-    """Parts of the names of a recording's other files, and what they are in the main file's name."""
+    """Parts of the names of a recording's other files, and their counterparts in the name of the main file."""
     folders: int = 0
     """Folders above the file that are part of the recording's name."""
     stem: bool = True
@@ -73,7 +73,7 @@ class Recording:
     format: Format
 
     def read(self) -> Trajectories:
-        """Its trajectories. Raises InputError where a file is wrong."""
+        """Its trajectories. Raises InputError if a file is invalid."""
         return self.format.read(self.path)
 
 
@@ -109,7 +109,7 @@ def _name(format: Format, file: Path) -> str:
 
 
 def join(recordings: Sequence[tuple[str, Trajectories]]) -> Trajectories:
-    """Several named recordings as one, each `PAUSE` intervals after the one before: nobody sees another recording's.
+    """Several named recordings as one, each `PAUSE` intervals after the previous: their road users do not interact.
 
     Tracks are called `name/id`. A single recording stays as it is.
     """

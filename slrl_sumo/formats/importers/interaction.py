@@ -12,13 +12,13 @@ from slrl_sumo.formats.trajectories import Trajectories
 LICENCE = "INTERACTION: for non-commercial research, on request (https://interaction-dataset.com); TAF-BW: its own"
 
 CYCLING = 2.5
-"""m/s. Who is called "pedestrian/bicycle" and moves at more (median while moving) is taken for a bicycle."""
+"""m/s. A "pedestrian/bicycle" with a higher median speed while moving counts as a bicycle."""
 
 
 def read_interaction(vehicles: Path) -> Trajectories:
-    """Read the recording whose vehicles are in `vehicle_tracks_NNN.csv`; pedestrians lie beside it, if there are any.
+    """Read the recording whose vehicles are in `vehicle_tracks_NNN.csv`; pedestrians, if any, are in files beside it.
 
-    The class "pedestrian/bicycle" of the pedestrian files is settled per track by its speed.
+    The class "pedestrian/bicycle" of the pedestrian files is decided per track by its speed.
     """
     parts = [read_timed(vehicles, "psi_rad")]
     walkers = vehicles.with_name(vehicles.name.replace("vehicle_tracks", "pedestrian_tracks"))

@@ -9,13 +9,13 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
 SLOW = 0.3
-"""m/s. Below it the direction of motion says nothing, and the heading is held."""
+"""m/s. Below it the direction of motion is unreliable, and the heading is held."""
 
 POSITION_NOISE = 0.05
 """m. The direction of a step of d metres is trusted to about POSITION_NOISE / d radians."""
 
-# How far a heading usually turns in one step: per metre driven, and besides (rad), by type. Cars and bicycles turn only
-# as they move, a car along a curve of more than 5 m radius; who walks may turn at any speed.
+# Usual turn of a heading in one step, by type: per metre driven, and a constant (rad). Cars and bicycles turn only
+# while moving, a car along a curve of more than 5 m radius; pedestrians may turn at any speed.
 _TURN_PER_METRE = np.array([0.08, 0.15, 0.15])
 _TURN_PER_STEP = np.array([0.01, 0.02, 0.12])
 _TURN_SLOW = 0.003
@@ -27,10 +27,10 @@ def heading_from_motion(
 ) -> Floats:
     """Headings (R,) in rad of tracks given by their positions (R,) in m every `dt` s, sorted by track.
 
-    The headings sought are the likeliest ones if each step's direction, the mean of the headings at its ends (as
-    `advance` has it), is known the better the longer the step, and if headings turn no more than a type does. Steps
-    below `SLOW` say nothing, and nearly no turning happens in them: the heading is held. A car that drives backwards
-    keeps its heading. Tracks that never move take `still` (T,), rad; `type` is (T,) as well.
+    The result is the most likely one, given that the direction of a step is the mean of the headings at its ends (as in
+    `advance`) and more precise the longer the step, and given the usual turns of the type. Steps below `SLOW` carry no
+    information and nearly no turn: the heading is held. A car that drives backwards keeps its heading. Tracks that
+    never move take `still` (T,), rad; `type` is (T,) as well.
     """
     rows = len(x)
     step = np.hypot(np.diff(x), np.diff(y))  # from row i to row i + 1
@@ -44,7 +44,7 @@ def heading_from_motion(
     cars = kind[at] == RoadUserType.CAR
     for chosen, period in ((cars, np.pi), (~cars, 2 * np.pi)):
         measured[at[chosen]] = np.unwrap(direction[chosen], period=period)
-    # A car's axis is known up to half a turn: most of its way it drives forwards.
+    # The axis of a car is known up to half a turn: it drives forwards over most of its path.
     forwards = np.bincount(track[at], step[at] * np.cos(direction - measured[at]), minlength=len(type))
     measured[at] += np.where(forwards < 0, np.pi, 0.0)[track[at]]
 

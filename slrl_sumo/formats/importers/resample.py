@@ -13,10 +13,10 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 TOP_SPEED = np.array([70.0, 17.0, 9.0])
-"""m/s per type; who is faster between two rows has jumped: the track is split there."""
+"""m/s per type; a higher speed between two rows is a jump, at which the track is split."""
 
 JUMP = 0.5
-"""m that a position may be off besides."""
+"""m; tolerance of a position in addition."""
 
 PARKED_WITHIN = 1.0
 """m. A car or bicycle that never leaves a box of this size …"""
@@ -25,8 +25,8 @@ PARKED_FOR = 5.0
 """… though it is there for this many seconds, is parked."""
 
 SMOOTHING = 0.004
-"""s⁴. Where a recording is smoothed, motion of this period and less is taken for noise: 2 pi SMOOTHING^(1/4) = 1.6 s.
-HC moves by 3 cm (root mean square), SDD by 6 cm; accelerations and yaw rates then are those of people and cars."""
+"""s⁴. Where a recording is smoothed, motion of this period and less counts as noise: 2 pi SMOOTHING^(1/4) = 1.6 s.
+This moves positions by 3 cm (root mean square) in HC and 6 cm in SDD; accelerations and yaw rates become plausible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Samples:
     x: Floats
     y: Floats
     heading: Floats
-    """(N,); NaN in the rows of road users whose heading is to be found from their motion."""
+    """(N,); NaN for road users whose heading follows from their motion."""
     period: float
     """s between two rows of a road user; where more than 1.5 of it is missing there is a gap."""
     ids: tuple[str, ...]
@@ -62,7 +62,7 @@ class Samples:
 def resample(samples: Samples) -> Trajectories:
     """Trajectories of 0.4 s from the first sample on, by interpolation between neighbouring rows of a road user.
 
-    At gaps and jumps a road user goes on in a new track (`id#1`); pieces between two frames are dropped. Noisy
+    At gaps and jumps a road user continues in a new track (`id#1`); pieces between two frames are dropped. Noisy
     positions are smoothed (penalised spline), others interpolated linearly. Raises InputError where positions or
     headings make no sense in metres, seconds and radians, or a road user is in two places.
     """

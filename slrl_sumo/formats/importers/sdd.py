@@ -33,9 +33,9 @@ _NAMES = ["track", "xmin", "ymin", "xmax", "ymax", "frame", "lost", "occluded", 
 def read_sdd(annotations: Path) -> Trajectories:
     """Read one video. Rows with lost = 1 are gaps, y is turned up; boxes are the defaults of the classes.
 
-    So are the times when the camera moved (see `camera_moves`: the last 13 of 19 s of nexus/video5, where parked cars
-    slide 10 m). Boxes of the data are axis-aligned: headings come from smoothed motion, for those who never move from
-    the longer side of their box. Skaters count as bicycles, by their speed.
+    Times of camera motion are gaps as well (see `camera_moves`: the last 13 of 19 s of nexus/video5, where parked cars
+    slide 10 m). Boxes of the data are axis-aligned: headings come from smoothed motion or, for road users that never
+    move, from the longer side of the box. Skaters count as bicycles because of their speed.
     """
     scale = _scale(annotations)
     table = read_table(annotations, _NAMES[:-1], ["label"], names=_NAMES, delimiter=None)

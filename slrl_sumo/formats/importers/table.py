@@ -1,4 +1,4 @@
-"""Tables of numbers and words in text files, read at once; what is wrong with them is said by line and column."""
+"""Tables of numbers and words in text files, read at once; errors name line and column."""
 
 import csv
 import os
@@ -60,7 +60,7 @@ def read_table(
     names: Sequence[str] = (),
     delimiter: str | None = ",",
 ) -> Table:
-    """Read the columns `numbers` and `words` of a text file; others are not looked at.
+    """Read the columns `numbers` and `words` of a text file; others are ignored.
 
     Without `names` the first line names the columns; with them there is no such line, and the file has just those
     columns. `delimiter` None means blanks. Raises InputError, with line and column, where the file cannot be read, is
@@ -135,7 +135,7 @@ def _last_line(path: Path, delimiter: str | None) -> list[str]:
 def _complaint(
     path: Path, numbers: Sequence[str], names: Sequence[str], delimiter: str | None, header: bool, error: ValueError
 ) -> InputError:
-    """What is wrong with the first line that cannot be read: looked up slowly, for the message only."""
+    """The error in the first unreadable line: a slow search, for the message only."""
     lines = _lines(path, delimiter)
     if header:
         next(lines)

@@ -85,7 +85,7 @@ def test_modes_and_learned_come_back(tmp_path: Path, suffix: str) -> None:
     write(tmp_path / f"t{suffix}", 2)
     table, flaw = read_table(tmp_path / f"t{suffix}")
     assert flaw is None
-    assert table.told
+    assert table.marks_learned
     assert [table.users[key][0] for key in table.key] == 2 * ["u0", "u1", "u3", "u4", "u2", "u5"]
     assert list(table.mode) == 2 * [1, 0, 0, 3, 2, 0]  # 1 + mode
     assert list(table.learned) == 2 * [1, 0, 0, 1, 1, 0]
