@@ -28,8 +28,8 @@ def build_net(spec: NetSpec) -> bytes:
     """The contents of a .net.xml for `spec`; the same spec gives the same bytes (the dated header is left out)."""
     with TemporaryDirectory(prefix="netgen-") as name:
         folder = Path(name)
-        # One arm at a time gets green: in a shared phase, left-turning cyclists and cars of opposite arms waited for each
-        # other for ever (in 3 of 3 runs of 600 s; never with this).
+        # One arm at a time gets green: in a shared phase, left-turning cyclists and cars of opposite arms waited for
+        # each other for ever (in 3 of 3 runs of 600 s; never with this).
         options = ["--no-turnarounds", "--walkingareas", "--tls.layout", "incoming"]
         if isinstance(spec, RandomSpec):
             plan = _dress_streets(_draw_streets(spec, folder), spec)
