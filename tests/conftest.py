@@ -107,6 +107,8 @@ def cli() -> Cli:
                     main()
                 except SystemExit as end:
                     code = end.code
+                finally:
+                    torch.set_num_threads(1)
             return subprocess.CompletedProcess(command, int(code or 0), out.read(), err.read())
 
     return call

@@ -3,9 +3,12 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 PATH="$PWD/.venv/bin:$PATH"
+# Tests start some hundred interpreters: none should compile our modules anew.
+unset PYTHONDONTWRITEBYTECODE
 
 ruff format --check
 ruff check
 lint-imports
 mypy
-pytest "$@"
+# Tests of a module stay together, because they share what is costly to set up.
+pytest -n 2 --dist loadscope "$@"

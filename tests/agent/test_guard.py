@@ -1,4 +1,4 @@
-"""The guard: which modes it leaves, by hand, and that nobody gets round it in a run."""
+"""The guard: which modes it leaves, by hand, and that it holds throughout a run."""
 
 from dataclasses import replace
 from typing import Any
@@ -59,14 +59,14 @@ def test_modes_without_a_conflict_are_all_allowed(kind: int) -> None:
 
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE, PEDESTRIAN])
-def test_meeting_somebody_and_leaving_the_surface_are_masked(kind: int) -> None:
+def test_collisions_and_leaving_the_surface_are_masked(kind: int) -> None:
     assert left({MEETING: 0.5}, {}, {MEETING: 1.0}, kind=kind) == [1]
     # Who is met later than in 2 s is for the selector to see to.
     assert left({MEETING: 0.375}, {}, {MEETING: 1.0}, kind=kind) == [0, 1]
     assert left({OFF: 1 / 3}, {}, {OFF: 1.0}, kind=kind) == [1]
 
 
-def test_who_is_met_on_the_very_course_of_a_mode_is_met_soon() -> None:
+def test_a_road_user_on_the_rollout_of_a_mode_is_hit_soon() -> None:
     # Within 1.2 s, three intervals; later the path says where it goes.
     assert left({}, {}, {}, {MEETING: 1.0}, touching=(1.0, 0.75, 0.625)) == [2]
     assert left({}, {}, touching=(1.0, 0.875)) == [1]
@@ -100,7 +100,7 @@ def test_where_nothing_is_left_the_latest_conflict_is() -> None:
     assert left({MEETING: 0.25, OFF: 1.0}, {MEETING: 0.5}) == [1]
 
 
-def test_at_least_one_mode_is_left_to_everybody_and_each_is_judged_alone() -> None:
+def test_each_keeps_at_least_one_mode_and_is_judged_alone() -> None:
     random = np.random.default_rng(1)
     n = 300
     ahead = random.random((n, 20, 9)) * (random.random((n, 20, 9)) < 0.6) * 8.0
@@ -145,7 +145,7 @@ def test_in_a_run_only_what_the_guard_leaves_is_chosen(monkeypatch: pytest.Monke
     modes = chosen(replace(GUARDED, selector=selector))
     assert modes == [allowed.argmax(axis=1).tolist() for allowed in asked]
     assert len(modes) == 4
-    # Without it nobody is asked.
+    # Without it nothing is masked.
     assert chosen(replace(GUARDED, selector=selector, guard=False)) != modes
     assert len(asked) == 4
 

@@ -1,4 +1,4 @@
-"""The driver `lane` takes road users home as SUMO's own do: in their lane, by the signals, without touching anybody."""
+"""The driver `lane` takes road users home as SUMO's own do: in their lane, by the signals, without contacts."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -44,7 +44,7 @@ class Ride:
         self.collect()
 
     def collect(self) -> None:
-        """Take over whom we want and have not, and look at the rest."""
+        """Take over the requested road users that are not yet taken over, and read the rest."""
         snapshot = self.session.reader.read()
         own = set(self.learned.ids)
         rows = [i for i, r in enumerate(snapshot.ids) if self.wanted(r) and r not in own and r not in self.back | own]
@@ -179,7 +179,7 @@ def test_a_car_waits_at_red_and_goes_at_green() -> None:
         assert "car" in ride.back
 
 
-def test_a_car_stops_behind_one_that_stands_and_for_a_person_whom_sumo_has_nowhere(intersection: SumoSession) -> None:
+def test_a_car_stops_behind_a_standing_one_and_for_a_person_unknown_to_sumo(intersection: SumoSession) -> None:
     _add_car(intersection, ("in0", "out2"), "first", at="40")
     _add_car(intersection, ("in0", "out2"))
     _stop_traffic("car", "first")
@@ -192,7 +192,7 @@ def test_a_car_stops_behind_one_that_stands_and_for_a_person_whom_sumo_has_nowhe
     assert ride.learned.speed[0] < 0.05
     assert 0.5 < gap < 4.0
     libsumo.vehicle.setSpeed("first", -1.0)
-    # The same with somebody of whom SUMO knows nothing, 25 m further on.
+    # The same with a road user unknown to SUMO, 25 m further on.
     x, y, heading = float(ride.learned.x[0]), float(ride.learned.y[0]), float(ride.learned.heading[0])
     stranger = replace(
         ride.learned,
@@ -258,7 +258,7 @@ def test_all_cars_of_a_junction_arrive_where_they_wanted_to_go(game: Path) -> No
         taken = {r: lane for r, lane in ride.arrived.items() if r in goals}
         assert len(taken) > 40
         assert {r: lane.rpartition("_")[0] for r, lane in taken.items()} == {r: goals[r] for r in taken}
-        # Nobody is lost: who is not there any more has arrived.
+        # None is lost: road users that are gone have arrived.
         present = set(libsumo.vehicle.getIDList())
         assert set(goals) - present == set(taken)
 
@@ -315,7 +315,7 @@ def test_walkers_wait_at_red_crossings() -> None:
         world = ride.learned
         standing = world.speed < 0.01
         assert standing.sum() >= 3
-        # SUMO's own walkers start on sidewalks as ours do, so that nobody can be on the carriageway.
+        # SUMO's own walkers start on sidewalks as ours do, so that none can be on the carriageway.
         for lane in crossings:
             middle = 0.5 * (lane.shape[0] + lane.shape[-1])
             away = np.hypot(world.x - middle[0], world.y - middle[1])

@@ -149,13 +149,13 @@ def test_speeds_in_curves() -> None:
     sharp = np.abs(curvature(around)[0, HERE])
     possible = SPEEDS[limits.sharpest[0, 0] * SPARE >= sharp].max()
     assert possible == 9.0
-    # What nobody likes comes first: 3 m/s² across are 4.9 m/s there, and 13.4 m/s with a radius of 60 m.
+    # What is uncomfortable comes first: 3 m/s² across are 4.9 m/s there, and 13.4 m/s with a radius of 60 m.
     assert after.desired[:2] == pytest.approx(np.sqrt(COMFORT * 8.0), rel=0.01)
     assert after.desired[2:].tolist() == [13.0, 13.0]
     # Where less is possible, that counts.
     after = fitted(around, users(*[(CAR, 6.0)] * 4), able(0.3, 0.3, fade=0.05))
     assert after.desired[:2].tolist() == [4.0, 4.0]
-    # Sides differ, and at the very least everybody goes at a walk.
+    # Sides differ, and the least speed is that of a walk.
     uneven = fitted(around, users(*[(BICYCLE, 6.0)] * 4), able(0.15, 0.3, fade=0.05))
     assert uneven.desired[:2].tolist() == [4.0, SLOWEST]
     slow = fitted(routes(circle(1.5), circle(2.0)), users((CAR, 6.0), (CAR, 6.0)), able(0.01, 0.01))
@@ -224,7 +224,7 @@ def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
     assert fitted(routes((x, y), desired=3.0), users((kind, 2.0)), limits).desired.tolist() == [3.0]
 
 
-def test_whose_routes_are_unknown_is_left_alone() -> None:
+def test_road_users_without_a_route_are_left_alone() -> None:
     none = replace(routes(corner(1.5), corner(1.5)), known=np.zeros(2, np.bool_))
     after = fitted(none, users((CAR, 5.0), (CAR, 5.0)), able(0.1, 0.1))
     np.testing.assert_array_equal(after.x, none.x)

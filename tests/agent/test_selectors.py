@@ -61,7 +61,7 @@ def test_a_drawn_mode_is_held_by_its_road_user_for_as_long_as_chance_says(
 ) -> None:
     times = 4000
     ids = [f"u{i}" for i in range(times)]
-    # Two modes that are equally likely: who draws anew gets the other one every second time.
+    # Two modes that are equally likely: a new draw gives the other one every second time.
     bundle.prior.networks.weight[-1].zero_()
     bundle.prior.networks.bias[-1].fill_(-100.0)
     bundle.prior.networks.bias[-1][..., [3, 8]] = 0.0
@@ -74,7 +74,9 @@ def test_a_drawn_mode_is_held_by_its_road_user_for_as_long_as_chance_says(
     assert np.mean(second != first[order]) == pytest.approx(0.5 / HOLD, abs=0.015)
     stranger = chosen(selector, many, [f"v{i}" for i in range(times)])
     assert np.mean(stranger != second) == pytest.approx(0.5, abs=0.04)
-    assert np.mean(chosen(selector, many, ids) != first) == pytest.approx(0.5, abs=0.04)  # who was away is forgotten
+    assert np.mean(chosen(selector, many, ids) != first) == pytest.approx(
+        0.5, abs=0.04
+    )  # absent road users are forgotten
 
 
 def test_without_sampling_the_most_central_mode_is_taken(bundle: ModelBundle, seen: Observation) -> None:
@@ -101,7 +103,7 @@ def test_prior_reads_the_networks_of_the_type(bundle: ModelBundle, seen: Observa
         torch.testing.assert_close(logits[i], x, rtol=1e-4, atol=1e-4)
 
 
-def test_nobody_gets_no_modes(bundle: ModelBundle) -> None:
+def test_no_road_users_get_no_modes(bundle: ModelBundle) -> None:
     nobody = Observation(np.zeros((0, 12), np.float32), None, np.zeros(0, np.int8))
     for sample in (True, False):
         assert chosen(prior(bundle, 1, sample=sample), nobody).shape == (0,)
@@ -141,7 +143,7 @@ def test_modes_that_are_not_allowed_are_never_chosen(bundle: ModelBundle, seen: 
             assert allowed[everybody, modes].all()
         if share == 0.0:
             np.testing.assert_array_equal(modes, allowed.argmax(axis=1))
-    # The first choice is masked for all: everybody takes another one.
+    # The first choice is masked for all: each takes another one.
     allowed = np.ones((len(seen), 20), np.bool_)
     allowed[everybody, free] = False
     assert (chosen(_selector(name, bundle), looked, ids, allowed) != free).all()

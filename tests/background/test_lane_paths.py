@@ -73,7 +73,7 @@ def test_lanes_are_chosen_by_vehicle_class(paths: Paths) -> None:
     assert "b_0" not in paths.chain("a_0", ("b",), "passenger")
 
 
-def test_who_is_inside_a_junction_at_the_end_of_the_route_still_leaves_it(paths: Paths) -> None:
+def test_a_vehicle_inside_a_junction_at_the_end_of_its_route_still_leaves_it(paths: Paths) -> None:
     assert paths.chain(":j_1_0", (), "passenger") == (":j_1_0", "d_0")
 
 

@@ -15,7 +15,7 @@ MOMENTS = np.array([0.0, 1.0, 2.0])
 SIZE = np.array([[5.0, 1.8]])
 
 
-def somebody(x: float, y: float, heading: float = 0.0, speed: float = 0.0, **changes: float) -> WorldState:
+def road_user(x: float, y: float, heading: float = 0.0, speed: float = 0.0, **changes: float) -> WorldState:
     return make_world(x, y, heading, speed, **{"type": 2, "length": 0.4, "width": 0.4, "ids": ("learned",), **changes})
 
 
@@ -32,8 +32,8 @@ def met(user: WorldState) -> tuple[Any, Any]:
     return enter[0], leave[0]
 
 
-def test_who_stands_ahead_is_met_at_its_near_side_and_left_when_the_rear_is_past() -> None:
-    enter, leave = met(somebody(20.0, 0.0))
+def test_a_road_user_standing_ahead_is_met_at_its_near_side_and_left_when_the_rear_is_past() -> None:
+    enter, leave = met(road_user(20.0, 0.0))
     assert enter[0] == pytest.approx(19.8, abs=SPACING)
     assert leave[0] == pytest.approx(25.2, abs=SPACING)
     assert np.isinf(enter[1:]).all()
@@ -42,24 +42,24 @@ def test_who_stands_ahead_is_met_at_its_near_side_and_left_when_the_rear_is_past
 @pytest.mark.parametrize("beside", [0.9 + 0.2 + MARGIN - 0.05, 0.9 + 0.2 + MARGIN + 0.05])
 def test_a_margin_is_kept_on_either_side_and_no_more(beside: float) -> None:
     for side in (beside, -beside):
-        enter, _ = met(somebody(20.0, side))
+        enter, _ = met(road_user(20.0, side))
         assert np.isfinite(enter[0]) == (beside < 0.9 + 0.2 + MARGIN)
 
 
-def test_whom_the_vehicle_is_passing_is_no_reason_to_stop() -> None:
-    assert np.isinf(met(somebody(-2.0, 1.2))[0]).all()
+def test_a_road_user_that_is_being_passed_is_no_reason_to_stop() -> None:
+    assert np.isinf(met(road_user(-2.0, 1.2))[0]).all()
     # ... not even when it walks into the vehicle's side.
-    assert np.isinf(met(somebody(-2.0, 1.6, -np.pi / 2, 0.7))[0]).all()
+    assert np.isinf(met(road_user(-2.0, 1.6, -np.pi / 2, 0.7))[0]).all()
     # Behind the vehicle is nothing to meet.
-    assert np.isinf(met(somebody(-8.0, 0.0))[0]).all()
+    assert np.isinf(met(road_user(-8.0, 0.0))[0]).all()
 
 
-def test_who_stands_right_in_front_is_met_at_once() -> None:
-    assert met(somebody(0.1, 0.0))[0][0] == 0.0
+def test_a_road_user_right_in_front_is_met_at_once() -> None:
+    assert met(road_user(0.1, 0.0))[0][0] == 0.0
 
 
-def test_who_walks_towards_the_way_is_met_when_it_will_be_there() -> None:
-    enter, _ = met(somebody(20.0, -2.5, np.pi / 2, 1.3))
+def test_a_pedestrian_walking_towards_the_path_is_met_when_it_will_be_there() -> None:
+    enter, _ = met(road_user(20.0, -2.5, np.pi / 2, 1.3))
     assert np.isinf(enter[0])
     assert np.isinf(enter[1])
     assert enter[2] == pytest.approx(19.8, abs=SPACING)
@@ -74,16 +74,16 @@ def test_in_a_right_turn_the_way_meets_a_cyclist_beside_it() -> None:
         (radius * np.sin(angle))[None], (-radius * (1 - np.cos(angle)) - after)[None], np.array([100.0]),
         zero, zero, zero, SIZE,
     )  # fmt: skip
-    cyclist = somebody(-3.0, -2.4, 0.0, 4.0, length=1.6, width=0.6)
+    cyclist = road_user(-3.0, -2.4, 0.0, 4.0, length=1.6, width=0.6)
     enter, _ = conflicts(turning, np.array([0]), predicted(cyclist, MOMENTS), np.array([0]), np.array([True]))
     assert np.isfinite(enter[0, 1:]).any()
     assert np.isinf(met(cyclist)[0]).all()
 
 
 def test_prediction_goes_straight_or_round() -> None:
-    straight = predicted(somebody(1.0, 2.0, np.pi / 2, 3.0), MOMENTS)[0]
+    straight = predicted(road_user(1.0, 2.0, np.pi / 2, 3.0), MOMENTS)[0]
     np.testing.assert_allclose(straight[:, :2], [[1, 2], [1, 5], [1, 8]], atol=1e-12)
-    turning = predicted(somebody(0.0, 0.0, 0.0, 2.0, yaw_rate=0.5), MOMENTS)[0]
+    turning = predicted(road_user(0.0, 0.0, 0.0, 2.0, yaw_rate=0.5), MOMENTS)[0]
     # A circle of radius v / yaw rate.
     np.testing.assert_allclose(turning[:, 0], 4.0 * np.sin(0.5 * MOMENTS), atol=1e-12)
     np.testing.assert_allclose(turning[:, 1], 4.0 * (1 - np.cos(0.5 * MOMENTS)), atol=1e-12)
@@ -92,17 +92,17 @@ def test_prediction_goes_straight_or_round() -> None:
 
 @pytest.mark.parametrize(("heading", "along"), [(0.0, 3.0), (np.pi / 3, 1.5), (np.pi / 2, 0.0), (np.pi, 0.0)])
 def test_speed_along_the_way_is_what_leads_away(heading: float, along: float) -> None:
-    user = somebody(20.0, 0.0, heading, 3.0)
+    user = road_user(20.0, 0.0, heading, 3.0)
     boxes, zero = predicted(user, MOMENTS), np.array([0])
     enter = np.array([[19.5, np.inf, np.inf]])
     speed = speed_along(straight_on(), zero, enter, boxes, zero, user.speed)
     assert speed[0, 0] == pytest.approx(along, abs=1e-9)
 
 
-def test_the_quick_look_leaves_out_only_those_who_are_far_from_the_way() -> None:
+def test_the_quick_look_leaves_out_only_road_users_far_from_the_path() -> None:
     s = np.linspace(0.0, 40.0, 81)
     path_x, path_y = np.stack([s, s]), np.stack([0.0 * s, 0.0 * s + 500.0])
-    boxes = predicted(somebody(20.0, 0.0), MOMENTS)
+    boxes = predicted(road_user(20.0, 0.0), MOMENTS)
     both = np.array([0, 1])
     coming = approaching(path_x, path_y, np.repeat(SIZE, 2, axis=0), both, boxes, np.array([0, 0]))
     assert coming.tolist() == [True, False]

@@ -1,6 +1,7 @@
 """Background vehicles brake for learned road users, and drive on as before afterwards."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,7 @@ def test_nothing_in_the_way_sets_no_speed() -> None:
     assert one_speed(np.inf, 10.0) == (np.inf, False)
 
 
-def test_safe_speeds_stop_short_of_who_stands_there_and_brake_comfortably_where_there_is_room() -> None:
+def test_safe_speeds_stop_short_of_obstacles_and_brake_comfortably_where_there_is_room() -> None:
     decelerations: list[float] = []
     driven = stopped_after(40.0, 13.9, decelerations)
     assert 40.0 - STOP_SHORT - 0.6 < driven <= 40.0 - STOP_SHORT + 1e-6
@@ -75,24 +76,24 @@ def test_without_room_they_brake_as_hard_as_the_vehicle_can() -> None:
     assert hard
 
 
-def test_whoever_leads_away_may_be_followed() -> None:
+def test_a_leader_that_drives_away_may_be_followed() -> None:
     standing, _ = one_speed(15.0, 10.0)
     behind, _ = one_speed(15.0, 10.0, leading=8.0)
     assert standing < behind
     assert one_speed(STOP_SHORT + 8.0 * STEP, 8.0, leading=8.0)[0] == pytest.approx(8.0)
 
 
-def test_who_will_be_gone_before_the_vehicle_comes_is_no_reason_to_brake() -> None:
+def test_a_road_user_gone_before_the_vehicle_comes_is_no_reason_to_brake() -> None:
     enter = NEVER.copy()
     enter[0, 1:3] = 30.0
     args = np.array([5.0]), np.zeros_like(enter), LIMITS, STEP
     assert safe_speeds(enter, enter + 6.0, *args)[0][0] == np.inf
-    # ... but who stays is one as soon as the distance asks for it.
+    # ... but a road user that stays is one as soon as the distance asks for it.
     enter[0, -1] = 2.0
     assert safe_speeds(enter, enter + 6.0, *args)[0][0] < 5.0
 
 
-def test_who_comes_after_the_vehicle_has_passed_is_no_reason_to_brake() -> None:
+def test_a_road_user_that_comes_after_the_vehicle_is_no_reason_to_brake() -> None:
     enter = NEVER.copy()
     enter[0, -1] = 2.0
     args = np.zeros_like(enter), LIMITS, STEP
@@ -198,7 +199,7 @@ def test_a_learned_car_at_the_lanes_edge_is_not_driven_into(session: SumoSession
 
 
 @pytest.mark.parametrize("yields", [True, False])
-def test_who_walks_across_is_let_pass(session: SumoSession, yields: bool) -> None:
+def test_a_crossing_pedestrian_is_let_pass(session: SumoSession, yields: bool) -> None:
     scene = Scene(session, RoadUserType.PEDESTRIAN, yields=yields)
     walked = 0.0
     for _ in range(60):
@@ -224,7 +225,7 @@ def test_who_walks_across_is_let_pass(session: SumoSession, yields: bool) -> Non
     ],
     ids=["opposite lane", "cycle lane", "sidewalk", "kerb"],
 )
-def test_who_is_beside_the_way_does_not_slow_it(
+def test_a_road_user_beside_the_path_does_not_slow_it(
     session: SumoSession, kind: RoadUserType, beside: float, heading: float
 ) -> None:
     scene = Scene(session, kind)
@@ -290,7 +291,7 @@ def test_vehicles_that_are_ours_are_never_touched(session: SumoSession) -> None:
     calls: list[str] = []
     setting: Callable[..., None] = session.api.vehicle.setSpeed
     person = scene.world(pose, 0.0)
-    both = person.join(WorldState(**{**vars(person), "ids": (CAR,)}))
+    both = person.join(replace(person, ids=(CAR,)))
     with pytest.MonkeyPatch.context() as patch:
 
         def noted(vehicle: str, speed: float) -> None:

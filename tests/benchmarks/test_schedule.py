@@ -6,7 +6,7 @@ import pytest
 from benchmarks import schedule
 
 
-def test_whoever_is_free_takes_the_next() -> None:
+def test_a_free_core_takes_the_next_job() -> None:
     # One core does 3, the other 1, 1, 1; then 2 is left for one of them.
     seconds, waiting = schedule.study(np.array([3.0, 1.0, 1.0, 1.0, 2.0]), 2, driver=0.0, start=10.0, ahead=0.0)
     assert seconds == 15.0

@@ -24,6 +24,7 @@ reset_every = 2
 """
 
 
+@pytest.mark.slow
 def test_from_a_bundle_to_a_run_of_its_trained_selector(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(SMALL)
     words = ["train", "shared-space", "--bundle", "intersection", "--out", "mine", "--config", "small.toml"]

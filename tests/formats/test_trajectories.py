@@ -174,7 +174,7 @@ def test_a_table_that_breaks_the_rules_is_not_loaded(tmp_path: Path) -> None:
         load_trajectories(tmp_path / "u.npz")
 
 
-def test_builder_splits_where_somebody_was_absent_or_jumped() -> None:
+def test_builder_splits_tracks_at_gaps_and_jumps() -> None:
     builder = TrajectoryBuilder(source="test", licence="MIT")
     builder.append(world(3.0, a=0.0, b=10.0))
     builder.append(world(3.4, b=11.0, a=1.0))
@@ -223,7 +223,7 @@ def test_track_names_are_unique_even_where_an_id_looks_like_one() -> None:
     assert track_names(["a", "a", "a#1", "a", "b", "a#1"]) == ("a", "a#2", "a#1", "a#3", "b", "a#1#1")
 
 
-def test_parked_is_nobody_unless_it_is_said(tmp_path: Path) -> None:
+def test_no_track_is_parked_by_default(tmp_path: Path) -> None:
     assert make().parked.tolist() == [False, False]
     marked = make(parked=np.array([True, False]))
     marked.save(tmp_path / "t.npz")
@@ -232,7 +232,7 @@ def test_parked_is_nobody_unless_it_is_said(tmp_path: Path) -> None:
         make(parked=np.array([True]))
 
 
-def test_files_of_version_1_have_nobody_parked(tmp_path: Path) -> None:
+def test_files_of_version_1_have_no_parked_tracks(tmp_path: Path) -> None:
     make(parked=np.array([True, False])).save(tmp_path / "new.npz")
     with np.load(tmp_path / "new.npz") as data:
         fields = {name: data[name] for name in data.files if name != "parked"}

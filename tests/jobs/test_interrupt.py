@@ -37,7 +37,7 @@ def interrupt(folder: Path, fcd: Path, number: signal.Signals, *more: str) -> su
 
 
 def check_steps(times: list[float], learned: list[int], summary: Path) -> None:
-    """Whole time steps one after the other, everybody in each, and as many as the summary says."""
+    """Whole time steps one after the other, all road users in each, and as many as the summary says."""
     assert len(times) > 10
     assert all(abs(b - a - 0.4) < 1e-6 for a, b in pairwise(times))
     assert set(learned) == {AGENTS}

@@ -98,7 +98,7 @@ class Cluster:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Cluster]:
-    folder = Path(tempfile.mkdtemp(prefix="ray_", dir="/tmp"))  # sockets have short paths
+    folder = Path(tempfile.mkdtemp(prefix="ray_"))
     (folder / "token").write_text(secrets.token_hex(32))
     settings = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(folder / "token")}
     with socket.create_server(("127.0.0.2", 0)) as free:
@@ -114,10 +114,10 @@ def cluster() -> Iterator[Cluster]:
 
 
 @pytest.fixture(scope="module")
-def tables(cli: Cli, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tables(cli_process: Cli, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """EVALUATE by one local worker: the folder with its tables."""
     out = tmp_path_factory.mktemp("local") / "out"
-    done = cli(*EVALUATE.split(), "--workers", 1, "--out", out)
+    done = cli_process(*EVALUATE.split(), "--workers", 1, "--out", out)
     assert done.returncode == 0, done.stderr
     return out
 
@@ -157,22 +157,22 @@ def test_a_node_that_dies_costs_nothing_but_time(cluster: Cluster, tables: Path,
 
 @pytest.mark.slow
 def test_a_ray_of_our_own_gives_the_same_and_resumes_what_was_begun_without(
-    cli: Cli, tables: Path, tmp_path: Path
+    cli_process: Cli, tables: Path, tmp_path: Path
 ) -> None:
     whole = (tables / "episodes.jsonl").read_bytes().splitlines(keepends=True)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "episodes.jsonl").write_bytes(b"".join(whole[:5]) + whole[5][:40])
-    done = cli(*EVALUATE.split(), "--workers", 2, "--out", tmp_path / "out", "--ray")
+    done = cli_process(*EVALUATE.split(), "--workers", 2, "--out", tmp_path / "out", "--ray")
     assert (done.returncode, done.stderr) == (0, "")
     check_tables(tmp_path / "out", tables)
 
 
 @pytest.mark.slow
-def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli, tmp_path: Path) -> None:
+def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli_process: Cli, tmp_path: Path) -> None:
     (tmp_path / "small.toml").write_text(SMALL)
     train = ["train", "intersection", "--bundle", "intersection", "--config", "small.toml", "--episodes", "0"]
     train += ["--steps", str(8 * 8 * 24), "--workers", "2"]
-    done = cli(*train, "--out", "here", cwd=tmp_path)
+    done = cli_process(*train, "--out", "here", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     node = cluster.join()
     driver = subprocess.Popen(
@@ -208,12 +208,12 @@ def test_a_training_goes_on_exactly_when_a_node_dies(cluster: Cluster, cli: Cli,
 
 
 @pytest.mark.slow
-def test_a_comparison_and_recordings_on_ray_are_those_made_here(cli: Cli, tmp_path: Path) -> None:
+def test_a_comparison_and_recordings_on_ray_are_those_made_here(cli_process: Cli, tmp_path: Path) -> None:
     compare = ["compare", "signalised", "--bundle", "intersection", "--seconds", "20", "--seeds", "1"]
     record = ["record", "intersection", "--seconds", "20", "--seeds", "2"]
     for name, where in (("here", []), ("there", ["--ray", "--workers", "2"])):
         for command in (compare, record):
-            done = cli(*command, *where, "--out", tmp_path / f"{command[0]}-{name}")
+            done = cli_process(*command, *where, "--out", tmp_path / f"{command[0]}-{name}")
             assert (done.returncode, done.stderr) == (0, "")
     for file in ("compare-{}/results.json", "compare-{}/runs.jsonl", "record-{}/seed-1.npz", "record-{}/seed-2.npz"):
         here, there = ((tmp_path / file.format(name)).read_bytes() for name in ("here", "there"))
@@ -221,7 +221,7 @@ def test_a_comparison_and_recordings_on_ray_are_those_made_here(cli: Cli, tmp_pa
 
 
 @pytest.mark.slow
-def test_ctrl_c_on_ray_keeps_what_is_finished_and_leaves_nobody_behind(tmp_path: Path) -> None:
+def test_ctrl_c_on_ray_keeps_what_is_finished_and_leaves_no_process(tmp_path: Path) -> None:
     (tmp_path / "tmp").mkdir()
     before = set(Path("/tmp").glob("slrl_ray_*"))
     words = "evaluate intersection --bundle intersection --selectors prior --agents 4 --steps 8 --episodes 100000"
@@ -282,15 +282,17 @@ def test_an_option_without_an_address_means_a_ray_of_our_own() -> None:
         ("127.0.0.1:99999999", "no answer there"),
     ],
 )
-def test_an_address_where_nobody_is_gets_one_line(cli: Cli, tmp_path: Path, address: str, complaint: str) -> None:
+def test_an_address_without_a_cluster_gets_one_line(
+    cli_process: Cli, tmp_path: Path, address: str, complaint: str
+) -> None:
     ray = [address] if "=" in address else ["--ray", address]
-    done = cli(*EVALUATE.split(), *ray, "--out", tmp_path / "out")
+    done = cli_process(*EVALUATE.split(), *ray, "--out", tmp_path / "out")
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     assert complaint in line
 
 
-def test_somebody_who_is_no_ray_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_of_another_service_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ray_cluster, "CONNECT_S", 3)
     with (
         socket.create_server(("127.0.0.2", 0)) as mute,

@@ -303,7 +303,7 @@ def test_the_environment_that_was_reset_last_has_sumo() -> None:
         second.step(np.int64(0))
 
 
-def test_a_simulation_of_somebody_elses_is_left_alone(copy_scenario: Any) -> None:
+def test_a_simulation_of_the_users_own_is_left_alone(copy_scenario: Any) -> None:
     libsumo.start(["sumo", "-c", str(copy_scenario("intersection")), "--no-step-log"])
     try:
         with pytest.raises(InputError, match="already open"):

@@ -22,7 +22,7 @@ def drawn_paths(users: WorldState, seed: int) -> ModePaths:
 
 
 def along_a_mode(users: WorldState, on: ModePaths) -> Boxes:
-    """Boxes of all who follow the first mode of theirs."""
+    """Boxes of all road users under their first mode."""
     return Boxes(*(column[..., 0].copy() for column in (on.x, on.y, on.cos, on.sin)), sizes(users, MARGIN))
 
 
@@ -49,7 +49,7 @@ def every_box(
 
 
 @pytest.mark.parametrize("extent", [15.0, 60.0])
-def test_circles_leave_out_nobody_who_is_met(extent: float) -> None:
+def test_circles_leave_out_no_road_user_that_is_hit(extent: float) -> None:
     world = make_crowd(24, 3, extent)
     # Some of all, in another order.
     rows = np.random.default_rng(7).permutation(24)[:17]
@@ -59,15 +59,15 @@ def test_circles_leave_out_nobody_who_is_met(extent: float) -> None:
     excused = rows % 3 == 0
     found = collision_scores(mine, excused, theirs, world, rows)
     np.testing.assert_array_equal(found, every_box(mine, excused, theirs, world, rows))
-    # Some are met at once, some later, and some modes meet nobody.
+    # Some are hit at once, some later, and some modes hit nothing.
     assert len(np.unique(found)) > 4
     assert (found == 0.0).any()
     # Whom one may drive into without blame makes a difference.
     assert (collision_scores(mine, np.zeros(17, np.bool_), theirs, world, rows) > found).any()
 
 
-def test_who_is_excused_at_first_may_be_to_blame_later() -> None:
-    """It is hit from behind after one interval, and drives into who stands ahead after five."""
+def test_a_road_user_excused_at_first_may_be_to_blame_later() -> None:
+    """It is hit from behind after one interval, and drives into the one that stands ahead after five."""
     world = replace(make_crowd(3, 1, 1.0), x=np.array([0.0, -5.0, 12.0]), y=np.zeros(3), type=np.zeros(3, np.int8))
     world = replace(world, length=np.full(3, 5.0), width=np.full(3, 1.8))
     every = 1.5 * np.arange(1, STEPS + 1)
@@ -80,7 +80,7 @@ def test_who_is_excused_at_first_may_be_to_blame_later() -> None:
     assert collision_scores(mine, np.zeros(1, np.bool_), theirs, world, rows).tolist() == [[1.0]]
 
 
-def test_nobody_to_meet() -> None:
+def test_without_others_nothing_is_hit() -> None:
     world = make_crowd(3, 5, 50.0)
     far = replace(world, x=np.array([0.0, 200.0, 400.0]))
     for some, n in ((far, 3), (world.take(np.array([1])), 1), (make_crowd(0, 1, 1.0), 0)):

@@ -63,7 +63,7 @@ def _rolled_out(
     return mode_rollouts(bundle, observe(scene, with_image=False), scene, context, ABLE, **words)
 
 
-def test_who_stands_ahead_is_met_unless_the_mode_brakes_enough(shipped_bundle: ModelBundle) -> None:
+def test_a_standing_leader_is_hit_unless_the_mode_brakes_enough(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0, 22.0], [0.0, 0.0], [8.0, 0.0])
     rows = np.array([0])
     ahead = _rolled_out(shipped_bundle, world, rows)
@@ -73,7 +73,7 @@ def test_who_stands_ahead_is_met_unless_the_mode_brakes_enough(shipped_bundle: M
     assert (straight & fast).any()
     assert (ahead.collision[0, slow] < ahead.collision[0, straight & fast].min()).all()
     assert slow.any()
-    # Nearer is sooner is worse, and who is alone meets nobody.
+    # Nearer is sooner is worse, and a road user alone hits nothing.
     nearer = replace(world, x=np.array([0.0, 12.0]))
     sooner = _rolled_out(shipped_bundle, nearer, rows)
     assert (sooner.collision[0, straight & fast] > ahead.collision[0, straight & fast]).all()
@@ -203,7 +203,7 @@ def test_a_closed_line_is_too_near_for_modes_that_speed_up(shipped_bundle: Model
     assert not free.follow_ratio.any()
 
 
-def test_who_is_at_the_line_is_to_stand(shipped_bundle: ModelBundle) -> None:
+def test_at_the_line_standing_is_required(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0], [0.0], [1.0])
     second = _speeds(_after(shipped_bundle, world, 2))
     _, fits = _on_route(shipped_bundle, world, _context(0.0, stop=1.2, line=2.2))
@@ -258,8 +258,8 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     assert (stop + STOP_MARGIN).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
 
 
-def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBundle) -> None:
-    # 8 m eastwards, then to the left, where somebody stands; straight on there is nobody.
+def test_routes_lead_round_corners_to_standing_road_users(shipped_bundle: ModelBundle) -> None:
+    # 8 m eastwards, then to the left, where a road user stands; straight on there is none.
     world = _cars([0.0, 8.0], [0.0, 12.0], [7.0, 0.0])
     context = _context(0.0)
     x, y = np.minimum(ALONG, 8.0)[None], np.maximum(ALONG - 8.0, 0.0)[None]
@@ -275,8 +275,8 @@ def test_routes_lead_round_corners_to_who_stands_there(shipped_bundle: ModelBund
     assert (wandering.collision[0, np.abs(ahead.turn[0]) < 0.1] == 0.0).all()
 
 
-def test_who_goes_on_straight_touches_who_stands_beyond_the_corner(shipped_bundle: ModelBundle) -> None:
-    # 6 m eastwards, then to the left; somebody stands straight ahead, where the path does not lead.
+def test_leaving_the_route_straight_on_touches_a_road_user_beyond_the_corner(shipped_bundle: ModelBundle) -> None:
+    # 6 m eastwards, then to the left; a road user stands straight ahead, where the path does not lead.
     world = _cars([0.0, 12.0], [0.0, 0.0], [7.0, 0.0])
     x, y = np.minimum(ALONG, 6.0)[None], np.maximum(ALONG - 6.0, 0.0)[None]
     context = _context(0.0)
@@ -292,7 +292,7 @@ def test_who_goes_on_straight_touches_who_stands_beyond_the_corner(shipped_bundl
     assert _rolled_out(shipped_bundle, world, rows, context).collision_off_route is None
 
 
-def test_who_leaves_the_ground_at_the_end_of_its_path_is_right(shipped_bundle: ModelBundle) -> None:
+def test_leaving_the_ground_at_the_end_of_the_path_is_right(shipped_bundle: ModelBundle) -> None:
     world = _cars([145.0], [0.0], [8.0])
     rows = np.array([0])
     wandering = _rolled_out(shipped_bundle, world, rows)
@@ -307,7 +307,7 @@ def test_who_leaves_the_ground_at_the_end_of_its_path_is_right(shipped_bundle: M
     assert (off.off_surface[0] > 0.0).all()
 
 
-def test_columns_belong_to_their_rows_and_who_has_no_route_has_zeros(shipped_bundle: ModelBundle) -> None:
+def test_columns_belong_to_their_rows_and_are_zero_without_a_route(shipped_bundle: ModelBundle) -> None:
     world = _cars([0.0, 40.0, 80.0], [0.5, 0.0, -0.5], [5.0, 6.0, 7.0])
     context = _context(0.0, 40.0, 80.0, stop=9.0, gap=12.0)
     known = np.array([True, False, True])

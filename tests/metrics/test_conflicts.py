@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.metrics.conflicts import boxes, pet_conflicts, ttc_conflicts, velocities
@@ -17,17 +18,8 @@ def scene(
     *ways: tuple[Sequence[float], Sequence[float], float], first: int = 0, kinds: Sequence[int] = ()
 ) -> Trajectories:
     """Cars of 4 by 2 m on ways given as x and y at each frame, with a heading; from the frame `first` on."""
-    lengths = [len(way[0]) for way in ways]
-    return Trajectories(
-        track=np.repeat(np.arange(len(ways)), np.array(lengths, np.int64)),
-        frame=np.concatenate([np.zeros(0, np.int64), *(np.arange(first, first + n) for n in lengths)]),
-        x=np.concatenate([np.zeros(0), *(way[0] for way in ways)]),
-        y=np.concatenate([np.zeros(0), *(way[1] for way in ways)]),
-        heading=np.repeat(np.array([way[2] for way in ways], np.float64), np.array(lengths, np.int64)),
-        ids=tuple(f"car{i}" for i in range(len(ways))),
-        type=np.array(kinds or [0] * len(ways), np.int8),
-        length=np.full(len(ways), 4.0),
-        width=np.full(len(ways), 2.0),
+    return make_recording(
+        *ways, first=first, type=kinds or 0, length=4.0, width=2.0, ids=[f"car{i}" for i in range(len(ways))]
     )
 
 
@@ -168,7 +160,7 @@ def test_the_size_of_the_parts_that_are_searched_does_not_matter(monkeypatch: py
         assert found.time.tolist() == before.time.tolist()
 
 
-def test_where_nobody_is_there_are_no_conflicts() -> None:
+def test_without_road_users_there_are_no_conflicts() -> None:
     nobody = scene()
     assert (len(ttc_conflicts(nobody)), len(pet_conflicts(nobody))) == (0, 0)
     assert len(ttc_conflicts(nobody).with_vehicles(nobody)) == 0

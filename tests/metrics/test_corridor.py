@@ -1,7 +1,8 @@
-"""The busiest way, and who is where along it, in hand-made traffic."""
+"""The busiest corridor and positions along it, in hand-made traffic."""
 
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.metrics.corridor import along, busiest
@@ -10,18 +11,7 @@ Ways = list[tuple[np.ndarray, np.ndarray, float]]
 
 
 def traffic(ways: Ways, kinds: list[int] | None = None) -> Trajectories:
-    lengths = [len(x) for x, _, _ in ways]
-    return Trajectories(
-        track=np.repeat(np.arange(len(ways)), lengths),
-        frame=np.concatenate([np.arange(n) for n in lengths]),
-        x=np.concatenate([np.asarray(x, np.float64) for x, _, _ in ways]),
-        y=np.concatenate([np.asarray(y, np.float64) for _, y, _ in ways]),
-        heading=np.repeat([heading for _, _, heading in ways], lengths),
-        ids=tuple(f"car{k}" for k in range(len(ways))),
-        type=np.array(kinds or [0] * len(ways), np.int8),
-        length=np.full(len(ways), 4.0),
-        width=np.full(len(ways), 2.0),
-    )
+    return make_recording(*ways, type=kinds or 0, length=4.0, width=2.0)
 
 
 EAST = np.arange(1.0, 100.0, 4.0)
@@ -40,7 +30,7 @@ def test_the_busiest_way_is_that_with_the_most_metres_not_the_longest() -> None:
     assert np.isnan(place[3 * len(EAST) :]).all()
 
 
-def test_who_is_beside_before_or_against_it_is_not_on_it() -> None:
+def test_road_users_beside_before_or_against_it_are_not_on_it() -> None:
     t = traffic([(EAST, 0 * EAST, 0.0), (EAST, 0 * EAST + 1, 0.0)])
     corridor = busiest(t)
     assert corridor is not None
@@ -73,19 +63,7 @@ def test_pedestrians_have_ways_where_there_are_no_vehicles() -> None:
     assert np.ptp(both.points[:, 1]) > 90
 
 
-def test_where_nobody_goes_far_there_is_no_way() -> None:
+def test_where_no_road_user_goes_far_there_is_no_corridor() -> None:
     still = np.zeros(5)
     assert busiest(traffic([(still, still, 0.0)])) is None
-    none = np.zeros(0)
-    nobody = Trajectories(
-        track=np.zeros(0, np.int64),
-        frame=np.zeros(0, np.int64),
-        x=none,
-        y=none,
-        heading=none,
-        ids=(),
-        type=np.zeros(0, np.int8),
-        length=none,
-        width=none,
-    )
-    assert busiest(nobody) is None
+    assert busiest(make_recording()) is None

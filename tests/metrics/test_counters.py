@@ -48,7 +48,7 @@ def test_contacts_count_once_when_they_begin_for_each_learned_road_user_in_them(
     assert tally.summary(2.0, 0.4)["agent_steps"] == 4
 
 
-def test_who_comes_later_and_goes_again_is_counted_while_learned() -> None:
+def test_road_users_that_come_and_go_are_counted_while_learned() -> None:
     names = tuple(f"u{i}" for i in range(200))
     apart = [10.0 * i for i in range(200)]
     tally = RunCounters(replace(cars((), [], [], []), time=0.0))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.metrics.distributions import jensen_shannon_distance, kinematic_distances, kinematics
@@ -10,19 +11,7 @@ EDGES = np.array([0.0, 1.0, 2.0, 3.0])
 
 
 def walker(speed: float, kind: int = 2, parked: bool = False) -> Trajectories:
-    frames = np.arange(10)
-    return Trajectories(
-        track=np.zeros(10, np.int64),
-        frame=frames,
-        x=0.4 * speed * frames,
-        y=np.zeros(10),
-        heading=np.zeros(10),
-        ids=("walker",),
-        type=np.array([kind], np.int8),
-        length=np.array([0.2]),
-        width=np.array([0.5]),
-        parked=np.array([parked]),
-    )
+    return make_recording((0.4 * speed * np.arange(10), 0.0, 0.0), type=kind, parked=np.array([parked]))
 
 
 def test_distance_of_the_same_and_of_disjoint_samples() -> None:

@@ -38,7 +38,7 @@ def scene(*users: tuple[str, RoadUserType, float, float, float]) -> WorldState:
 CAR, BICYCLE, PEDESTRIAN = RoadUserType
 
 
-def test_pairs_count_once_when_they_begin_and_only_with_somebody_watched(street: Network) -> None:
+def test_pairs_count_once_when_they_begin_and_only_with_a_watched_road_user(street: Network) -> None:
     stats = DrivingStats(RoadMap(street.surfaces()))
     apart = scene(("a", CAR, 20.0, -1.6, 5.0), ("b", CAR, 30.0, -1.6, 5.0), ("p", PEDESTRIAN, 60.0, 0.0, 1.0))
     both = frozenset({"a", "p"})
@@ -61,7 +61,7 @@ def test_pairs_count_once_when_they_begin_and_only_with_somebody_watched(street:
     assert stats.record()["all"]["overlaps"] == 2
 
 
-def test_who_is_taken_over_in_contact_has_not_driven_into_it(street: Network) -> None:
+def test_a_road_user_taken_over_in_contact_has_not_caused_it(street: Network) -> None:
     stats = DrivingStats(RoadMap(street.surfaces()))
     touching = scene(("a", CAR, 20.0, -1.6, 5.0), ("b", CAR, 24.0, -1.6, 5.0))
     stats.add(touching, frozenset())

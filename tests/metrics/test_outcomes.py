@@ -28,7 +28,7 @@ def walkers(*places: float) -> WorldState:
 
 
 def count(start: WorldState, *later: WorldState) -> tuple[TypeOutcome, ...]:
-    """Everybody counted, nobody off its surface."""
+    """All counted, none off its surface."""
     outcomes = Outcomes(start)
     for each in later:
         outcomes.add(each, np.ones(len(each), np.bool_), np.zeros(len(each), np.bool_))
@@ -51,7 +51,7 @@ def test_boxes_that_intersect_are_an_overlap_and_no_collision() -> None:
     assert (outcome.overlaps, outcome.collisions, outcome.survived) == (2, 0, (1, 1))
 
 
-def test_contacts_that_are_there_when_somebody_appears_do_not_count() -> None:
+def test_contacts_that_exist_when_a_road_user_appears_do_not_count() -> None:
     close, apart = walkers(0.0, 0.4), walkers(0.0, 3.0)
     (from_the_start,) = count(close, close, apart)
     assert (from_the_start.survived, from_the_start.collisions) == ((2, 2), 0)
@@ -62,7 +62,7 @@ def test_contacts_that_are_there_when_somebody_appears_do_not_count() -> None:
     assert (again.survived, again.collisions) == ((2, 2), 2)
 
 
-def test_only_those_asked_for_are_counted_and_anybody_can_be_hit() -> None:
+def test_only_requested_road_users_are_counted_and_all_can_be_hit() -> None:
     outcomes = Outcomes(walkers(0.0, 3.0))
     outcomes.add(walkers(0.0, 0.4), np.array([True, False]), np.array([True, True]))
     (outcome,) = outcomes.per_type()
@@ -79,7 +79,7 @@ def test_speeds_of_all_and_of_moving_road_users_are_added_up() -> None:
     assert (walker.type, walker.standing, walker.speed_sum, walker.steps) == ("pedestrian", 0, 4.0, 4)
 
 
-def test_who_leaves_is_present_for_as_long_as_it_was_there() -> None:
+def test_a_road_user_that_leaves_was_present_until_then() -> None:
     (outcome,) = count(walkers(0.0, 9.0), walkers(0.0, 9.0), walkers(0.0))
     assert outcome.present == outcome.survived == (2, 1)
 
@@ -90,12 +90,12 @@ def test_unknown_surfaces_are_none() -> None:
     assert outcomes.per_type()[0].off_surface is None
 
 
-def test_mean_survival_of_those_who_stay_is_the_plain_mean() -> None:
+def test_mean_survival_of_road_users_that_stay_is_the_plain_mean() -> None:
     survived = np.array([128.0, 0.0, 37.0, 128.0, 90.0])
     assert mean_survival(survival_counts(np.full(5, 128.0), survived, 128)) == pytest.approx(survived.mean())
 
 
-def test_mean_survival_does_not_punish_those_who_leave() -> None:
+def test_mean_survival_does_not_punish_leaving() -> None:
     present = np.array([10.0, 40.0, 128.0])
     assert mean_survival(survival_counts(present, present, 128)) == 128
     # Four at risk in decision 1, where one is hit; one leaves after it; of the other two one is hit in decision 3.
@@ -132,6 +132,6 @@ def test_a_run_is_counted_as_its_summary_counts_it() -> None:
             "success_rate": round((survived == outcome.present).mean(), 4),
             "off_surface_share": round((outcome.off_surface or 0) / outcome.steps, 4),
         } == pytest.approx({name: value for name, value in theirs[outcome.type].items() if name != "overlaps"})
-        # A summary also counts those upon whom SUMO sets down a vehicle: 2 of 71 here.
+        # A summary also counts collisions with vehicles that SUMO inserts on top of others: 2 of 71 here.
         overlaps = theirs[outcome.type]["overlaps"] or 0
         assert 0.95 * overlaps <= outcome.overlaps <= overlaps

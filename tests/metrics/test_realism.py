@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
@@ -16,18 +17,8 @@ ROAD = SurfaceShapes((Ribbon(Surface.ROAD, np.array([[-50.0, 0.0], [150.0, 0.0]]
 
 def cars(places: Sequence[tuple[float, float, float]], frames: int = 12) -> Trajectories:
     """Cars of 4 by 2 m that start at x, y and drive along x at a speed."""
-    step = np.arange(frames)
-    return Trajectories(
-        track=np.repeat(np.arange(len(places)), frames),
-        frame=np.tile(step, len(places)),
-        x=np.concatenate([x + 0.4 * speed * step for x, _, speed in places]),
-        y=np.repeat([float(y) for _, y, _ in places], frames),
-        heading=np.zeros(frames * len(places)),
-        ids=tuple(f"car{i}" for i in range(len(places))),
-        type=np.zeros(len(places), np.int8),
-        length=np.full(len(places), 4.0),
-        width=np.full(len(places), 2.0),
-    )
+    ways = [(x + 0.4 * speed * np.arange(frames), y, 0.0) for x, y, speed in places]
+    return make_recording(*ways, length=4.0, width=2.0)
 
 
 def test_weights_are_a_whole() -> None:
@@ -50,7 +41,7 @@ def test_distance_to_the_nearest_and_time_to_collision() -> None:
     assert ttc[10:] == pytest.approx(5.0)
 
 
-def test_who_is_alone_has_a_nearest_far_away() -> None:
+def test_a_road_user_alone_has_its_nearest_far_away() -> None:
     assert nearest_distance(cars([(0, 0, 5)])) == pytest.approx(40.0)
     assert nearest_distance(cars([(0, 0, 0), (300, 0, 0)])) == pytest.approx(40.0)
 
@@ -105,7 +96,7 @@ def test_features_without_the_ground() -> None:
     assert set(features(cars([(0, 0, 5)]), None)) == set(FEATURES) - {"road_edge", "off_surface"}
 
 
-def test_who_does_not_count_is_still_seen() -> None:
+def test_road_users_that_do_not_count_are_still_seen() -> None:
     t = cars([(0, 0, 8), (20, 0, 3)])
     whole, first = features(t, None), features(t, None, np.array([True, False]))
     assert len(first["ttc"][0]) == 11

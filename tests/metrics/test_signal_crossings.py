@@ -33,7 +33,7 @@ def world_of(session: SumoSession) -> WorldState:
 
 
 def first_at_red(session: SumoSession, passages: SignalCrossings) -> str:
-    """Drive on until a car stands before a red light in front of everybody; its id."""
+    """Drive on until a car stands first at a red light; its id."""
     for _ in range(500):
         session.step()
         world = world_of(session)

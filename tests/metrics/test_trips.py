@@ -132,7 +132,7 @@ class Stub:
         self.gone: tuple[str, ...] = ()
 
 
-def test_who_sways_about_the_limit_has_stopped_once() -> None:
+def test_a_speed_that_sways_about_the_limit_is_one_stop() -> None:
     api = Stub()
     trips = Trips(api, 0.5)
     alone = replace(empty_world(), ids=("car",), type=np.zeros(1, np.int8))

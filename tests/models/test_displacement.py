@@ -62,7 +62,7 @@ def test_bounds_hold_for_any_input(bundle: ModelBundle, seen: Observation) -> No
     assert float(reached.min()) < -3.9
 
 
-def test_who_stands_cannot_turn(bundle: ModelBundle, seen: Observation) -> None:
+def test_standing_road_users_cannot_turn(bundle: ModelBundle, seen: Observation) -> None:
     vector, kind = tensors(seen)
     standing = vector.clone()
     standing[:, SPEED] = 0.0
@@ -121,6 +121,6 @@ def test_motion_is_the_same_where_nothing_is_learned(bundle: ModelBundle, seen: 
         torch.testing.assert_close(a, b.clone(), rtol=1e-4, atol=1e-5)
 
 
-def test_nobody_has_no_motions(bundle: ModelBundle) -> None:
+def test_no_road_users_have_no_motions(bundle: ModelBundle) -> None:
     acceleration, yaw_rate = bundle.displacement.motion_all(torch.zeros(0, 12), torch.zeros(0, dtype=torch.int64))
     assert acceleration.shape == yaw_rate.shape == (0, bundle.config.modes)

@@ -228,7 +228,7 @@ def test_a_preset_of_another_version_is_said(
     assert "\n" not in str(caught.value)
 
 
-def test_everybody_is_judged_by_the_heads_of_the_own_type(seen: Observation, extended: Policy) -> None:
+def test_each_is_judged_by_the_heads_of_its_type(seen: Observation, extended: Policy) -> None:
     _disturb(extended)
     looking = _with_images(seen)
     rng = np.random.default_rng(4)
@@ -251,7 +251,7 @@ def test_everybody_is_judged_by_the_heads_of_the_own_type(seen: Observation, ext
         assert not torch.allclose(leads + extended.actors[(head + 1) % 3](trunk), other, atol=1e-3)
 
 
-def test_who_only_chooses_gets_the_same_logits(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
+def test_logits_without_values_are_the_same(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
     _disturb(policy)
     vector, image, kind = _arguments(_with_images(seen))
     logits, _ = policy_logits(policy, bundle.prior, vector, image, kind)

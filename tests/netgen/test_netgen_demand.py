@@ -66,7 +66,7 @@ def test_reach_agrees_with_sumolib() -> None:
             assert reachable(graph, start, name) == expected
 
 
-def test_the_seed_decides_who_goes_where() -> None:
+def test_the_seed_decides_the_trips() -> None:
     graph = read_graph(build_net(IntersectionSpec()))
     assert demand_xml(graph, DemandSpec(seed=1)) == demand_xml(graph, DemandSpec(seed=1))
     assert demand_xml(graph, DemandSpec(seed=1)) != demand_xml(graph, DemandSpec(seed=2))

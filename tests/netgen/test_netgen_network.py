@@ -41,7 +41,7 @@ def test_every_arm_has_sidewalk_cycle_lane_and_car_lanes_and_a_crossing(arms: in
 def test_surfaces_can_be_left_out() -> None:
     bare = build_net(IntersectionSpec(sidewalks=False, crossings=False, cycle_lanes=False))
     assert len(lanes_of(bare, "in0")) == 1
-    assert not {"allow", "disallow"} & lanes_of(bare, "in0")[0].keys(), "everybody may use the only lane"
+    assert not {"allow", "disallow"} & lanes_of(bare, "in0")[0].keys(), "all types may use the only lane"
     assert count(bare, "crossing") == 0
     path = build_net(IntersectionSpec(sidewalks=False, crossings=False))
     assert [lane.get("allow") for lane in lanes_of(path, "in0")] == ["pedestrian bicycle", None]

@@ -1,4 +1,4 @@
-"""Roundabouts: a closed one-way ring with right of way, and a way through for everybody."""
+"""Roundabouts: a closed one-way ring with right of way, and a way through for all."""
 
 import subprocess
 from math import hypot
@@ -43,7 +43,7 @@ def test_the_ring_is_closed_one_way_and_turns_counter_clockwise_round_the_island
 
 
 @pytest.mark.parametrize("spec", SPECS, ids=repr)
-def test_who_enters_gives_way_to_the_ring(spec: RoundaboutSpec) -> None:
+def test_entering_traffic_gives_way_to_the_ring(spec: RoundaboutSpec) -> None:
     net = etree.fromstring(build_net(spec))
     named = net.find("roundabout")
     assert set(named.get("edges").split()) == {f"ring{k}" for k in range(spec.arms)}
@@ -96,7 +96,7 @@ def test_the_same_spec_gives_the_same_bytes_and_another_seed_or_radius_another_n
 
 
 @pytest.mark.parametrize("seed", [1, 4, 12])
-def test_everybody_gets_through_in_plain_sumo_which_warns_of_nothing(seed: int, tmp_path: Path) -> None:
+def test_all_get_through_in_plain_sumo_without_warnings(seed: int, tmp_path: Path) -> None:
     config = generate("roundabout", seed, tmp_path / "made")
     statistics = tmp_path / "statistics.xml"
     # Nobody enters after 600 s; a trip takes less than 250 s, on foot.

@@ -229,7 +229,7 @@ def test_the_order_of_the_world_does_not_matter(street: SurfaceShapes) -> None:
     assert np.array_equal(ego_images(world.take(order), everyone(world), roadmap), ego_images(world, order, roadmap))
 
 
-def test_alone_and_nobody(place: Worlds, street: SurfaceShapes) -> None:
+def test_one_alone_and_none(place: Worlds, street: SurfaceShapes) -> None:
     nowhere = image(place([(BICYCLE, 9000, 0, 0)]), RoadMap(street))
     assert nowhere[:, :, 2].max() > 180
     assert nowhere[:, :, :2].max() == 0

@@ -85,7 +85,7 @@ def test_scenes_do_not_see_each_other() -> None:
     assert (found != features(world, np.arange(90))).any()
 
 
-def test_alone_and_nobody(place: Callable[..., WorldState]) -> None:
+def test_one_alone_and_none(place: Callable[..., WorldState]) -> None:
     world = place([(BICYCLE, 0, 0, 0)])
     assert features(world, np.array([0]))[0].tolist() == [0.5, -3.25, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0]
     assert features(world, np.zeros(0, np.intp)).shape == (0, 12)
@@ -98,6 +98,6 @@ def test_the_order_of_the_world_does_not_matter() -> None:
     assert np.array_equal(features(world.take(order), np.arange(80)), features(world, order))
 
 
-def test_who_is_not_there_has_no_vector() -> None:
+def test_rows_outside_the_world_are_refused() -> None:
     with pytest.raises(IndexError, match="index 5"):
         features(make_crowd(5, 1, 10.0, -5.0), np.array([0, 5]))

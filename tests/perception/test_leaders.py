@@ -1,4 +1,4 @@
-"""Who leads whom, by hand."""
+"""Leaders of road users, by hand."""
 
 from dataclasses import replace
 
@@ -62,12 +62,12 @@ def test_the_nearest_one_on_the_path_leads() -> None:
         ((43.0, 0.0, 0.0, 5.0, 5.0, 1.8), False),
     ],
 )
-def test_who_leads(other: Box, leads: bool) -> None:
+def test_which_road_user_leads(other: Box, leads: bool) -> None:
     assert np.isfinite(of_one(other)[0]) == leads
 
 
 @pytest.mark.parametrize(("heading", "leads"), [(0.0, True), (np.pi, False), (np.pi / 2, False)])
-def test_people_wait_behind_others_and_walk_round_those_who_come(heading: float, leads: bool) -> None:
+def test_pedestrians_wait_behind_others_and_walk_round_oncoming_ones(heading: float, leads: bool) -> None:
     scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, 0.0, 0.2, 0.5))
     walking = replace(scene, type=np.full(2, RoadUserType.PEDESTRIAN, np.int8))
     assert np.isfinite(leaders(eastwards(0.0), walking)[0][0]) == leads
@@ -86,7 +86,7 @@ def test_gaps_are_along_the_path() -> None:
     assert (found[0][0], found[1][0]) == (pytest.approx(20.0), pytest.approx(3.0))
 
 
-def test_each_has_its_own_and_who_has_no_route_has_none() -> None:
+def test_each_has_its_own_leader_and_none_without_a_route() -> None:
     three = world(
         EGO, (15.0, 0.0, 0.0, 6.0, 5.0, 1.8), (30.0, 0.0, 0.0, 2.0, 5.0, 1.8), (45.0, 0.0, 0.0, 2.0, 5.0, 1.8)
     )

@@ -22,7 +22,7 @@ def test_rows_belong_together(street: SurfaceShapes) -> None:
     assert np.array_equal(seen.image, ego_images(world, rows, roadmap))
 
 
-def test_who_does_not_look_gets_no_image(street: SurfaceShapes) -> None:
+def test_without_looking_there_is_no_image(street: SurfaceShapes) -> None:
     world, roadmap, rows = make_crowd(30, 1, 40.0, -20.0), RoadMap(street), np.arange(30)
     blind = observe(Scene(world, rows, roadmap), with_image=False)
     assert blind.image is None
@@ -30,7 +30,7 @@ def test_who_does_not_look_gets_no_image(street: SurfaceShapes) -> None:
     assert roadmap.resident_bytes > 0
 
 
-def test_nobody(street: SurfaceShapes) -> None:
+def test_no_road_users(street: SurfaceShapes) -> None:
     seen = observe(Scene(make_crowd(30, 1, 40.0, -20.0), np.zeros(0, np.intp), RoadMap(street)))
     assert len(seen) == 0
     assert seen.vector.shape == (0, 12)
@@ -38,7 +38,7 @@ def test_nobody(street: SurfaceShapes) -> None:
     assert seen.image.shape == (0, 20, 40, 3)
 
 
-def test_who_knows_the_way_sees_it_as_numbers_and_in_the_image(street: SurfaceShapes) -> None:
+def test_a_known_route_is_seen_as_numbers_and_in_the_image(street: SurfaceShapes) -> None:
     world, roadmap, rows = make_crowd(30, 1, 40.0, -20.0), RoadMap(street), np.array([7, 3, 9])
     places = [(float(world.x[row]), float(world.y[row]), float(world.heading[row])) for row in range(10)]
     route = straight_routes(*places, stop=9.0)

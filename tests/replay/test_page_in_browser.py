@@ -230,7 +230,7 @@ def test_keys_step_and_seek(page: Driver) -> None:
     assert text(page, "play") == "play"
 
 
-def test_the_slider_seeks_and_everybody_is_between_their_positions(page: Driver) -> None:
+def test_the_slider_seeks_and_road_users_are_between_their_positions(page: Driver) -> None:
     slider = page.find_element(By.ID, "slider")
     ActionChains(page).move_to_element(slider).click().perform()
     settle(page)
@@ -268,7 +268,7 @@ def test_a_click_on_a_conflict_goes_to_its_time_and_place(page: Driver) -> None:
     # The runner's front reaches the parked one's tail at 100 m after 10 s; boxes touch there, by rounding or not.
     assert buttons[0].text.split("\n")[0] == "1:50.0 collision"
     assert buttons[0].text.split("\n")[1:] == ["car × car, closing at 8.0 m/s", "runner × parked"]
-    # Behind it: the rider, who rides through the runner's way (x = 100) and the walker, who meets nobody.
+    # Behind it: the rider, which rides through the runner's way (x = 100) and the walker, which meets none.
     assert not any("walker" in button.text for button in buttons)
     buttons[0].click()
     settle(page)
@@ -317,7 +317,7 @@ def test_definitions_are_one_click_away(page: Driver) -> None:
     assert "Boxes of two road users overlap" in text(page, "definitions")
 
 
-def test_everybody_is_drawn_in_the_types_colour_on_their_surface(page: Driver) -> None:
+def test_road_users_are_drawn_in_the_colour_of_their_type_on_their_surface(page: Driver) -> None:
     page.execute_script("page.zoom(6, ...page.toScreen(90 - page.trace.origin[0], 93 - page.trace.origin[1]))")
     page.execute_script("page.state.trail = 0; page.seek(117)")
     settle(page)

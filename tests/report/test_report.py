@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_recording, make_world
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import Places
-from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
 from slrl_sumo.metrics.conflicts import ttc_conflicts
 from slrl_sumo.report.definitions import DEFINITIONS
@@ -105,7 +104,7 @@ def summary() -> dict[str, Any]:
     }
 
 
-def test_who_is_handed_back_goes_on_as_somebody_elses_track(builder: ReportBuilder) -> None:
+def test_a_road_user_handed_back_goes_on_as_another_track(builder: ReportBuilder) -> None:
     traced = builder.build()
     tracks = dict(zip(traced.tracks.ids, np.diff(traced.tracks.starts).tolist(), strict=True))
     assert tracks == {"+a": 14, "+b": 9, "-b": 5, "-c": 14, "-d": 14}
@@ -115,14 +114,14 @@ def test_who_is_handed_back_goes_on_as_somebody_elses_track(builder: ReportBuild
     assert (traced.modes[0, 3], traced.modes[0, 7], traced.modes.sum()) == (13, 8, 21)
 
 
-def test_who_jumped_to_the_other_side_begins_anew() -> None:
+def test_a_reinserted_road_user_begins_a_new_track() -> None:
     made = ReportBuilder(STARTED)
     made.add(decision(1))
     made.add(decision(2, looped=(True, False)))
     assert sorted(made.build().tracks.ids) == ["+a", "+a#1", "+b", "-c", "-d"]
 
 
-def test_conflicts_are_counted_by_who_they_are(builder: ReportBuilder) -> None:
+def test_conflicts_are_counted_by_type_and_control(builder: ReportBuilder) -> None:
     traced = builder.build()
     found = ttc_conflicts(traced.tracks)
     # The first comes up to the slow one: 36 m at 6 m/s, so below 1.5 s from frame 12 on. They never touch.
@@ -178,19 +177,7 @@ def test_what_is_not_there_has_no_section(tmp_path: Path) -> None:
 
 
 def test_a_recording_takes_the_place_of_sumos_own(builder: ReportBuilder, tmp_path: Path) -> None:
-    frames = np.arange(30)
-    recording = Trajectories(
-        track=np.zeros(30, np.int64),
-        frame=frames,
-        x=4.0 * frames,
-        y=np.zeros(30),
-        heading=np.zeros(30),
-        ids=("r",),
-        type=np.zeros(1, np.int8),
-        length=np.array([4.0]),
-        width=np.array([2.0]),
-        source="a street",
-    )
+    recording = make_recording((4.0 * np.arange(30), 0.0, 0.0), length=4.0, width=2.0, source="a street")
     traced = builder.build()
     found, own = compare_with(traced, recording), compare_with(traced, None)
     assert found.name == "a street"

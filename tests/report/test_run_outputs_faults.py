@@ -87,7 +87,7 @@ def test_a_pipe_as_trace_gets_the_same_bytes(tmp_path: Path) -> None:
     assert steps_of(tmp_path / "file.xml") == 11
 
 
-def test_a_pipe_that_nobody_reads_any_more(tmp_path: Path) -> None:
+def test_a_pipe_without_a_reader(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.xml")
 
     def leave_early() -> None:

@@ -169,7 +169,7 @@ def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(inter
     assert routes.near_end(("car",)).tolist() == [False]
 
 
-def test_red_stops_green_does_not_and_yellow_only_who_still_can(signalised: SumoSession) -> None:
+def test_red_stops_green_does_not_and_yellow_stops_vehicles_that_still_can(signalised: SumoSession) -> None:
     _car(signalised, "car", ("in0", "out2"), 2, 12.0, 6.0)
     shown: dict[str, dict[str, float]] = {}
     closed: dict[str, bool] = {}
@@ -199,7 +199,7 @@ def test_red_stops_green_does_not_and_yellow_only_who_still_can(signalised: Sumo
 
 
 @pytest.mark.parametrize("crossing", [True, False])
-def test_who_has_to_yield_looks_and_stops_only_where_somebody_comes(intersection: SumoSession, crossing: bool) -> None:
+def test_minor_traffic_looks_and_stops_only_for_traffic_that_comes(intersection: SumoSession, crossing: bool) -> None:
     _car(intersection, "car", ("in0", "out2"), 2, 14.0, 5.0)
     if crossing:
         _car(intersection, "car that crosses", ("in1", "out3"), 2, 30.0, 8.0)
@@ -227,7 +227,7 @@ def test_who_has_to_yield_looks_and_stops_only_where_somebody_comes(intersection
     assert near["stop"] == (pytest.approx(near["line"] - STOP_LINE) if crossing else math.inf)
 
 
-def test_on_the_main_road_nobody_looks(intersection: SumoSession) -> None:
+def test_traffic_on_the_main_road_does_not_look(intersection: SumoSession) -> None:
     _car(intersection, "car", ("in1", "out3"), 2, 14.0, 8.0)
     _car(intersection, "car that waits", ("in0", "out2"), 2, 2.0, 0.0)
     intersection.step()
@@ -261,7 +261,7 @@ def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSessi
         assert _off_lanes(signalised, ("in0", "out3"), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
 
 
-def test_who_waits_for_ever_where_no_lane_leads_on_is_astray(signalised: SumoSession) -> None:
+def test_a_vehicle_that_waits_where_no_lane_leads_on_is_off_its_route(signalised: SumoSession) -> None:
     _signals("G")
     _car(signalised, "car", ("in0", "out3"), 2, 20.0, 4.0)
     _car(signalised, "car beside", ("in0", "out3"), 3, 20.0, 4.0)
@@ -281,7 +281,7 @@ def test_who_waits_for_ever_where_no_lane_leads_on_is_astray(signalised: SumoSes
     assert not routes.off_route(("car",)).any()
 
 
-def test_who_is_beside_the_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_vehicle_beside_its_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
     _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
     straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))
     ask, asked = libsumo.vehicle.getVehicleClass, list[str]()
@@ -331,7 +331,7 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
             break
         world = _seen(signalised, "walker")
         _signals("r")
-        # Asked twice about the same moment: nobody moves in between.
+        # Asked twice about the same moment: nothing moves in between.
         stopped, closed = routes.ahead(world, 1), routes.ahead(world, 1).closed
         _signals("G")
         route = routes.ahead(world, 1)
@@ -379,7 +379,7 @@ def test_persons_keep_their_place_across_the_walk(signalised: SumoSession, edge:
         assert aside[0] == pytest.approx(0.0, abs=0.05)
 
 
-def test_who_has_no_route_goes_on_the_same_in_every_run_and_off_the_end(intersection: SumoSession) -> None:
+def test_without_a_route_each_run_takes_the_same_way_until_the_end(intersection: SumoSession) -> None:
     _car(intersection, "car", ("in0", "out2"), 2, 20.0, 5.0)
     intersection.step()
     _clear("car")

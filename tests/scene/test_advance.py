@@ -83,14 +83,14 @@ def test_an_empty_world_only_gets_older() -> None:
     assert after.time == pytest.approx(1.4)
 
 
-def test_who_crawls_and_does_not_mean_to_drive_on_stops() -> None:
+def test_a_crawling_vehicle_that_does_not_accelerate_stops() -> None:
     # Speeds after 0.4 s: 0.4, 0.6, 0.4, 0.4, 0.0; the third speeds up, and so means to drive on.
     speed = np.array([[0.6, 1.0, 0.3, 0.36, 0.0]])
     acceleration = np.array([[-0.5, -1.0, 0.25, 0.1, 0.0]])
     felt = halting(speed, acceleration, DT)
     assert felt.tolist() == [[pytest.approx(-1.5), -1.0, 0.25, pytest.approx(-0.9), 0.0]]
     assert (speed + felt * DT)[0] == pytest.approx([0.0, 0.6, 0.4, 0.0, 0.0])
-    # Exactly at the limits nobody is stopped.
+    # Exactly at the limits none is stopped.
     assert halting(np.array([HALT]), np.array([0.0]), DT).tolist() == [0.0]
     assert halting(np.array([0.0]), np.array([INTENT]), DT).tolist() == [INTENT]
 

@@ -1,4 +1,4 @@
-"""Who touches whom: by hand, and against looking at every pair."""
+"""Contacts: by hand, and against a check of every pair."""
 
 from itertools import combinations
 
@@ -61,7 +61,7 @@ def listed(pairs: NDArray[np.intp]) -> list[tuple[int, int]]:
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_nobody_touches_anybody_where_there_are_less_than_two(count: int) -> None:
+def test_fewer_than_two_road_users_have_no_contacts(count: int) -> None:
     alone = empty_world() if count == 0 else world([(0, 0, 0, 5, 2)])
     for pairs in (colliding_pairs(alone), overlapping_pairs(alone), close_pairs(alone, 100.0)):
         assert pairs.shape == (0, 2)

@@ -63,7 +63,7 @@ def modes(api: Any) -> dict[str, tuple[int, int]]:
 
 
 def subscriptions(api: Any) -> dict[str, dict[str, Any]]:
-    """All that anybody is subscribed to, per domain; entries without variables are those of cancelled ones."""
+    """All subscriptions per domain; entries without variables are those of cancelled ones."""
     found = {}
     for name in ("vehicle", "person", "edge", "lane", "junction", "simulation"):
         domain = getattr(api, name)
@@ -72,6 +72,7 @@ def subscriptions(api: Any) -> dict[str, dict[str, Any]]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", ["attach_libsumo.py", "attach_traci.py"])
 def test_examples_do_what_they_promise(example: str) -> None:
     done = subprocess.run(
@@ -108,7 +109,7 @@ def check_restored(api: Any, selector: str, steps: int) -> None:
         assert set(world.ids) == set(api.vehicle.getIDList()) | set(api.person.getIDList())
         still = {i for i in held if not i.startswith("learned_")}
         vehicles = still & set(api.vehicle.getIDList())
-        assert vehicles  # who strayed off the network is SUMO's again already
+        assert vehicles  # those that left the network are SUMO's again already
         routes = {v: api.vehicle.getRoute(v) for v in vehicles}
         time = api.simulation.getTime()
     assert api.simulation.getTime() == time
@@ -285,7 +286,7 @@ def test_the_guard_masks_modes_here_too(api: Any, monkeypatch: pytest.MonkeyPatc
         assert asked == expected
     with pytest.raises(InputError, match="--selector lane chooses no modes"):
         slrl_sumo.attach(api, agents=5, selector="lane", guard=True)
-    # Refused before anybody came: it can be tried again.
+    # Refused before any road user came: it can be tried again.
     with slrl_sumo.attach(api, agents=5, selector="lane") as learned:
         learned.step()
         assert len(learned.ids) == 5

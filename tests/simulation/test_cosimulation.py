@@ -77,7 +77,7 @@ def test_worlds_hold_the_learned_first_and_time_goes_on_in_steps() -> None:
     assert len(decisions[-1].steps[-1].world) > 15
 
 
-def test_sumo_sees_everybody_where_the_trace_has_them() -> None:
+def test_sumo_sees_all_road_users_where_the_trace_has_them() -> None:
     events = run(replace(SETTINGS, step_length=0.4))
     next(events)
     seen = 0
@@ -95,7 +95,7 @@ def test_sumo_sees_everybody_where_the_trace_has_them() -> None:
 
 @pytest.mark.parametrize("road_user", ["learned_car.0", "learned_pedestrian.0"])
 @pytest.mark.parametrize("substep", [1, 2, 3, 4])
-def test_whom_sumo_drops_is_counted_and_comes_back(
+def test_a_road_user_that_sumo_drops_is_counted_and_comes_back(
     monkeypatch: pytest.MonkeyPatch, road_user: str, substep: int
 ) -> None:
     """SUMO takes a road user out by itself, in any of the steps between two decisions."""
@@ -206,7 +206,7 @@ def into_the_fast_lane(bare_network: Callable[[str], Path]) -> Path:
     return config
 
 
-def test_nobody_is_learned_where_everybody_else_would_have_to_wait(into_the_fast_lane: Path) -> None:
+def test_no_road_user_is_learned_where_all_others_would_have_to_wait(into_the_fast_lane: Path) -> None:
     with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:
         driver = _Straight()
         # Junctions are not lanes to drive on, and a fifth more than it can do is tolerable.
@@ -245,7 +245,7 @@ def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_b
     (notice,) = notices(settings)
     assert notice.startswith("1 lane")
     assert f"{shipped_bundle.max_speed[0]:.1f} m/s that bundle 'intersection' knows" in notice
-    # The lane follower drives as fast as lanes allow, and who adds road users is told nothing about the others.
+    # The lane follower drives as fast as lanes allow, and spawning road users says nothing about the others.
     assert not notices(replace(settings, selector="lane"))
     assert not notices(replace(settings, takeover=None, agents=1, mix="car=1"))
     file = into_the_fast_lane.with_name("bare.net.xml")
@@ -253,7 +253,7 @@ def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_b
     assert not notices(settings)
 
 
-def test_who_is_longer_than_a_driver_can_drive_stays_sumos(into_the_fast_lane: Path) -> None:
+def test_vehicles_too_long_for_a_driver_stay_sumos(into_the_fast_lane: Path) -> None:
     taken = []
     for longest in (4.0, 6.0):
         with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:

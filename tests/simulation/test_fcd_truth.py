@@ -1,4 +1,4 @@
-"""Our trace against the one that SUMO itself writes of the same run: everybody stands where the trace says."""
+"""Our trace against the one that SUMO itself writes of the same run: all stand where the trace says."""
 
 import json
 import subprocess

@@ -173,7 +173,7 @@ def test_an_interrupt_lets_sumo_finish_the_scenarios_own_outputs(copy_scenario: 
     assert own[: len(ours)] == pytest.approx(ours)
 
 
-def test_a_fatal_error_of_sumo_gives_its_reason(cli: Cli, copy_scenario: Copy, tmp_path: Path) -> None:
+def test_a_fatal_error_of_sumo_gives_its_reason(cli_process: Cli, copy_scenario: Copy, tmp_path: Path) -> None:
     # No connection leads from in0 back to in0's begin: SUMO finds out when the vehicle is to depart.
     config = copy_scenario(
         "intersection",
@@ -186,7 +186,7 @@ def test_a_fatal_error_of_sumo_gives_its_reason(cli: Cli, copy_scenario: Copy, t
     ordered.getroot()[:] = demand
     ordered.write(str(routes))
     fcd, summary = tmp_path / "a.xml", tmp_path / "s.json"
-    done = cli("run", config, "--agents", AGENTS, "--steps", 200, "--fcd", fcd, "--summary", summary, "--quiet")
+    done = cli_process("run", config, "--agents", AGENTS, "--steps", 200, "--fcd", fcd, "--summary", summary, "--quiet")
     assert done.returncode == 3, done.stderr
     (line,) = done.stderr.splitlines()
     assert "astray" in line
@@ -197,7 +197,7 @@ def test_a_fatal_error_of_sumo_gives_its_reason(cli: Cli, copy_scenario: Copy, t
 
 
 def test_a_bug_of_ours_is_not_dressed_up_as_sumos_death() -> None:
-    # Refused by no check, because nobody can type it: the child fails by a bug.
+    # Refused by no check, because it cannot be typed: the child fails by a bug.
     settings = RunSettings("intersection", agents=2, seed=None)  # type: ignore[arg-type]
     with pytest.raises(RuntimeError) as error:
         list(run_isolated(settings))

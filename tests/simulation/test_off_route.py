@@ -1,4 +1,4 @@
-"""Lent road users whom a driver without routes leads off the network go home, and are not carried over the map."""
+"""Taken-over road users that leave the network return to their route and are not moved across the map."""
 
 import numpy as np
 
@@ -27,6 +27,6 @@ def test_lent_cars_that_stray_are_put_on_their_route_and_arrive() -> None:
             arrived.update(session.api.simulation.getArrivedIDList())
         present = set(session.api.vehicle.getIDList())
     assert len(strayed) >= 5
-    # Home or under way, nobody vanished.
+    # Returned or under way, none vanished.
     assert len(strayed & arrived) >= 3
     assert strayed <= arrived | present

@@ -41,7 +41,7 @@ def test_junction_is_a_disc_round_its_centre_with_hysteresis(session: SumoSessio
         True,
         False,
     ]
-    # Between the two rims: who comes from outside is not yet in, who comes from inside is not yet out.
+    # Between the two rims: from outside it is not yet in, from inside not yet out.
     assert not _inside(region, x + 83.0, y)
     assert _inside(region, x + 83.0, y, margin=5.0)
     assert not _inside(region, x + 85.1, y, margin=5.0)

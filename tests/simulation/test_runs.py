@@ -1,4 +1,4 @@
-"""Whole runs as a user starts them: everybody is in the trace all the time, and moves as road users can.
+"""Whole runs as a user starts them: all are in the trace all the time, and move as road users can.
 
 Each run is a process of its own, so a crash of SUMO is a failure of one test.
 """
@@ -111,7 +111,7 @@ def check(file: Path, summary: dict[str, Any], agents: int, decisions: int, max_
         if rows.any():
             assert speed[:, rows].mean() == pytest.approx(summary["per_type"][name]["mean_speed_mps"], abs=2e-3)
 
-    # Between decisions everybody goes straight and evenly; who loops is there at once.
+    # Between decisions all go straight and evenly; a reinserted road user is there at once.
     for k in range(1, substeps):
         for place in (trace.x, trace.y):
             begin, end = place[:-1:substeps], place[substeps::substeps]

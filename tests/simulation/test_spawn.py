@@ -97,7 +97,7 @@ def test_a_mix_that_asks_for_a_type_without_a_surface_is_refused(game: Path) -> 
     assert (counts.tolist(), notices) == ([10, 0, 0], [])
 
 
-def test_a_network_for_trains_alone_holds_nobody(bare_network: Callable[[str], Path]) -> None:
+def test_a_network_for_trains_alone_holds_no_road_users(bare_network: Callable[[str], Path]) -> None:
     config = bare_network('<edge id="ab" from="a" to="b" allow="rail"/><edge id="bc" from="b" to="c" allow="tram"/>')
     points = starting_points(network(str(config)))
     assert [len(p) for p in points] == [0, 0, 0]
@@ -106,23 +106,23 @@ def test_a_network_for_trains_alone_holds_nobody(bare_network: Callable[[str], P
 
 
 @pytest.mark.parametrize("agents", [0, -3])
-def test_somebody_must_be_wanted(agents: int) -> None:
+def test_at_least_one_road_user_must_be_requested(agents: int) -> None:
     with pytest.raises(InputError, match=f"--agents {agents}: at least one"):
         type_counts(agents, None, starting_points(network("intersection")), "here")
 
 
-def test_everybody_keeps_to_the_ground_of_their_type() -> None:
+def test_road_users_keep_to_the_ground_of_their_type() -> None:
     lanes = network("intersection")
     assert {lane.id[-1] for lane in legal_lanes(lanes, RoadUserType.CAR)} == {"2"}
     assert {lane.id[-1] for lane in legal_lanes(lanes, RoadUserType.PEDESTRIAN)} == {"0"}
     assert {lane.id[-1] for lane in legal_lanes(lanes, RoadUserType.BICYCLE)} >= {"1"}
     for kind in RoadUserType:
         assert not any(lane.internal for lane in legal_lanes(lanes, kind))
-        # In a shared space the whole of it is ground for everybody.
+        # A shared space is ground for all types.
         assert len(legal_lanes(network("shared-space"), kind)) == 8
 
 
-def test_nobody_walks_or_cycles_on_a_fast_road_that_only_lacks_a_rule(bare_network: Callable[[str], Path]) -> None:
+def test_no_walking_or_cycling_on_a_fast_road_that_only_lacks_a_rule(bare_network: Callable[[str], Path]) -> None:
     config = bare_network('<edge id="ab" from="a" to="b" speed="30"/><edge id="bc" from="b" to="c" speed="8.3"/>')
     lanes = network(str(config))
     ids = {kind: {lane.edge for lane in legal_lanes(lanes, kind)} for kind in RoadUserType}
@@ -146,7 +146,7 @@ CROWDS = {
 
 @pytest.mark.parametrize("crowd", CROWDS)
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_nobody_touches_anybody_at_the_start(crowd: str, seed: int) -> None:
+def test_starts_do_not_touch_each_other(crowd: str, seed: int) -> None:
     agents, mix = CROWDS[crowd]
     points = starting_points(network(crowd.split(",")[0]))
     counts, _ = type_counts(agents, None if mix is None else parse_mix(mix), points, "here")

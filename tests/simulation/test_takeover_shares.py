@@ -53,7 +53,7 @@ def test_draw_takes_about_the_share_and_other_seeds_take_others() -> None:
     assert abs((first == second).mean() - 0.58) < 0.045
 
 
-def test_a_larger_share_keeps_whom_a_smaller_one_took() -> None:
+def test_a_larger_share_keeps_those_of_a_smaller_one() -> None:
     small = drawn(IDS, CARS, np.array([0.2, 0.0, 0.0]), seed=3)
     large = drawn(IDS, CARS, np.array([0.6, 0.0, 0.0]), seed=3)
     assert (large & small).sum() == small.sum() < large.sum()
@@ -77,5 +77,5 @@ def test_draw_is_the_same_in_another_process() -> None:
     assert elsewhere.strip() == str(here.tolist())
 
 
-def test_nobody_is_drawn_from_nobody() -> None:
+def test_from_no_road_users_none_is_drawn() -> None:
     assert drawn((), np.zeros(0, np.int8), np.ones(3), seed=1).tolist() == []

@@ -35,7 +35,7 @@ def world(rows: list[Row], length: float | None = None) -> WorldState:
     return make_world(x, y, heading, speed, type=kind, acceleration=0.5, length=length, ids=ids)
 
 
-def test_who_is_on_the_ground_or_near_it_stays() -> None:
+def test_road_users_on_the_ground_or_near_it_stay() -> None:
     roadmap, points = scene("intersection")
     for source in points:
         rows: list[Row] = [(0, x, y, h, 5.0) for x, y, h in zip(source.x, source.y, source.heading, strict=True)]
@@ -44,7 +44,7 @@ def test_who_is_on_the_ground_or_near_it_stays() -> None:
     assert not left_scene(world([(0, 40.0, 100 + 7 + 5, 0.0, 1.0)]), roadmap).any()
 
 
-def test_who_is_out_of_the_network_or_far_from_every_surface_has_left() -> None:
+def test_road_users_outside_the_network_or_far_from_every_surface_have_left() -> None:
     roadmap, _ = scene("intersection")
     x0, y0, x1, y1 = roadmap.bounds
     rows: list[Row] = [
@@ -57,7 +57,7 @@ def test_who_is_out_of_the_network_or_far_from_every_surface_has_left() -> None:
         (0, 100, 100, 0, 10),
     ]
     assert left_scene(world(rows), roadmap).tolist() == [True, True, True, True, True, False]
-    # With a rim who is a little outside, off the end of an arm, has not; who is far off, or on the grass, has.
+    # With a rim, a little outside, off the end of an arm, is not leaving; far off, or on the grass, is.
     assert left_scene(world(rows), roadmap, rim=3.0).tolist() == [False, False, False, True, True, False]
 
 
@@ -78,7 +78,7 @@ def outside(roadmap: RoadMap, kinds: list[int]) -> WorldState:
 
 
 @pytest.mark.parametrize("name", ["intersection", "shared-space", "signalised"])
-def test_everybody_comes_back_legally_on_the_other_side_in_the_same_direction(name: str) -> None:
+def test_all_return_legally_on_the_other_side_in_the_same_direction(name: str) -> None:
     roadmap, points = scene(name)
     before = outside(roadmap, [0, 1, 2])
     gone = left_scene(before, roadmap)
@@ -104,7 +104,7 @@ def test_everybody_comes_back_legally_on_the_other_side_in_the_same_direction(na
         assert after.speed[row] == points[kind].lanes[points[kind].lane[nearest]].max_speed
 
 
-def test_who_is_slow_keeps_the_speed_and_who_stays_is_not_touched() -> None:
+def test_slow_road_users_keep_their_speed_and_those_that_stay_are_not_touched() -> None:
     roadmap, points = scene("intersection")
     before = world([(0, 250.0, 98.4, 0.0, 3.0), (2, 100.0, 100.0, 0.4, 1.0), (0, 100.0, 95.0, 1.0, 2.0)])
     after = reinsert(before, np.array([True, False, False]), empty_world(), points, roadmap)
@@ -114,7 +114,7 @@ def test_who_is_slow_keeps_the_speed_and_who_stays_is_not_touched() -> None:
     assert before.x[0] == 250.0
 
 
-def test_nobody_gone_changes_nothing() -> None:
+def test_without_leavers_nothing_changes() -> None:
     roadmap, points = scene("intersection")
     before = world([(0, 100.0, 98.4, 0.0, 3.0)])
     after = reinsert(before, np.zeros(1, np.bool_), empty_world(), points, roadmap)
@@ -127,7 +127,7 @@ def check_apart(after: WorldState, others: WorldState) -> None:
 
 
 @pytest.mark.parametrize("kind", list(RoadUserType))
-def test_many_who_leave_at_once_do_not_land_on_each_other(kind: RoadUserType) -> None:
+def test_many_that_leave_at_once_do_not_land_on_each_other(kind: RoadUserType) -> None:
     roadmap, points = scene("intersection")
     x1 = roadmap.bounds[2]
     before = world([(int(kind), x1 + 1 + i, 97.0, 0.0, 3.0) for i in range(5)])
@@ -146,7 +146,7 @@ def entry(points: LanePoints, roadmap: RoadMap, heading: float) -> NDArray[np.in
 @pytest.mark.parametrize("name", ["intersection", "shared-space"])
 @pytest.mark.parametrize("kind", list(RoadUserType))
 @pytest.mark.parametrize("other", list(RoadUserType))
-def test_nobody_lands_on_somebody_who_stands_at_the_entry(name: str, kind: RoadUserType, other: RoadUserType) -> None:
+def test_no_road_user_lands_on_one_that_stands_at_the_entry(name: str, kind: RoadUserType, other: RoadUserType) -> None:
     roadmap, points = scene(name)
     rows = entry(points[other], roadmap, 0.0)[:36:12]  # wide lanes have several points side by side
     standing = world([(int(other), points[other].x[r], points[other].y[r], 0.0, 0.0) for r in rows])
@@ -157,7 +157,7 @@ def test_nobody_lands_on_somebody_who_stands_at_the_entry(name: str, kind: RoadU
 
 
 def test_a_jam_over_all_near_entries_is_not_landed_on() -> None:
-    """Every entry in reach is taken: then somewhere else, but never onto somebody."""
+    """Every entry in reach is taken: then elsewhere, but never onto another road user."""
     roadmap, points = scene("intersection")
     rows = entry(points[0], roadmap, 0.0)[:40:3]
     jam = world([(0, points[0].x[r], points[0].y[r], 0.0, 0.0) for r in rows])
@@ -166,7 +166,7 @@ def test_a_jam_over_all_near_entries_is_not_landed_on() -> None:
     check_apart(reinsert(before, np.ones(1, np.bool_), jam, points, roadmap), jam)
 
 
-def test_nobody_lands_on_a_long_bus() -> None:
+def test_no_road_user_lands_on_a_long_bus() -> None:
     roadmap, points = scene("intersection")
     row = entry(points[0], roadmap, 0.0)[6]
     bus = world([(0, points[0].x[row], points[0].y[row], 0.0, 0.0)], length=24.0)
@@ -174,7 +174,7 @@ def test_nobody_lands_on_a_long_bus() -> None:
     check_apart(reinsert(before, np.ones(1, np.bool_), bus, points, roadmap), bus)
 
 
-def test_who_drives_off_the_end_of_a_street_has_left_and_who_leaves_it_sideways_has_not() -> None:
+def test_driving_off_the_end_of_a_street_is_leaving_and_leaving_it_sideways_is_not() -> None:
     with SumoSession(find_scenario("district")) as session:
         network = session.network
         roadmap = RoadMap(network.surfaces())
@@ -199,7 +199,7 @@ def test_who_drives_off_the_end_of_a_street_has_left_and_who_leaves_it_sideways_
 
 
 @pytest.mark.parametrize("name", ["intersection", "shared-space"])
-def test_who_starts_anew_stands_free_on_a_lane_and_can_stop(name: str) -> None:
+def test_a_new_start_is_free_on_a_lane_and_can_stop(name: str) -> None:
     _, points = scene(name)
     random = np.random.default_rng(2)
     rows: list[Row] = []

@@ -179,16 +179,16 @@ class Wanderers:
         return {"missing": self.missing, "away": self.away, "steps": self.steps}
 
 
-def place(session: SumoSession, kinds: NDArray[np.int8], who: Wanderers, steps: int) -> dict[str, Any]:
+def place(session: SumoSession, kinds: NDArray[np.int8], crowd: Wanderers, steps: int) -> dict[str, Any]:
     """Wander with road users of ours."""
     ids = tuple(f"learned.{i}" for i in range(len(kinds)))
-    session.spawned.add(ids, kinds, who.x, who.y)
+    session.spawned.add(ids, kinds, crowd.x, crowd.y)
     for _ in range(steps):
-        session.spawned.move(ids, kinds, who.x, who.y, who.heading, who.speed, DEFAULT_LENGTH[kinds])
+        session.spawned.move(ids, kinds, crowd.x, crowd.y, crowd.heading, crowd.speed, DEFAULT_LENGTH[kinds])
         session.step()
-        who.look(session, ids)
-        who.wander()
-    return who.end()
+        crowd.look(session, ids)
+        crowd.wander()
+    return crowd.end()
 
 
 def start_on_grass(fcd: str, options: str) -> dict[str, Any]:
@@ -224,29 +224,29 @@ def lent_cars_over_sidewalks(options: str) -> dict[str, Any]:
         wheels = np.flatnonzero(~snapshot.person & control.eligible(snapshot.ids, snapshot.person))
         ids, length = tuple(snapshot.ids[i] for i in wheels), snapshot.length[wheels]
         assert len(ids) >= 6
-        who, person = Wanderers(len(ids), CENTRE, 8.0), np.zeros(len(ids), np.bool_)
+        crowd, person = Wanderers(len(ids), CENTRE, 8.0), np.zeros(len(ids), np.bool_)
         control.take_over(ids, person)
         for _ in range(300):
-            control.move(ids, person, who.x, who.y, who.heading, who.speed, length)
+            control.move(ids, person, crowd.x, crowd.y, crowd.heading, crowd.speed, length)
             session.step()
-            who.look(session, ids)
-            who.wander()
-        return who.end()
+            crowd.look(session, ids)
+            crowd.wander()
+        return crowd.end()
 
 
 def naive_cars_over_sidewalks(options: str) -> dict[str, Any]:
     """Properly staged, then moved with permissions ignored."""
     with SumoSession(with_options(find_scenario("intersection"), options.split())) as session:
-        kinds, who = np.zeros(32, np.int8), Wanderers(32, CENTRE, 8.0)
+        kinds, crowd = np.zeros(32, np.int8), Wanderers(32, CENTRE, 8.0)
         ids = tuple(f"learned.{i}" for i in range(32))
-        session.spawned.add(ids, kinds, who.x, who.y)
+        session.spawned.add(ids, kinds, crowd.x, crowd.y)
         session.step()
         for _ in range(300):
-            x, y = front_from_centre(who.x, who.y, who.heading, DEFAULT_LENGTH[kinds])
-            for i, angle in enumerate(heading_to_sumo(who.heading).tolist()):
+            x, y = front_from_centre(crowd.x, crowd.y, crowd.heading, DEFAULT_LENGTH[kinds])
+            for i, angle in enumerate(heading_to_sumo(crowd.heading).tolist()):
                 libsumo.vehicle.moveToXY(ids[i], "", -1, float(x[i]), float(y[i]), angle, 6, 5.0)
             session.step()
-            who.wander()
+            crowd.wander()
     return {}
 
 
@@ -289,15 +289,15 @@ def lent_persons(steps: str) -> dict[str, Any]:
 def naive_persons() -> dict[str, Any]:
     """With a walk over several edges, which keepRoute 2 replaces."""
     with SumoSession(find_scenario("intersection")) as session:
-        who = Wanderers(64, CENTRE, 1.4)
+        crowd = Wanderers(64, CENTRE, 1.4)
         for i in range(64):
             libsumo.person.add(f"p{i}", "in0", 1.0 + 0.5 * i)
             libsumo.person.appendWalkingStage(f"p{i}", ["in0", "out1"], 1.0)
         for _ in range(1500):
-            for i, angle in enumerate(heading_to_sumo(who.heading).tolist()):
-                libsumo.person.moveToXY(f"p{i}", "", float(who.x[i]), float(who.y[i]), angle, 2, 5.0)
+            for i, angle in enumerate(heading_to_sumo(crowd.heading).tolist()):
+                libsumo.person.moveToXY(f"p{i}", "", float(crowd.x[i]), float(crowd.y[i]), angle, 2, 5.0)
             session.step()
-            who.wander()
+            crowd.wander()
     return {}
 
 

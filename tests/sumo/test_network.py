@@ -90,7 +90,7 @@ def test_walking_areas_are_filled_and_lanes_are_ribbons(intersection: Network) -
     assert sorted(ribbons, key=order.index) == ribbons
 
 
-def test_a_shared_space_is_road_for_everybody(shared_space: Network) -> None:
+def test_a_shared_space_is_road_for_all_types(shared_space: Network) -> None:
     lanes = [lane for lane in shared_space.lanes if not lane.internal]
     assert len(lanes) == 8
     for lane in lanes:

@@ -45,7 +45,7 @@ def rows(snapshot: Snapshot) -> dict[str, int]:
 
 @pytest.fixture
 def mixed(copy_scenario: Copy) -> Path:
-    """The intersection with one road user of each kind, among them one who rides in a car."""
+    """The intersection with one road user of each kind, among them a passenger of a car."""
     config = copy_scenario("intersection")
     (config.parent / "intersection.rou.xml").write_text(DEMAND)
     return config
@@ -122,7 +122,7 @@ def test_road_users_have_the_types_of_the_paper(mixed: Path) -> None:
     assert sizes["walker"] == (0.3, 0.4)
 
 
-def test_who_rides_is_left_out_until_getting_off(mixed: Path) -> None:
+def test_passengers_are_left_out_until_they_get_off(mixed: Path) -> None:
     with SumoSession(find_scenario(str(mixed))) as session:
         rode = walked = 0
         for _ in range(200):
@@ -140,7 +140,7 @@ def test_who_rides_is_left_out_until_getting_off(mixed: Path) -> None:
         assert walked > 5
 
 
-def test_an_empty_network_reads_as_nobody(copy_scenario: Copy) -> None:
+def test_an_empty_network_has_no_road_users(copy_scenario: Copy) -> None:
     config = copy_scenario("intersection")
     (config.parent / "intersection.rou.xml").write_text("<routes/>")
     with SumoSession(find_scenario(str(config))) as session:
@@ -208,7 +208,7 @@ def test_vehicles_on_no_lane_and_parked_ones_are_read(mixed: Path) -> None:
         )
 
 
-def test_who_comes_again_under_the_same_name_is_read(bare_network: Callable[[str], Path]) -> None:
+def test_a_road_user_that_returns_with_the_same_id_is_read(bare_network: Callable[[str], Path]) -> None:
     config = bare_network('<edge id="ab" from="a" to="b"/><edge id="bc" from="b" to="c"/>')
     with SumoSession(find_scenario(str(config)), step_length=0.4) as session:
         libsumo.route.add("r", ["ab"])
@@ -224,7 +224,7 @@ def test_who_comes_again_under_the_same_name_is_read(bare_network: Callable[[str
         assert lengths == pytest.approx([13.0, 9.0])
 
 
-def test_reading_right_after_forgetting_reads_everybody() -> None:
+def test_reading_right_after_forgetting_reads_all_road_users() -> None:
     with SumoSession(find_scenario("intersection")) as session:
         for _ in range(40):
             session.step()

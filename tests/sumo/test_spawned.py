@@ -35,7 +35,7 @@ class Group:
         self.move()
 
     def move(self) -> None:
-        """One SUMO step with everybody moved."""
+        """One SUMO step with all road users moved."""
         length = DEFAULT_LENGTH[self.kinds]
         self.session.spawned.move(self.ids, self.kinds, self.x, self.y, self.heading, self.speed, length)
         self.session.step()
@@ -70,7 +70,7 @@ def quiet_intersection(request: pytest.FixtureRequest, copy_scenario: Copy) -> s
     return str(config)
 
 
-def test_everybody_stands_where_asked_two_steps_after_being_added(quiet_intersection: str) -> None:
+def test_all_stand_where_asked_two_steps_after_being_added(quiet_intersection: str) -> None:
     rng = np.random.default_rng(3)
     with opened(quiet_intersection) as session:
         kinds = [kind for kind in range(3) for _ in range(20)]
@@ -87,7 +87,7 @@ def test_everybody_stands_where_asked_two_steps_after_being_added(quiet_intersec
             group.check()
 
 
-def test_everybody_may_jump_across_the_network_and_stand_there(quiet_intersection: str) -> None:
+def test_all_may_jump_across_the_network_and_stand_there(quiet_intersection: str) -> None:
     rng = np.random.default_rng(4)
     with opened(quiet_intersection) as session:
         group = Group(session, [0, 1, 2] * 8, rng.uniform(5, 195, 24), rng.uniform(5, 195, 24))
@@ -151,7 +151,7 @@ def test_a_car_is_on_its_lane_with_the_speed_that_was_given(quiet_intersection: 
 
 
 def test_learned_road_users_stay_among_traffic_for_a_minute() -> None:
-    """Standing on each other, in front of background traffic and beside every lane: nobody is taken away."""
+    """Standing on each other, in front of background traffic and beside every lane: none is removed."""
     rng = np.random.default_rng(8)
     for name in ("intersection", "shared-space"):
         with opened(name) as session:
@@ -177,7 +177,7 @@ def test_networks_without_carriageway_hold_cyclists_and_walkers(bare_network: Ca
             group.check()
 
 
-def test_who_is_removed_is_gone_and_may_come_again(quiet_intersection: str) -> None:
+def test_removed_road_users_are_gone_and_may_return(quiet_intersection: str) -> None:
     with opened(quiet_intersection) as session:
         group = Group(session, [0, 1, 2], np.array([98.0, 95.0, 90.0]), np.array([30.0, 40.0, 50.0]))
         group.move()

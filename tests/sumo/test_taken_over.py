@@ -218,7 +218,7 @@ def test_a_walker_on_a_crossing_goes_back_only_on_the_next_sidewalk(session: Sum
     assert control.ids == frozenset()
 
 
-def test_who_has_gone_is_forgotten_and_the_rest_released(session: SumoSession) -> None:
+def test_road_users_that_have_gone_are_forgotten_and_the_rest_released(session: SumoSession) -> None:
     _add_car(session)
     _add_person(session)
     control = TakenOverControl(libsumo, session.network)

@@ -18,7 +18,7 @@ def soak(*words: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_nobody_crashes_or_gets_lost(tmp_path: Path) -> None:
+def test_no_crash_and_no_road_user_lost(tmp_path: Path) -> None:
     done = soak("--agent-steps", AGENT_STEPS, "--scenarios", "intersection", "cross", "--json", tmp_path / "soak.json")
     assert done.returncode == 0, done.stdout + done.stderr
     runs: list[dict[str, Any]] = json.loads((tmp_path / "soak.json").read_text())["runs"]

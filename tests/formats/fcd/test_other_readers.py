@@ -53,7 +53,7 @@ def call(*words: object, cwd: Path) -> None:
 
 
 def tracks(file: Path) -> Track:
-    """Time, x and y of everybody, as they stand in a trace."""
+    """Time, x and y of all road users of a trace."""
     found: Track = {}
     for step in etree.parse(str(file)).getroot():
         for e in step:
@@ -77,7 +77,7 @@ def test_trace_exporter_finds_every_track_and_point(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("who", ["vehicle", "person"])
-def test_plot_trajectories_draws_everybody(folder: Path, who: str) -> None:
+def test_plot_trajectories_draws_all_road_users(folder: Path, who: str) -> None:
     tool = HOME / "tools" / "plot_trajectories.py"
     picture, table = folder / f"{who}.png", folder / f"{who}.csv"
     more = ["--persons"] if who == "person" else []
@@ -87,12 +87,12 @@ def test_plot_trajectories_draws_everybody(folder: Path, who: str) -> None:
     assert (pixels.min(axis=2) < 200).mean() > 0.005
     drawn = {line.strip('"') for line in table.read_text().splitlines() if line.startswith('"')}
     steps = etree.parse(str(folder / "trace.xml")).getroot()
-    # The tool leaves out those whom no lane is given for.
+    # The tool leaves out road users without a lane.
     assert drawn == {e.get("id") for step in steps for e in step.iter(who) if e.get("lane") or e.get("edge")}
     assert len(drawn) >= 3
 
 
-def test_sumo_replays_everybody_where_the_trace_has_them(folder: Path) -> None:
+def test_sumo_replays_all_road_users_where_the_trace_has_them(folder: Path) -> None:
     call(sys.executable, "-m", "slrl_sumo.sumo.scenario.trace_types", "intersection", "types.add.xml", cwd=folder)
     call(
         *(HOME / "bin" / "sumo", "-n", NET, "-a", "types.add.xml", "--device.fcd-replay.files", "trace.xml"),

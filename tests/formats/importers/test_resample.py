@@ -44,7 +44,7 @@ def test_interpolates_between_neighbouring_rows() -> None:
     np.testing.assert_allclose(t.speed, np.sqrt(5), atol=1e-9)
 
 
-def test_time_starts_with_the_first_row_of_anybody() -> None:
+def test_time_starts_with_the_first_row() -> None:
     time = np.r_[np.arange(100, 200), np.arange(110, 200)] * 0.04
     user = np.repeat([0, 1], [100, 90])
     two = {"ids": ("a", "b"), "type": np.array([2, 2], np.int8), "still": np.zeros(2)}
@@ -126,7 +126,7 @@ def test_noise_of_a_slow_car_does_not_become_yaw_rate() -> None:
     assert np.abs(t.heading).max() < 0.15
 
 
-def test_heading_is_held_while_somebody_stands() -> None:
+def test_heading_is_held_while_standing() -> None:
     time = np.arange(0, 1001) * 0.04
     x, y = np.minimum(time, 10.0), np.maximum(time - 30.0, 0.0)  # east, 20 s still, then north
     t = resample(samples(time, x, y))
@@ -167,6 +167,6 @@ def test_headings_in_other_units_are_refused() -> None:
         resample(samples(time, 0.0, 5 * time, heading=np.zeros(101), **car()))
 
 
-def test_nobody_is_in_two_places() -> None:
+def test_no_track_is_in_two_places() -> None:
     with pytest.raises(InputError, match=r"f\.csv: 'a' is twice at 0\.04 s"):
         resample(samples([0, 0.04, 0.04], [0, 1, 2], 0.0))

@@ -225,7 +225,7 @@ def _waits(arena: Arena) -> int | None:
     return int(rows[0]) if len(rows) else None
 
 
-def test_who_drives_over_a_closed_line_pays_for_it_and_nobody_else(on_routes: Arena) -> None:
+def test_only_the_one_that_drives_over_a_closed_line_pays_for_it(on_routes: Arena) -> None:
     for _ in range(150):
         # The teacher runs no red light.
         assert not on_routes.step(on_routes.teacher_costs().argmin(axis=1)).terms["red"].any()

@@ -127,6 +127,7 @@ def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch
     return shares, agent.policy.state_dict()
 
 
+@pytest.mark.slow
 def test_a_toy_task_is_learned() -> None:
     shares, _ = _train(60)
     assert shares[0] < 0.2
@@ -158,7 +159,7 @@ def test_training_can_only_be_taken_up_where_simulations_begin_anew() -> None:
 
 
 def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
-    # Looking ahead, one mode of each road user meets nobody: the teacher knows, and the scorer can read it.
+    # Looking ahead, one mode of each road user hits nothing: the teacher knows, and the scorer can read it.
     random = np.random.default_rng(3)
     settings = PpoSettings(num_minibatches=1, update_epochs=40, learning_rate=5e-3, explore=0.0)
     torch.manual_seed(2)

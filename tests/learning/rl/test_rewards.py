@@ -19,7 +19,7 @@ def _at(x: list[float]) -> WorldState:
     return make_world(x, type=PEDESTRIAN)
 
 
-def test_close_counts_everybody_within_a_metre_but_only_for_the_learned() -> None:
+def test_close_counts_all_within_a_metre_but_only_for_the_learned() -> None:
     np.testing.assert_array_equal(rewards.close(_at([0.0, 0.9, 1.8, 5.0]), 3), [-1, -2, -1])
     np.testing.assert_array_equal(rewards.close(_at([0.0, 1.0]), 1), [0])
 
@@ -71,12 +71,12 @@ def _cars(x: list[float], speed: list[float], heading: list[float]) -> WorldStat
     )
 
 
-def test_danger_grows_with_nearness_and_is_that_of_who_drives_into_others() -> None:
+def test_danger_grows_with_nearness_and_belongs_to_the_one_that_drives_into_others() -> None:
     # Gaps of 3, 8 and 25 m to a standing car, at 10 m/s: within 0.5 m of it after 0.25, 0.75 and 2.45 s.
     for gap, expected in ((3.0, -1.0), (8.0, -5 / 6), (25.0, 0.0)):
         world = _cars([0.0, 5.0 + gap], [10.0, 0.0], [0.0, 0.0])
         np.testing.assert_allclose(rewards.danger(world, 2), [expected, 0.0])
-    # Who comes up from behind is the one to brake; who drives away or past is in no danger.
+    # The one behind has to brake; driving away or past is no danger.
     np.testing.assert_allclose(rewards.danger(_cars([0.0, 8.0], [10.0, 5.0], [0.0, 0.0]), 2)[1], 0.0)
     assert rewards.danger(_cars([0.0, 8.0], [10.0, 5.0], [0.0, 0.0]), 2)[0] < 0.0
     np.testing.assert_allclose(rewards.danger(_cars([0.0, 8.0], [5.0, 10.0], [0.0, 0.0]), 2), 0.0)
@@ -92,7 +92,7 @@ def test_progress_is_the_share_of_the_way_that_was_to_be_covered() -> None:
     np.testing.assert_allclose(
         rewards.progress(covered, np.full(6, 4.0), np.ones(6, np.bool_)), [1.0, 0.5, 0.0, -0.5, -1.0, 1.0]
     )
-    # Who has to stand is as good as who drives, whatever it does about its place; without a route there is none.
+    # Standing where required is worth as much as driving, wherever on the path; without a route there is none.
     np.testing.assert_array_equal(
         rewards.progress(np.array([0.0, -0.3, 0.0]), np.array([0.0, 0.19, 0.0]), np.array([True, True, False])),
         [1.0, 1.0, 0.0],
@@ -106,7 +106,7 @@ def test_a_path_has_half_a_metre_of_room_on_both_sides() -> None:
     np.testing.assert_array_equal(rewards.off_path(aside, np.zeros(7, np.bool_)), np.zeros(7))
 
 
-def test_only_who_goes_over_a_closed_line_has_passed_it() -> None:
+def test_only_crossing_a_closed_line_is_passing_it() -> None:
     covered = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 0.0])
     line = np.array([2.0, 2.0, 4.0, -0.2, np.inf, 0.1])
     closed = np.array([True, False, True, True, True, True])

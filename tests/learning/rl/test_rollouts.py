@@ -55,6 +55,7 @@ def collect(rollouts: WorkerRollouts, agent: Agent, kill_before: int | None = No
     return arrays
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_plays_the_same_again(rollouts: WorkerRollouts, agent: Agent) -> None:
     undisturbed = collect(rollouts, agent)
     assert undisturbed[0].shape == (4, 16, 20, 40, 3)
@@ -130,6 +131,7 @@ def test_what_cannot_be_loaded_is_said_in_one_line(agent: Agent) -> None:
         rollouts.close()
 
 
+@pytest.mark.slow
 def test_a_worker_that_has_grown_is_replaced_at_the_next_reset(
     rollouts: WorkerRollouts, agent: Agent, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -107,6 +107,7 @@ def test_a_stopped_training_resumes_exactly(tmp_path: Path) -> None:
         train(replace(request, steps=8 * 32), SETTINGS, resume=True, report=nothing)
 
 
+@pytest.mark.slow
 def test_the_preset_extended_is_taught_by_looking_ahead_and_reads_the_route(tmp_path: Path) -> None:
     settings = replace(SETTINGS, policy=replace(SETTINGS.policy, preset="extended"))
     request = TrainRequest("signalised", "intersection", tmp_path / "routes", steps=2 * 32, workers=1)
@@ -157,7 +158,7 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     assert settings.policy.channels == (4,)
     assert settings.policy.preset == "extended"
     assert settings.teacher == TeacherWeights(heading_error=7.0)
-    # Nobody who does not ask for it gets a policy that needs routes.
+    # Without asking for it, a policy needs no routes.
     assert TrainSettings().policy.preset == "paper"
 
 

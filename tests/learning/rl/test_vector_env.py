@@ -70,6 +70,7 @@ def test_a_worker_killed_in_the_middle_is_replaced_and_the_others_go_on(env: Are
     assert env.observation_space.contains(seen)
 
 
+@pytest.mark.slow
 def test_a_worker_that_has_grown_is_replaced_at_the_next_reset() -> None:
     env = ArenaVectorEnv(ArenaSource(("intersection",), "intersection", SOURCE.settings), 1, memory_limit=1.0)
     try:
@@ -112,7 +113,8 @@ def test_what_cannot_be_loaded_is_said_in_one_line() -> None:
         env.close()
 
 
-def test_in_the_preset_extended_everybody_sees_a_route_up_to_the_end() -> None:
+@pytest.mark.slow
+def test_in_the_preset_extended_all_see_a_route_up_to_the_end() -> None:
     settings = ArenaSettings(agents=8, warm_up=4.0, episode_steps=3, extended=True)
     env = ArenaVectorEnv(ArenaSource(("signalised",), "intersection", settings), 1)
     try:

@@ -26,7 +26,7 @@ def weights(bundle: ModelBundle) -> dict[str, torch.Tensor]:
 
 
 def cruising(kind: int, speed: float, headings: int = 16) -> tuple[torch.Tensor, torch.Tensor]:
-    """Vectors of road users at a steady speed that look in all directions, with nobody around."""
+    """Vectors of road users at a steady speed that face all directions, with no other around."""
     vector = torch.zeros(headings, len(FEATURES))
     vector[:, SPEED] = speed
     vector[:, FEATURES.index(TYPE_NAMES[kind])] = 1.0
@@ -34,6 +34,7 @@ def cruising(kind: int, speed: float, headings: int = 16) -> tuple[torch.Tensor,
     return vector, torch.full((headings,), kind)
 
 
+@pytest.mark.slow
 def test_one_step_on_held_out_tracks_is_much_better_than_constant_velocity(learned: ModelBundle) -> None:
     for kind in TYPE_NAMES:
         record = learned.training["types"][kind]
@@ -68,7 +69,7 @@ def test_modes_turn_and_hurry_as_their_destinations_say(learned: ModelBundle) ->
     for t, speed in ((RoadUserType.CAR, 7.0), (RoadUserType.BICYCLE, 4.0), (RoadUserType.PEDESTRIAN, 1.2)):
         centres, counts = learned.mode_centres[t], learned.mode_counts[t]
         acceleration, yaw_rate = (z.mean(0).numpy() for z in learned.displacement.motion_all(*cruising(t, speed)))
-        # Those who turn are 4.8 s later where their circle leads: compare with modes that such a cruise can reach.
+        # Turning road users are 4.8 s later where their circle leads: compare with modes that such a cruise can reach.
         reachable = (counts > 30) & (np.hypot(*centres.T) > 3.0 * speed) & (np.hypot(*centres.T) < 5.2 * speed)
         bearing = np.arctan2(centres[:, 1], centres[:, 0])
         left, right = reachable & (bearing > 0.3), reachable & (bearing < -0.3)
@@ -82,10 +83,11 @@ def test_modes_turn_and_hurry_as_their_destinations_say(learned: ModelBundle) ->
         assert acceleration[halting].mean() < acceleration[straight].mean() - 0.05 * speed
 
 
+@pytest.mark.slow
 def test_relative_modes_speed_up_brake_and_turn_whatever_the_speed(traffic: list[Trajectories]) -> None:
     bundle = fit(traffic, name="a", seed=4, epochs=15)
     assert bundle.training["modes_by"] == "relative"
-    # Of bicycles, because they are seen at many speeds: those who end up farther behind or ahead than their speed says.
+    # Bicycles, seen at many speeds, that end up farther behind or ahead than their speed says.
     ahead, left = bundle.mode_centres[1].T
     often = bundle.mode_counts[1] > 30
     for speed in (2.5, 4.0):
@@ -144,7 +146,7 @@ def test_closed_loop_stays_within_what_was_recorded(learned: ModelBundle, traffi
     for t in RoadUserType:
         was = recorded.vector[recorded.type == t, SPEED].mean()
         late = speed[100:, world.type == t]
-        assert 0.5 * was < late.mean() < 1.3 * was  # neither everybody stops nor everybody races
+        assert 0.5 * was < late.mean() < 1.3 * was  # neither do all stop nor do all race
         assert late.max() <= learned.max_speed[t]
         assert turn[:, world.type == t].mean() < 2 * np.abs(recorded.yaw_rate[recorded.type == t]).mean()
 

@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import numpy as np
+from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.windows import OWN_SPEED, mirrored, reversing, windows
@@ -9,19 +10,9 @@ from slrl_sumo.perception.features import FEATURES
 
 def recording(lengths: list[int], kinds: list[int], first: list[int]) -> Trajectories:
     """Tracks along +y from (10 i, 0), that cover 0.4 m, 0.8 m, 1.2 m … per interval, turning left all the time."""
-    count = np.concatenate([np.arange(n) for n in lengths])
-    track = np.repeat(np.arange(len(lengths)), lengths)
-    return Trajectories(
-        track=track,
-        frame=count + np.repeat(first, lengths),
-        x=(10 * track).astype(np.float64),
-        y=0.2 * count * (count + 1),
-        heading=np.pi / 2 + 0.02 * count,
-        ids=tuple(f"t{i}" for i in range(len(lengths))),
-        type=np.array(kinds, np.int8),
-        length=np.ones(len(lengths)),
-        width=np.ones(len(lengths)),
-    )
+    counts = [np.arange(n) for n in lengths]
+    ways = [(10.0 * i, 0.2 * n * (n + 1), np.pi / 2 + 0.02 * n) for i, n in enumerate(counts)]
+    return make_recording(*ways, first=first, type=kinds)
 
 
 def test_windows_of_a_known_track() -> None:

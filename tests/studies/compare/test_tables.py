@@ -70,7 +70,7 @@ def test_delay_is_the_loss_and_the_wait_to_depart() -> None:
     assert row(two_seeds(), "standing", "car")["difference"] == -1.0
 
 
-def test_one_seed_has_no_interval_and_types_that_nobody_is_have_no_rows() -> None:
+def test_one_seed_has_no_interval_and_absent_types_have_no_rows() -> None:
     runs = {run: one for run, one in two_seeds().items() if run.seed == 1}
     found = row(runs, "travel_time", "car")
     assert (found["difference"], found["difference_low"], found["difference_high"]) == (6.0, None, None)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
@@ -42,21 +43,11 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Pat
 @pytest.fixture(scope="module")
 def walk() -> Trajectories:
     """One pedestrian that walks at 1 m/s along x for 25 intervals, past one that is parked."""
-    frames = np.arange(26)
-    return Trajectories(
-        track=np.repeat([0, 1], 26),
-        frame=np.concatenate([frames, frames]),
-        x=np.concatenate([0.4 * frames, np.full(26, 5.0)]),
-        y=np.repeat([0.0, 0.2], 26),
-        heading=np.zeros(52),
-        ids=("walker", "parked"),
-        type=np.array([2, 2], np.int8),
-        length=np.full(2, 0.2),
-        width=np.full(2, 0.5),
-        parked=np.array([False, True]),
-    )
+    ways = (0.4 * np.arange(26), 0.0, 0.0), (np.full(26, 5.0), 0.2, 0.0)
+    return make_recording(*ways, type=2, ids=("walker", "parked"), parked=np.array([False, True]))
 
 
+@pytest.mark.slow
 def test_tables_do_not_depend_on_the_number_of_workers(small: tuple[dict[str, Any], Path], tmp_path: Path) -> None:
     assert evaluate_scenario(replace(SMALL, backend=Backend(1)), tmp_path) == small[0]
 
@@ -89,6 +80,7 @@ def test_seeds_and_episodes_differ(small: tuple[dict[str, Any], Path]) -> None:
     assert Episode("prior", 9, 1, 0).draw == Episode("sumo", 0, 1, 0).draw
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [0.35, 0.7])
 def test_a_killed_evaluation_goes_on_where_it_was(
     small: tuple[dict[str, Any], Path], tmp_path: Path, cut: float
@@ -148,7 +140,7 @@ def test_policies_are_evaluated_too(tmp_path: Path) -> None:
 
 def test_recorded_road_users_are_counted_in_whole_spans(walk: Trajectories) -> None:
     spans = [outcome for (outcome,) in recorded(walk, 8)]
-    assert [span.present for span in spans] == [(8,), (8,), (8,)]  # nobody counts the parked one
+    assert [span.present for span in spans] == [(8,), (8,), (8,)]  # the parked one does not count
     assert [span.survived for span in spans] == [(8,), (3,), (8,)]  # at 4.8 m, after 12 intervals, it is hit
     assert [span.collisions for span in spans] == [0, 1, 0]
     assert all(span.speed_sum == pytest.approx(8.0) and span.off_surface is None for span in spans)
@@ -210,6 +202,7 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupt_keeps_what_is_finished(tmp_path: Path, number: signal.Signals, code: int) -> None:
     log = tmp_path / "out" / "episodes.jsonl"

@@ -60,7 +60,7 @@ def test_figures_of_two_seeds_with_two_episodes() -> None:
     assert row["mean_speed_mps_seed_std"] == 0.0
 
 
-def test_types_that_nobody_had_are_left_out_and_not_counted_as_zero() -> None:
+def test_absent_types_are_left_out_and_not_counted_as_zero() -> None:
     played = {
         Episode("sumo", 0, 1, 0): (
             outcome((10,), 4.0, off_surface=0),

@@ -8,8 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-from slrl_sumo.formats.trajectories import Trajectories
+from builders import make_recording
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -17,20 +16,9 @@ Cli = Callable[..., subprocess.CompletedProcess[str]]
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     """A cyclist and a walker that go east for 12 s, at y = -3 and -6 m."""
-    rows = 30
     path = tmp_path / "recording.npz"
-    Trajectories(
-        track=np.repeat([0, 1], rows),
-        frame=np.tile(np.arange(rows), 2),
-        x=np.concatenate([np.linspace(1.0, 47.4, rows), np.linspace(1.0, 15.5, rows)]),
-        y=np.repeat([-3.0, -6.0], rows),
-        heading=np.zeros(2 * rows),
-        ids=("a", "b"),
-        type=np.array([1, 2], np.int8),
-        length=np.array([1.6, 0.2]),
-        width=np.array([0.6, 0.5]),
-        source="made",
-    ).save(path)
+    ways = (np.linspace(1.0, 47.4, 30), -3.0, 0.0), (np.linspace(1.0, 15.5, 30), -6.0, 0.0)
+    make_recording(*ways, type=(1, 2), ids=("a", "b"), source="made").save(path)
     return path
 
 

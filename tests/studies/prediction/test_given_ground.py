@@ -3,6 +3,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
@@ -16,12 +17,8 @@ WHITE, YELLOW = (255, 255, 255), (0, 255, 255)  # as OpenCV has it: BGR
 
 
 def walk(x: float, y: float) -> Trajectories:
-    """One walker from (x, y) to the east."""
-    rows = 30
-    return Trajectories(
-        track=np.zeros(rows, np.int64), frame=np.arange(rows), x=np.linspace(x, x + 14.5, rows), y=np.full(rows, y),
-        heading=np.zeros(rows), ids=("a",), type=np.full(1, 2, np.int8), length=np.ones(1), width=np.ones(1),
-    )  # fmt: skip
+    """One pedestrian that walks from (x, y) to the east."""
+    return make_recording((np.linspace(x, x + 14.5, 30), y, 0.0), type=2)
 
 
 def painted(file: Path) -> Path:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_recording
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import check_writable
-from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.studies.prediction.modes_report import write_modes
 from slrl_sumo.studies.prediction.plots import draw_errors, draw_modes
@@ -56,11 +56,7 @@ def test_curves_are_the_final_errors_and_the_best_where_it_differs() -> None:
 
 def test_modes_are_drawn_with_as_many_windows_as_each_has() -> None:
     n = 20
-    made = Trajectories(
-        track=np.zeros(n, np.int64), frame=np.arange(n), x=0.1 * np.arange(n, dtype=np.float64) ** 2,
-        y=np.zeros(n), heading=np.zeros(n),
-        ids=("a",), type=np.zeros(1, np.int8), length=np.ones(1), width=np.ones(1),
-    )  # fmt: skip
+    made = make_recording((0.1 * np.arange(n) ** 2, 0.0, 0.0))
     seen = windows([made])
     one = np.zeros(len(seen), np.int64)
     figure = draw_modes(seen, {"one": one, "two": np.minimum(np.arange(len(seen)), 1)}, 2)
@@ -74,14 +70,11 @@ def test_modes_are_drawn_with_as_many_windows_as_each_has() -> None:
 def test_pictures_of_modes_for_each_type_and_counts_of_both_clusterings(tmp_path: Path) -> None:
     random = np.random.default_rng(0)
     tracks, n = 30, 20
-    kind = np.repeat([0, 2], tracks // 2).astype(np.int8)
+    kind = np.repeat([0, 2], tracks // 2)
     step = random.uniform(0.1, 3.0, tracks)[:, None] * np.arange(n)
     turn = random.uniform(-1.0, 1.0, tracks)[:, None] * np.linspace(0, 1, n)
-    made = Trajectories(
-        track=np.repeat(np.arange(tracks), n), frame=np.tile(np.arange(n), tracks), x=(step * np.cos(turn)).ravel(),
-        y=(step * np.sin(turn)).ravel(), heading=np.zeros(tracks * n), ids=tuple(map(str, range(tracks))), type=kind,
-        length=np.ones(tracks), width=np.ones(tracks),
-    )  # fmt: skip
+    ways = zip(step * np.cos(turn), step * np.sin(turn), np.zeros(tracks), strict=True)
+    made = make_recording(*ways, type=kind)
     write_modes([made], tmp_path / "modes", seed=1)
     assert {path.name for path in (tmp_path / "modes").iterdir()} == {
         "modes-car.png", "modes-pedestrian.png", "modes.csv",

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
+from builders import make_recording
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
@@ -27,20 +28,8 @@ NOWHERE = RoadMap(SurfaceShapes(()))
 
 
 def recording(paths: list[Path], kinds: list[int]) -> Trajectories:
-    poses = np.concatenate([path for _, path in paths])
-    lengths = [len(path) for _, path in paths]
-    return Trajectories(
-        track=np.repeat(np.arange(len(paths)), lengths),
-        frame=np.concatenate([first + np.arange(len(path)) for first, path in paths]),
-        x=poses[:, 0],
-        y=poses[:, 1],
-        heading=poses[:, 2],
-        ids=tuple(f"t{i}" for i in range(len(paths))),
-        type=np.array(kinds, np.int8),
-        length=np.ones(len(paths)),
-        width=np.ones(len(paths)),
-        source="by hand",
-    )
+    poses, first = [path.T for _, path in paths], [first for first, _ in paths]
+    return make_recording(*poses, first=first, type=kinds, length=1.0, width=1.0, source="by hand")
 
 
 def straight(rows: int, speed: float, y: float = 0.0, first: int = 0) -> Path:
@@ -87,11 +76,11 @@ def test_what_is_seen_lies_in_memory_as_in_a_run() -> None:
     assert all(world.x.flags.c_contiguous and world.speed.flags.c_contiguous for world in seen)
 
 
-def test_who_comes_later_counts_from_its_entry_and_who_leaves_until_then() -> None:
+def test_tracks_count_from_their_first_to_their_last_frame() -> None:
     # Frames 0..39; 5..39: comes later; 0..11: leaves; 10..11: too short. The bus stands parked.
     paths = [straight(40, 1.0), straight(35, 1.0, 9, first=5), straight(12, 1.0, 18), straight(2, 1.0, 27, first=10)]
     made = recording([*paths, straight(40, 0.0, 36)], [2, 1, 2, 2, 0])
-    made = Trajectories(**{**{n: getattr(made, n) for n in made.__dataclass_fields__}, "parked": np.arange(5) == 4})
+    made = replace(made, parked=np.arange(5) == 4)
     seen: list[tuple[int, int, int]] = []
 
     def watch(moment: Moment) -> Motion:
@@ -116,8 +105,7 @@ def test_cars_that_reverse_are_there_as_recorded(bundle: ModelBundle) -> None:
     # Backwards from frame 20 to 24. The bicycle with the same path is simulated: it has turned, not reversed.
     made = recording([straight(60, 1.0), straight(60, 1.0, 9)], [0, 1])
     back = np.where((made.frame >= 20) & (made.frame < 25), -0.4, 0.4)
-    made = Trajectories(**{**{n: getattr(made, n) for n in made.__dataclass_fields__}, "x": np.r_[
-        np.cumsum(back[:60]), np.cumsum(back[60:])]})  # fmt: skip
+    made = replace(made, x=np.r_[np.cumsum(back[:60]), np.cumsum(back[60:])])
     cast = cast_of(made, np.array([0, 3, 4, 20, 25, 26]))
     # From frame 4 on the last interval of 16 is backwards; at frame 26 the two before are forwards again.
     assert cast.reverses.tolist() == [False, False, False, False, True, False, True, False, True, False, False, False]
@@ -168,19 +156,19 @@ def test_oracle_takes_the_nearest_of_all_modes(bundle: ModelBundle) -> None:
     assert (best < each.mean(0)).all()
 
 
-def test_tables_count_everybody_and_the_best_sample_is_no_worse_than_the_mean(bundle: ModelBundle) -> None:
+def test_tables_count_all_tracks_and_the_best_sample_is_no_worse_than_the_mean(bundle: ModelBundle) -> None:
     made = recording([straight(30, 1.2), circle(24, 4.0, 0.2, y=6)], [2, 1])
     result = evaluate(made, bundle, starts_every=3)
     rows = {(row["selector"], row["type"], row["step"]): row for row in result["rows"]}
     starts = np.arange(0, 30, 3)
     for kind, last in (("pedestrian", 29), ("bicycle", 23)):
-        # Those who start at frame 0 are simulated from frame 2 on.
+        # Tracks that start at frame 0 are simulated from frame 2 on.
         steps = np.minimum(last, starts + STEPS) - np.maximum(starts, 2)
         for step in range(1, STEPS + 1):
             for selector in ("constant-velocity", "prior", "oracle"):
                 assert rows[selector, kind, step]["n"] == int((steps >= step).sum())
     np.testing.assert_allclose(rows["constant-velocity", "pedestrian", 16]["fde_m"], 0, atol=1e-9)
-    # The mean error is over the steps so far, of those who are simulated at least that long.
+    # The mean error is over the steps so far, of tracks that are simulated at least that long.
     cast = cast_of(made, starts)
     plain = rollout(made, cast, constant_velocity)
     who = (plain.type == 1) & (plain.steps >= 5)
@@ -261,7 +249,7 @@ def test_steps_off_the_road_are_counted_with_a_map_only(bundle: ModelBundle) -> 
     assert plain["surface"].startswith("everything is road")
 
 
-def test_a_long_drive_moves_everybody_who_is_there(bundle: ModelBundle) -> None:
+def test_a_long_rollout_moves_all_that_are_present(bundle: ModelBundle) -> None:
     made = recording([straight(30, 2.0), circle(30, 4.0, 0.25, y=9), straight(20, 1.0, 18, first=10)], [2, 1, 2])
     drive = long_rollout(made, np.array([5]), lambda cast: constant_velocity)
     np.testing.assert_array_equal(drive.type, [2, 1])  # the third comes later
