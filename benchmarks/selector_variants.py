@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.policy import Policy, _led_to, _normalised
+from slrl_sumo.models.policy import Policy, _normalised
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
@@ -36,14 +36,14 @@ class Dense(nn.Module):
         super().__init__()
         self.policy = policy
 
-    def forward(self, vector: Tensor, image: Tensor, kind: Tensor, ahead: Tensor, route: Tensor) -> Tensor:
+    def forward(self, vector: Tensor, image: Tensor, kind: Tensor, rollouts: Tensor, route: Tensor) -> Tensor:
         """See Policy.correction."""
         policy = self.policy
         pixels = image.permute(0, 3, 1, 2).float() / 127.5 - 1.0
         seen = policy.trunk(torch.cat([policy.encoder(pixels), _normalised(vector), route], -1))
-        leads = _led_to(ahead, vector)
+        rated = policy._rated(rollouts, vector)
         modes = torch.stack([actor(seen) for actor in policy.actors], 1)
-        modes = modes + torch.stack([scorer(leads)[..., 0] for scorer in policy.scorers], 1)
+        modes = modes + torch.stack([scorer(rated)[..., 0] for scorer in policy.scorers], 1)
         return (modes * nn.functional.one_hot(kind, modes.shape[1])[..., None]).sum(1)
 
 
@@ -54,8 +54,8 @@ def drawn(agents: int, policy: Policy) -> Inputs:
     vector = torch.rand(agents, len(FEATURES), generator=rng) * 5.0
     vector[:, 2:5] = nn.functional.one_hot(kind, 3)
     image = torch.randint(0, 256, (agents, EGO_ROWS, EGO_COLS, 3), generator=rng, dtype=torch.uint8)
-    ahead = torch.rand(agents, policy.config.modes, policy.config.ahead_columns, generator=rng)
-    return vector, image, kind, ahead, torch.rand(agents, len(ROUTE_FEATURES), generator=rng)
+    rollouts = torch.rand(agents, policy.config.modes, len(policy.config.rollout_features), generator=rng)
+    return vector, image, kind, rollouts, torch.rand(agents, len(ROUTE_FEATURES), generator=rng)
 
 
 def variants(policy: Policy, inputs: Inputs) -> dict[str, Callable[[], Tensor]]:
@@ -95,7 +95,7 @@ def variants(policy: Policy, inputs: Inputs) -> dict[str, Callable[[], Tensor]]:
         import onnxruntime
 
         file = io.BytesIO()
-        names = ["vector", "image", "kind", "ahead", "route"]
+        names = ["vector", "image", "kind", "rollouts", "route"]
         torch.onnx.export(dense, inputs, file, input_names=names, dynamo=False)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from slrl_sumo.doctor.finding import Finding, counted, some
+from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import LOG_OPTIONS
-from slrl_sumo.sumo.scenario.configuration import parse_time
 from slrl_sumo.sumo.scenario.demand import Demand
 from slrl_sumo.sumo.scenario.options import option, switched_on
 from slrl_sumo.sumo.spawned import LEARNED_TYPES

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 from slrl_sumo.doctor.finding import Finding
+from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import sumo_step_length
-from slrl_sumo.sumo.scenario.configuration import parse_time
 from slrl_sumo.sumo.scenario.options import input_files, option, switched_on
 
 TELEPORT_AFTER = 300.0

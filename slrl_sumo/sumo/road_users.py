@@ -4,9 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
-from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import StageRecord, SumoApi
 
 WALKING = 2
@@ -101,11 +98,6 @@ def vehicle_lane(api: SumoApi, vehicle: str) -> str:
     return api.vehicle.getLaneID(vehicle)
 
 
-def vehicle_road(api: SumoApi, vehicle: str) -> str:
-    """The edge under a vehicle; SUMO goes on naming the last one for a vehicle beside its lane."""
-    return api.vehicle.getRoadID(vehicle)
-
-
 def vehicle_route(api: SumoApi, vehicle: str) -> tuple[tuple[str, ...], int]:
     """The edges of a vehicle's route and the index of the present one, -1 before the departure."""
     return tuple(api.vehicle.getRoute(vehicle)), api.vehicle.getRouteIndex(vehicle)
@@ -150,20 +142,6 @@ def walk_of(api: SumoApi, person: str) -> tuple[tuple[str, ...], float]:
 def walking_speed(api: SumoApi, person: str) -> float:
     """m/s at which a person walks."""
     return api.person.getMaxSpeed(person)
-
-
-def route_ends(api: SumoApi, road_user: str, walks: bool) -> tuple[tuple[str, ...], Floats]:
-    """The edges of a vehicle's route, or the last edge of a person's walk, and where that may end: (k, 2) in m.
-
-    A vehicle's route may end on each lane of its last edge.
-    """
-    if walks:
-        edges, arrival = walk_of(api, road_user)
-        length = api.lane.getLength(edges[-1] + "_0")
-        return edges[-1:], np.array([api.simulation.convert2D(edges[-1], min(max(arrival, 0.0), length), 0)])
-    route, _ = vehicle_route(api, road_user)
-    lanes = range(api.edge.getLaneNumber(route[-1]))
-    return route, np.array([api.lane.getShape(f"{route[-1]}_{i}")[-1] for i in lanes])
 
 
 def find_route(api: SumoApi, start: str, end: str, vehicle_type: str) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """All rows of an FCD file as compact columns."""
 
 import gzip
+import math
 import os
 import re
 import zlib
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.steps import FcdRow, FcdStep, csv_steps, xml_steps
+from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
 _BICYCLE = re.compile("bike|cycl")
@@ -165,14 +167,10 @@ def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
 
 
 def _milliseconds(name: str, step: FcdStep) -> int:
-    """Times are seconds or, with SUMO's --human-readable-time, [days:]hours:minutes:seconds."""
-    try:
-        seconds = 0.0
-        for part, unit in zip(reversed(step.time.split(":")), (1, 60, 3600, 86400), strict=False):
-            seconds += unit * float(part)
-        return round(1000 * seconds)
-    except (ValueError, OverflowError):
-        raise InputError(f"{name}, line {step.line}: {step.time!r} is not a time") from None
+    seconds = parse_time(step.time)
+    if seconds is None or not math.isfinite(seconds):
+        raise InputError(f"{name}, line {step.line}: {step.time!r} is not a time")
+    return round(1000 * seconds)
 
 
 def user_types(table: FcdTable, types: Mapping[str, str]) -> NDArray[np.int8]:

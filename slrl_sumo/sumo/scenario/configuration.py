@@ -8,6 +8,7 @@ from pathlib import Path
 from lxml import etree
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.sumo_time import parse_time
 
 
 @dataclass(frozen=True)
@@ -30,15 +31,6 @@ class Scenario:
         if value is None:
             raise InputError(f"{self.config}: option {option} is '{text}', which is no time; give seconds or hh:mm:ss")
         return value if value >= 0 else None
-
-
-def parse_time(text: str | None) -> float | None:
-    """Seconds from SUMO's [days:]hours:minutes:seconds or a number; None for words such as 'triggered'."""
-    try:
-        parts = [float(part) for part in (text or "").split(":")]
-    except ValueError:
-        return None
-    return sum(part * scale for part, scale in zip(reversed(parts), (1, 60, 3600, 86400), strict=False))
 
 
 def shipped_scenarios() -> list[str]:

@@ -9,8 +9,9 @@ from typing import IO, cast
 from lxml import etree
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.scene.types import SPAWNED_PREFIX
-from slrl_sumo.sumo.scenario.configuration import Scenario, parse_time
+from slrl_sumo.sumo.scenario.configuration import Scenario
 from slrl_sumo.sumo.scenario.options import input_files
 
 VEHICLES = frozenset({"vehicle", "trip", "flow"})
