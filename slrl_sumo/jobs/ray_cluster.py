@@ -95,19 +95,17 @@ def is_ray_address(text: str) -> bool:
 def check_ray(address: str) -> None:
     """Raise InputError if Ray is not installed, or `address` does not answer. Fast: does not import Ray."""
     if find_spec("ray") is None:
-        raise InputError(f"--ray {address}: Ray is not installed here; pip install 'slrl-sumo[ray]'")
+        raise _error(address, "Ray is not installed here; pip install 'slrl-sumo[ray]'")
     if not is_ray_address(address):
-        raise InputError(
-            f"--ray {address}: give HOST:PORT of a cluster's head, auto for the one of this machine, or local"
-        )
+        raise _error(address, "give HOST:PORT of a cluster's head, auto for the one of this machine, or local")
     if address in (LOCAL, AUTO):
         return
     try:
         _reach(address, timeout=3.0)
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"--ray {address}: no answer there ({reason}); start a cluster with ray start --head, or name another"
+        raise _error(
+            address, f"no answer there ({reason}); start a cluster with ray start --head, or name another"
         ) from None
 
 
@@ -120,10 +118,15 @@ def check_head(ray: Any, address: str) -> None:
             time.sleep(timeout / 3)
         except OSError:
             continue
-    raise InputError(
-        f"--ray {address}: the cluster's head does not answer any more; finished results are kept: give the same "
-        "command again when it is back, or without --ray"
+    raise _error(
+        address,
+        "the cluster's head does not answer any more; finished results are kept: repeat this when it is back, or "
+        "without `ray`",
     )
+
+
+def _error(address: str, message: str) -> InputError:
+    return InputError(message, argument="ray", value=address)
 
 
 def _reach(address: str, timeout: float) -> None:
@@ -136,7 +139,7 @@ def _connected(address: str, options: dict[str, Any]) -> Any:
     import ray
 
     if ray.is_initialized():
-        raise InputError(f"--ray {address}: this process is connected to a Ray cluster already")
+        raise _error(address, "this process is connected to a Ray cluster already")
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         if address != LOCAL:
@@ -144,7 +147,7 @@ def _connected(address: str, options: dict[str, Any]) -> Any:
         ray.init(**options)
     except (RuntimeError, OSError, ValueError, TypeError) as error:
         ray.shutdown()
-        raise InputError(f"--ray {address}: {in_one_line(str(error))}") from None
+        raise _error(address, in_one_line(str(error))) from None
     finally:
         if threading.current_thread() is threading.main_thread():
             for number, handler in handlers.items():  # Ray has set its own, which would exit without a message
@@ -164,9 +167,10 @@ def _try(address: str) -> None:
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_S, check=False)
     except subprocess.TimeoutExpired:
-        raise InputError(
-            f"--ray {address}: no Ray answered within {CONNECT_S} s; check that it is the port of a cluster's head, "
-            "that this machine belongs to it, and that it has the same token (RAY_AUTH_TOKEN_PATH)"
+        raise _error(
+            address,
+            f"no Ray answered within {CONNECT_S} s; check that it is the port of a cluster's head, that this machine "
+            "belongs to it, and that it has the same token (RAY_AUTH_TOKEN_PATH)",
         ) from None
     if done.returncode:
         raise ConnectionError(done.stderr)

@@ -60,8 +60,9 @@ class _RayCalls:
         except self._ray.exceptions.RayTaskError as error:
             cause = str(error.cause).splitlines()[-1] if error.cause else str(error)
             raise InputError(
-                f"--ray {self._address}: a machine of the cluster cannot run this ({cause}); "
-                f"install slrl-sumo {__version__} on all of them"
+                f"a machine of the cluster cannot run this ({cause}); install slrl-sumo {__version__} on all of them",
+                argument="ray",
+                value=self._address,
             ) from None
         except self._ray.exceptions.RayError as error:
             return MachineLostError(f"its machine was lost ({type(error).__name__})")

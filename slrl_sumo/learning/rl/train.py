@@ -109,7 +109,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         if done < total and done % settings.networks.reset_every:
             raise InputError(
                 f"{folder}: ended after {done} updates, in the middle of {settings.networks.reset_every} with the same "
-                "simulations, and cannot be resumed; start a new training with more --steps"
+                "simulations, and cannot be resumed; start a new training with more `steps`"
             )
         agent.policy.load_state_dict(state["policy"])
         agent.begin.load_state_dict(state["begin"])
@@ -172,7 +172,7 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
     """Create the folder of the training, or load the checkpoint to resume from."""
     checkpoint, asked = folder / "checkpoint.pt", folder / "settings.json"
     if checkpoint.exists() and not resume:
-        raise InputError(f"{folder}: holds a training already; continue it with --resume, or give another --out")
+        raise InputError(f"{folder}: holds a training already; continue it with `resume=True`, or give another `out`")
     if resume and asked.exists():
         before = json.loads(asked.read_text(encoding="utf-8"))
         longer = max(before.get("steps", 0), record["steps"])
@@ -183,7 +183,7 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
         folder.mkdir(parents=True, exist_ok=True)
         _write_json(asked, record)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror}); give another --out") from None
+        raise InputError(f"{folder}: cannot be written ({error.strerror}); give another `out`") from None
     if not checkpoint.exists():
         return None
     try:
@@ -268,7 +268,7 @@ def _device(name: str) -> torch.device:
     try:
         torch.zeros(1, device=name)
     except (RuntimeError, AssertionError):
-        raise InputError(f"--device {name}: PyTorch has no such device here; use cpu, or auto") from None
+        raise InputError("PyTorch has no such device here; use cpu, or auto", argument="device", value=name) from None
     return torch.device(name)
 
 

@@ -78,7 +78,7 @@ def read_settings(file: Path | None) -> TrainSettings:
     try:
         values = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}); name another --config") from None
+        raise InputError(f"{file}: cannot be read ({error.strerror}); name another `config`") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{file}: is no TOML ({error})") from None
     sections = [f.name for f in fields(TrainSettings)]

@@ -82,7 +82,7 @@ def test_a_stopped_training_resumes_exactly(tmp_path: Path) -> None:
 
     request = TrainRequest("shared-space", "intersection", tmp_path / "whole", steps=6 * 32, workers=1)
     nothing = lambda *_: None  # noqa: E731
-    with pytest.raises(InputError, match="holds a training already; continue it with --resume"):
+    with pytest.raises(InputError, match="holds a training already; continue it with `resume=True`"):
         train(request, SETTINGS, resume=False, report=nothing)
     with pytest.raises(InputError, match=r"started with another seed \(1 then, 2 now\)"):
         train(replace(request, seed=2), SETTINGS, resume=True, report=nothing)
