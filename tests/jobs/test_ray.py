@@ -101,6 +101,7 @@ def cluster() -> Iterator[Cluster]:
     folder = Path(tempfile.mkdtemp(prefix="ray_"))
     (folder / "token").write_text(secrets.token_hex(32))
     settings = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(folder / "token")}
+    settings["TMPDIR"] = str(folder)  # processes of a killed node leave their folders behind
     with socket.create_server(("127.0.0.2", 0)) as free:
         port = free.getsockname()[1]
     cluster = Cluster(folder, {**os.environ, **settings, "RAY_USAGE_STATS_ENABLED": "0"}, f"127.0.0.2:{port}")
