@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from getpass import getuser
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
@@ -48,7 +49,10 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]
     if hasattr(session.config, "workerinput"):
         return
     folder, end = Path(tempfile.gettempdir()), time.monotonic() + GRACE
-    while (left := sorted(path.name for path in folder.iterdir())) and time.monotonic() < end:
+    # PyTorch's optimisers create a folder for their compiler.
+    while (left := sorted({path.name for path in folder.iterdir()} - {f"torchinductor_{getuser()}"})) and (
+        time.monotonic() < end
+    ):
         time.sleep(0.5)
     shutil.rmtree(folder, ignore_errors=True)
     if left:
