@@ -86,15 +86,7 @@ def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Co
     not driven into each other: such an encounter is left out.
     """
     box, velocity = boxes(trajectories), velocities(trajectories)
-    speed = np.hypot(velocity[:, 0], velocity[:, 1])
-    reach = 0.5 * np.hypot(box[:, 3], box[:, 4]) + below * speed
-    nobody = np.zeros(0, np.intp)
-    found: list[tuple[Rows, Rows, Floats]] = [(nobody, nobody, np.zeros(0))]
-    for i, j in row_pairs(x=trajectories.x, y=trajectories.y, frame=trajectories.frame, reach=reach):
-        ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
-        near = ttc < below
-        found.append((i[near], j[near], ttc[near]))
-    i, j, value = (np.concatenate(column) for column in zip(*found, strict=True))
+    i, j, value = pairs_about_to_touch(box=box, velocity=velocity, frame=trajectories.frame, below=below)
     track_i, track_j = trajectories.track[i], trajectories.track[j]
     moments = Conflicts(
         a=np.minimum(track_i, track_j),
@@ -107,6 +99,39 @@ def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Co
         angle=crossing_angle(box[i, 2], box[j, 2]),
     )
     return _encounters(moments, trajectories)
+
+
+def pairs_about_to_touch(
+    *, box: Floats, velocity: Floats, frame: Integers, below: float = TTC_LIMIT
+) -> tuple[Rows, Rows, Floats]:
+    """Pairs of rows of one frame with a time to collision below `below` s: their indices and that time (s), (k,) each.
+
+    `box`: (R, 5), see `boxes`; `velocity`: m/s, (R, 2); `frame`: (R,), in any order. 0 s is an overlap.
+    """
+    radius = 0.5 * np.hypot(box[:, 3], box[:, 4])
+    reach = radius + below * np.hypot(velocity[:, 0], velocity[:, 1])
+    no_rows = np.zeros(0, np.intp)
+    found: list[tuple[Rows, Rows, Floats]] = [(no_rows, no_rows, np.zeros(0))]
+    for i, j in row_pairs(x=box[:, 0], y=box[:, 1], frame=frame, reach=reach):
+        # Few pairs are left whose bounding circles touch in time.
+        offset, speed = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
+        squared = np.maximum((speed**2).sum(axis=1), 1e-12)
+        nearest = np.clip(-(offset * speed).sum(axis=1) / squared, 0.0, below)
+        distance = np.hypot(*(offset + nearest[:, None] * speed).T)
+        touching = distance <= radius[i] + radius[j] + 1e-6
+        i, j = i[touching], j[touching]
+        ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
+        near = ttc < below
+        found.append((i[near], j[near], ttc[near]))
+    i, j, value = (np.concatenate(column) for column in zip(*found, strict=True))
+    return i, j, value
+
+
+def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
+    """Which of k moments, sorted by pair (a, b) and time (s), begin a new encounter of their pair, (k,)."""
+    new = np.ones(len(a), np.bool_)
+    new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0) | (np.diff(time) > PAUSE + 1e-9)
+    return new
 
 
 def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Conflicts:
@@ -192,8 +217,7 @@ def _encounters(moments: Conflicts, t: Trajectories) -> Conflicts:
     m = moments.take(np.lexsort((moments.time, moments.b, moments.a)))
     if not len(m):
         return m
-    fresh = np.ones(len(m), np.bool_)
-    fresh[1:] = (np.diff(m.a) != 0) | (np.diff(m.b) != 0) | (np.diff(m.time) > PAUSE + 1e-9)
+    fresh = new_encounters(m.a, m.b, m.time)
     group = np.cumsum(fresh) - 1
     together = t.t0 + t.dt * np.maximum(t.frame[t.starts[m.a]], t.frame[t.starts[m.b]])
     from_the_start = (m.value == 0.0) & (m.time <= together + 1e-9)

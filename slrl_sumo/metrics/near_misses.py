@@ -1,35 +1,29 @@
 """Collisions and near misses in a trace: pairs of road users, when and where."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.metrics.surrogate_safety import time_to_collision
-from slrl_sumo.scene.contacts import close_pairs, overlapping_pairs
-from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.state import WorldState
+from slrl_sumo.formats.trajectories import Integers
+from slrl_sumo.metrics.conflicts import PAUSE, TTC_LIMIT, new_encounters, pairs_about_to_touch
+from slrl_sumo.metrics.counters import STANDING_SPEED
+from slrl_sumo.metrics.neighbours import Rows
+from slrl_sumo.scene.geometry import Floats, boxes_overlap
 from slrl_sumo.scene.types import RoadUserType
 
-TTC_LIMIT = 1.5
-"""s: below this time to collision a meeting is a near miss (the threshold of FHWA's SSAM; Gettman and Head 2003,
-"Surrogate Safety Measures from Traffic Simulation Models", FHWA-RD-03-050)."""
 CLOSING_LIMIT = 1.0
-"""m/s that a pair must come closer at least: who walks or queues side by side is no near miss."""
-STANDING = 0.1
-"""m/s: boxes that overlap while both stand were put there by the scenario (parked, waiting at a stop)."""
-SAME_EVENT = 2.0
-"""s: moments of one pair that are no further apart are one event."""
+"""m/s; pairs that approach more slowly, side by side or in a queue, are no near misses."""
 
 DEFINITIONS = {
-    "collision": f"Boxes of two road users overlap and at least one of them goes faster than {STANDING:g} m/s.",
+    "collision": f"Boxes of two road users overlap and at least one of them goes faster than {STANDING_SPEED:g} m/s.",
     "near miss": (
         f"Time to collision below {TTC_LIMIT:g} s: so soon would the two boxes touch if both kept velocity and heading "
         f"(the smallest value and its moment are given), and they close in by {CLOSING_LIMIT:g} m/s at least. Two "
         "pedestrians make no near miss, nor does a pair that collides within 2 s."
     ),
 }
-"""What the words mean, for people."""
+"""Definitions of the kinds of conflict, for readers of a replay."""
 
 
 @dataclass(frozen=True)
@@ -52,87 +46,51 @@ class Conflict:
     """Near miss: the smallest time to collision, s. Collision: the speed at which the two come closer, m/s."""
 
 
-@dataclass
-class ConflictFinder:
-    """Looks at one time step after the other."""
+def find_conflicts(
+    *, box: Floats, speed: Floats, kind: NDArray[np.int8], user: Integers, frame: Integers, times: Floats
+) -> list[Conflict]:
+    """All collisions and near misses of a trace, in the order of time.
 
-    _rows: dict[str, list[Floats]] = field(default_factory=lambda: {kind: [] for kind in DEFINITIONS})
+    `box`: x, y (m), heading (rad), length, width (m) of each row, (R, 5); `speed`: m/s, (R,); `kind`: RoadUserType,
+    (R,); `user`: index of the road user, (R,); `frame`: index of the time step, (R,); `times`: s, by time step.
+    """
+    velocity = speed[:, None] * np.stack([np.cos(box[:, 2]), np.sin(box[:, 2])], axis=1)
+    i, j, ttc = pairs_about_to_touch(box=box, velocity=velocity, frame=frame)
+    i, j = np.where(user[i] < user[j], i, j), np.where(user[i] < user[j], j, i)
+    closing = _closing_speed(box, velocity, i, j)
+    hit = boxes_overlap(box[i], box[j]) & (np.maximum(speed[i], speed[j]) > STANDING_SPEED)
+    pedestrians = (kind[i] == RoadUserType.PEDESTRIAN) & (kind[j] == RoadUserType.PEDESTRIAN)
+    near = (ttc > 0.0) & (closing >= CLOSING_LIMIT) & ~pedestrians
 
-    def look(self, world: WorldState, keys: NDArray[np.integer]) -> None:
-        """One step: `keys` are the indices, among all road users, of those in `world`, (n,), ascending."""
-        if len(world) < 2:
-            return
-        velocity = world.speed[:, None] * np.stack([np.cos(world.heading), np.sin(world.heading)], axis=1)
-        boxes = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
+    def events(name: str, chosen: NDArray[np.bool_], value: Floats) -> list[Conflict]:
+        rows = i[chosen], j[chosen]
+        middle = (0.5 * (box[rows[0], column] + box[rows[1], column]) for column in (0, 1))
+        moments = np.column_stack([user[rows[0]], user[rows[1]], times[frame[rows[0]]], *middle, value[chosen]])
+        return _events(name, moments)
 
-        hits = overlapping_pairs(world)
-        hits = hits[world.speed[hits].max(axis=1, initial=0.0) > STANDING]
-        self._note("collision", world, keys, hits, _closing_speed(boxes, velocity, hits))
-
-        radius = 0.5 * np.hypot(world.length, world.width)
-        # Two that are further apart than this cannot touch in time, whoever they are.
-        pairs = close_pairs(world, 2.0 * float(world.speed.max()) * TTC_LIMIT + 2.0 * float(radius.max()))
-        walking = world.type == RoadUserType.PEDESTRIAN
-        pairs = pairs[~walking[pairs].all(axis=1)]
-        pairs = pairs[_may_touch(boxes, velocity, radius, pairs)]
-        closing = _closing_speed(boxes, velocity, pairs)
-        pairs = pairs[closing >= CLOSING_LIMIT]
-        i, j = pairs.T
-        ttc = time_to_collision(a=boxes[i], b=boxes[j], velocity_a=velocity[i], velocity_b=velocity[j])
-        near = (ttc < TTC_LIMIT) & (ttc > 0.0)
-        self._note("near miss", world, keys, pairs[near], ttc[near])
-
-    def _note(
-        self, kind: str, world: WorldState, keys: NDArray[np.integer], pairs: NDArray[np.intp], value: Floats
-    ) -> None:
-        i, j = pairs.T
-        middle = (0.5 * (world.x[i] + world.x[j]), 0.5 * (world.y[i] + world.y[j]))
-        time = np.full(len(pairs), world.time)
-        self._rows[kind].append(np.stack([keys[i], keys[j], time, *middle, value], axis=1).astype(np.float64))
-
-    def conflicts(self) -> list[Conflict]:
-        """All that were seen, in the order of time."""
-        collisions = _events("collision", self._rows["collision"])
-        hit: dict[tuple[int, int], list[Conflict]] = {}
-        for event in collisions:
-            hit.setdefault((event.a, event.b), []).append(event)
-        near = [
-            miss
-            for miss in _events("near miss", self._rows["near miss"])
-            if not any(
-                c.time - SAME_EVENT <= miss.end and miss.time <= c.end + SAME_EVENT
-                for c in hit.get((miss.a, miss.b), ())
-            )
-        ]
-        return sorted(collisions + near, key=lambda c: (c.time, c.a, c.b))
+    collisions = events("collision", hit, closing)
+    of_pair: dict[tuple[int, int], list[Conflict]] = {}
+    for event in collisions:
+        of_pair.setdefault((event.a, event.b), []).append(event)
+    misses = [
+        miss
+        for miss in events("near miss", near, ttc)
+        if not any(c.time - PAUSE <= miss.end and miss.time <= c.end + PAUSE for c in of_pair.get((miss.a, miss.b), ()))
+    ]
+    return sorted(collisions + misses, key=lambda c: (c.time, c.a, c.b))
 
 
-def _may_touch(boxes: Floats, velocity: Floats, radius: Floats, pairs: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether circles round the boxes come to touch within TTC_LIMIT: cheap, and few pairs are left."""
-    i, j = pairs.T
-    offset, speed = boxes[j, :2] - boxes[i, :2], velocity[j] - velocity[i]
-    squared = np.maximum((speed**2).sum(axis=1), 1e-12)
-    nearest = np.clip(-(offset * speed).sum(axis=1) / squared, 0.0, TTC_LIMIT)
-    apart: Floats = np.hypot(*(offset + nearest[:, None] * speed).T)
-    close: NDArray[np.bool_] = apart <= radius[i] + radius[j]
-    return close
-
-
-def _closing_speed(boxes: Floats, velocity: Floats, pairs: NDArray[np.intp]) -> Floats:
-    """m/s at which the centres of each pair come closer; negative where they part."""
-    i, j = pairs.T
-    offset, speed = boxes[j, :2] - boxes[i, :2], velocity[j] - velocity[i]
+def _closing_speed(box: Floats, velocity: Floats, i: Rows, j: Rows) -> Floats:
+    """m/s at which the centres of pairs of rows approach each other; negative where they separate."""
+    offset, speed = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
     closing: Floats = -(offset * speed).sum(axis=1) / np.maximum(np.hypot(*offset.T), 1e-9)
     return closing
 
 
-def _events(kind: str, moments: list[Floats]) -> list[Conflict]:
-    """Moments of the same pair, rows (a, b, time, x, y, value), put together where they follow each other."""
-    rows = np.concatenate([*moments, np.zeros((0, 6))])
+def _events(kind: str, rows: Floats) -> list[Conflict]:
+    """One event for each encounter; `rows`: its moments as a, b, time, x, y, value."""
     rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    a, b, time = rows[:, 0], rows[:, 1], rows[:, 2]
-    new = np.ones(len(rows), np.bool_)
-    new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0) | (np.diff(time) > SAME_EVENT)
+    new = new_encounters(rows[:, 0], rows[:, 1], rows[:, 2])
     events = []
     for part in np.split(rows, np.flatnonzero(new)[1:]) if len(rows) else ():
         at = part[0] if kind == "collision" else part[part[:, 5].argmin()]

@@ -6,7 +6,6 @@ import html
 import json
 import sys
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -21,11 +20,10 @@ from slrl_sumo.formats.output_files import write_file
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.jobs.progress import progress
-from slrl_sumo.metrics.near_misses import DEFINITIONS, Conflict, ConflictFinder
+from slrl_sumo.metrics.near_misses import DEFINITIONS, Conflict, find_conflicts
 from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack
 from slrl_sumo.replay.vehicle_sizes import Size, scenario_sizes, size_of
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
-from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.sumo.net_file import find_net, read_net_file
 from slrl_sumo.sumo.network import Network
@@ -73,14 +71,9 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
         rows = centred(table, users)
         notes += check_place(network, rows, fcd, net)
         times = np.array(table.steps, np.int64)
-        bar.update(task, description="looking for conflicts", completed=0.0)
-        finder = ConflictFinder()
-        for number, (world, keys) in enumerate(worlds(rows, users, times)):
-            finder.look(world, keys)
-            bar.update(task, completed=(number + 1) / len(times))
-    page = build_page(
-        network, users, rows, times, finder.conflicts(), title=fcd.name, notes=notes, told=table.marks_learned
-    )
+        bar.update(task, description="looking for conflicts", total=None)
+        conflicts = find_all_conflicts(rows, users, times)
+    page = build_page(network, users, rows, times, conflicts, title=fcd.name, notes=notes, told=table.marks_learned)
     write_file(out, page)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
@@ -145,33 +138,21 @@ def check_place(network: Network, rows: Rows, fcd: Path, net: str) -> list[str]:
     return [where] if off > ODD else []
 
 
-def worlds(rows: Rows, users: Users, times: NDArray[np.int64]) -> Iterator[tuple[WorldState, NDArray[np.int64]]]:
-    """Everybody in each time step, and their indices among all road users, ascending. Unknown speeds are those of the
-    movement from the step before, 0 where there is none."""
-    order = np.argsort(rows.step, kind="stable")
+def find_all_conflicts(rows: Rows, users: Users, times: NDArray[np.int64]) -> list[Conflict]:
+    """Collisions and near misses; `times`: ms. Unknown speeds are those of the movement from the step before, 0 where
+    there is none."""
     seconds = np.diff(times[rows.step], prepend=0) / 1000.0
     follows = (np.diff(rows.user, prepend=-1) == 0) & (np.diff(rows.step, prepend=-1) == 1)
     moved = np.hypot(np.diff(rows.x, prepend=0.0), np.diff(rows.y, prepend=0.0))
     travelled = np.where(follows, moved / np.where(follows, seconds, 1.0), 0.0)
-    speed = np.where(np.isfinite(rows.speed), rows.speed, travelled)
-    ends = np.searchsorted(rows.step[order], np.arange(1, len(times)))
-    for time, here in zip((times / 1000.0).tolist(), np.split(order, ends), strict=True):
-        key, none = rows.user[here], np.zeros(len(here))
-        world = WorldState(
-            time=time,
-            ids=("",) * len(here),  # nobody asks: `keys` say who it is
-            type=users.kind[key],
-            x=rows.x[here],
-            y=rows.y[here],
-            heading=rows.heading[here],
-            speed=speed[here],
-            acceleration=none,
-            yaw_rate=none,
-            length=users.length[key],
-            width=users.width[key],
-            learned=rows.state[here] > 0,
-        )
-        yield world, key
+    return find_conflicts(
+        box=np.column_stack([rows.x, rows.y, rows.heading, users.length[rows.user], users.width[rows.user]]),
+        speed=np.where(np.isfinite(rows.speed), rows.speed, travelled),
+        kind=users.kind[rows.user],
+        user=rows.user,
+        frame=rows.step,
+        times=times / 1000.0,
+    )
 
 
 def build_page(

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from builders import make_world
 
-from slrl_sumo.metrics.near_misses import Conflict, ConflictFinder
-from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
+from slrl_sumo.metrics.near_misses import Conflict, find_conflicts
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
 
@@ -14,25 +13,26 @@ Way = tuple[RoadUserType, float, float, float, float]
 
 def look(ways: list[Way], seconds: float, stop: float = np.inf) -> list[Conflict]:
     """What is found while all go straight ahead; the first one stands from `stop` on (s)."""
-    finder = ConflictFinder()
     kind, x, y, heading, speed = np.array(ways, np.float64).T
-    for step in range(round(seconds / 0.4) + 1):
-        time = 0.4 * step
+    types = kind.astype(np.int8)
+    times = 0.4 * np.arange(round(seconds / 0.4) + 1)
+    boxes, speeds = [], []
+    for time in times:
         gone = np.full(len(ways), time)
         gone[0] = min(time, stop)
         now = speed.copy()
         now[0] *= time < stop
-        world = make_world(
-            x + gone * speed * np.cos(heading),
-            y + gone * speed * np.sin(heading),
-            heading,
-            now,
-            type=kind,
-            learned=False,
-            time=time,
-        )
-        finder.look(world, np.arange(len(ways)) + 10)
-    return finder.conflicts()
+        at = (x + gone * speed * np.cos(heading), y + gone * speed * np.sin(heading), heading)
+        boxes.append(np.column_stack([*at, DEFAULT_LENGTH[types], DEFAULT_WIDTH[types]]))
+        speeds.append(now)
+    return find_conflicts(
+        box=np.concatenate(boxes),
+        speed=np.concatenate(speeds),
+        kind=np.tile(types, len(times)),
+        user=np.tile(np.arange(len(ways)) + 10, len(times)),
+        frame=np.repeat(np.arange(len(times)), len(ways)),
+        times=times,
+    )
 
 
 def test_a_car_that_stops_late_is_a_near_miss() -> None:
