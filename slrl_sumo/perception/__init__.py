@@ -1,1 +1,1 @@
-"""What a road user sees."""
+"""Observations of road users: features, ego image and route features."""

@@ -127,7 +127,7 @@ def draw_lines(canvas: Ids, lines: Ints, count: int) -> None:
             _twins(canvas, top_x, top_y, b_x, b_y, 2 * aside_x, 2 * aside_y, value)
         else:
             for edge in range(4):
-                # From the top beside both others, and from both others to the bottom.
+                # From the top to both others, and from both others to the bottom.
                 begin_x, begin_y = (top_x, top_y) if edge < 2 else (end_x, end_y)
                 turn_x, turn_y = (a_x, a_y) if edge & 1 else (b_x, b_y)
                 begin_x, begin_y, turn_x, turn_y = _cut(begin_x, begin_y, turn_x, turn_y, right)

@@ -84,7 +84,7 @@ class FcdWriter:
         """Add the time step `time` (s): first the vehicles, then the persons, each in the order of `world`.
 
         Positions become those of front bumpers, headings SUMO's angles. `modes`: of the learned road users, in their
-        order; None where they have none. Raises ValueError where a figure is not finite.
+        order; None where they have none. Raises ValueError if a value is not finite.
         """
         if self._file.closed:
             raise ValueError(f"{self.path} is closed")
@@ -148,7 +148,7 @@ class FcdWriter:
             self._put(steps)
 
     def _encode(self, text: str) -> bytes:
-        # Each piece is a gzip member of its own, so that the file can be cut back to the last whole one.
+        # Each piece is a separate gzip member, so that the file can be cut back to the last complete one.
         return gzip.compress(text.encode(), compresslevel=4, mtime=0) if self._gzip else text.encode()
 
     def _put(self, steps: list[str]) -> None:

@@ -1,1 +1,1 @@
-"""Recordings of other people's formats as Trajectories."""
+"""Recordings in formats of data sets as Trajectories."""

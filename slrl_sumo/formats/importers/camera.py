@@ -7,13 +7,13 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats
 
 SPAN = 1.0
-"""s over which motion is compared, every half of it."""
+"""s of the time windows in which motion is compared; they overlap by half."""
 
 FEWEST = 5
-"""Cars that must be there to tell."""
+"""Least number of cars for a decision."""
 
 SLIDE = 0.3
-"""m that 80 % of them must have moved in a span …"""
+"""m that 80 % of them must have moved in a window …"""
 
 ONE_WAY = 0.8
 """… with their displacements adding up to this share of the distances covered."""

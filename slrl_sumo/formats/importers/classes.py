@@ -1,4 +1,4 @@
-"""What the classes of recordings are here: one of the three types, and a box where the data has none."""
+"""Classes of recordings as one of the three types, with a default box where the data has none."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 
 class RoadUserClass(NamedTuple):
-    """What a word of the data stands for."""
+    """Meaning of a class name of the data."""
 
     type: RoadUserType
     length: float
@@ -23,7 +23,7 @@ class RoadUserClass(NamedTuple):
 
 
 def default_class(kind: RoadUserType) -> RoadUserClass:
-    """The type with its usual box."""
+    """The type with its default box."""
     return RoadUserClass(kind, float(DEFAULT_LENGTH[kind]), float(DEFAULT_WIDTH[kind]))
 
 
@@ -32,7 +32,7 @@ BICYCLE = default_class(RoadUserType.BICYCLE)
 PEDESTRIAN = default_class(RoadUserType.PEDESTRIAN)
 
 # Boxes are SUMO's defaults of the nearest vehicle class
-# (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html); a cargo tricycle's is a usual one.
+# (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html); that of a cargo tricycle is a typical one.
 CLASSES = {
     "car": CAR,
     "van": RoadUserClass(RoadUserType.CAR, 6.5, 2.16),
@@ -46,7 +46,7 @@ CLASSES = {
     "bicycle": BICYCLE,
     "cyclist": BICYCLE,
     "pedestrian": PEDESTRIAN,
-    "pedestrain": PEDESTRIAN,  # as SinD spells it
+    "pedestrain": PEDESTRIAN,  # spelled as in SinD
     "person": PEDESTRIAN,
 }
 """Class names of levelXdata, SinD, INTERACTION and TAF-BW, in lower case."""
@@ -70,8 +70,8 @@ def users_of(
 ) -> Users:
     """The road users whose first rows in the table are `rows`; with `sizes`, from its columns length and width.
 
-    Where these are 0 (VRUs of levelXdata) the default of the class stands in. Raises InputError, with line, on an
-    unknown class and a size that no road user has.
+    Where these are 0 (VRUs of levelXdata), the default of the class is used. Raises InputError, with line, for an
+    unknown class or an implausible size.
     """
     words = table.words(column)
     values, first, _ = codes(words)

@@ -16,10 +16,10 @@ LICENCE = "levelXdata: for non-commercial research, on request (https://levelxda
 
 
 def read_levelx(tracks_file: Path) -> Trajectories:
-    """Read the recording that `NN_tracks.csv` belongs to. The two meta files must lie beside it.
+    """Read the recording that `NN_tracks.csv` belongs to. The two meta files must be beside it.
 
     Boxes and headings are those of the data. Pedestrians and bicycles, which have no box there (width 0), get the
-    default box of their class and the heading of their smoothed motion, since the data's own jitters while they stand.
+    default box of their class and the heading of their smoothed motion: headings of the data jitter at standstill.
     """
     number = tracks_file.name.removesuffix("_tracks.csv")
     about = read_table(tracks_file.with_name(f"{number}_recordingMeta.csv"), ["frameRate"])

@@ -1,4 +1,4 @@
-"""Tables whose rows have track_id, timestamp_ms, agent_type, x and y: SinD, INTERACTION and their kin."""
+"""Tables whose rows have track_id, timestamp_ms, agent_type, x and y: SinD, INTERACTION and similar data."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ class Part(NamedTuple):
     user: Integers
     """Road user of each row, (N,)."""
     heading: str | None
-    """Column with the orientation of the box, if there is one."""
+    """Column with the orientation of the box, or None."""
 
 
 def read_timed(path: Path, heading: str | None, more: Sequence[str] = ()) -> Part:
@@ -41,7 +41,7 @@ def read_timed(path: Path, heading: str | None, more: Sequence[str] = ()) -> Par
 
 
 CLASSES_MIXED: dict[str, RoadUserClass] = {**CLASSES, "pedestrian/bicycle": CLASSES["pedestrian"]}
-"""With the class of INTERACTION that leaves open which of the two it is; see `interaction`."""
+"""With the class of INTERACTION that means either of the two; see `interaction`."""
 
 
 def samples_of(parts: Sequence[Part], source: str, licence: str) -> Samples:

@@ -28,7 +28,7 @@ PENALTY[:, Surface.NONE] = 1.0
 PENALTY[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
 PENALTY[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
 HARD_ACCELERATION = 3.0
-"""m/s²; uncomfortable, along or across."""
+"""m/s²; uncomfortable, longitudinal or lateral."""
 HORIZON = 2.4
 """s of prediction in `danger`: within it a car stops comfortably from 25 km/h."""
 MARGIN = 0.5
@@ -154,7 +154,7 @@ def _first_conflict(now: Floats, seconds: Floats, n: int) -> NDArray[np.intp]:
 
 
 def speed_kept(speed: Floats, desired: Floats) -> Floats:
-    """From 0 at the desired speed down to -1 at none or twice of it; both (n,) in m/s."""
+    """From 0 at the desired speed down to -1 at standstill or twice that speed; both (n,) in m/s."""
     return -np.minimum(np.abs(speed - desired) / np.maximum(desired, 0.1), 1.0)
 
 
@@ -165,7 +165,7 @@ def wrong_way(heading: Floats, lane_heading: Floats, on_lane: NDArray[np.bool_])
 
 
 def comfort(speed: Floats, acceleration: Floats, yaw_rate: Floats) -> Floats:
-    """From 0 down to -1 at HARD_ACCELERATION along or across; m/s, m/s², rad/s, (n,)."""
+    """From 0 down to -1 at HARD_ACCELERATION in any direction; m/s, m/s², rad/s, (n,)."""
     felt = np.hypot(acceleration, speed * yaw_rate) / HARD_ACCELERATION
     return -np.minimum(felt**2, 1.0)
 
