@@ -5,9 +5,11 @@ program that plays one. Where a naive call stops crashing, a rule of `slrl_sumo.
 """
 
 import json
+import os
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,7 +39,10 @@ GRASS = (10.0, 80.0)
 def play(*words: object) -> subprocess.CompletedProcess[str]:
     """Play one of the situations below in a process of its own."""
     command = [sys.executable, __file__, *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=240)
+    # A process that crashes leaves its temporary files.
+    with tempfile.TemporaryDirectory() as folder:
+        env = os.environ | {"TMPDIR": folder}
+        return subprocess.run(command, capture_output=True, text=True, check=False, timeout=240, env=env)
 
 
 def survived(*words: object) -> dict[str, Any]:
