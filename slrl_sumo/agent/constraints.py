@@ -29,7 +29,7 @@ class Constraints:
     standing_still: bool = True
     """Road users that crawl and do not speed up stop: models of mean motion approach a stand for ever."""
     speed_cap: bool = True
-    """Road users faster than their models' top speed decelerate at EASING to it."""
+    """No road user accelerates beyond its models' top speed; faster ones decelerate at EASING to it."""
 
 
 def stand_still(speed: Floats, acceleration: Floats, max_speed: Floats) -> tuple[Floats, NDArray[np.bool_]]:

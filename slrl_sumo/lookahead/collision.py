@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from slrl_sumo.lookahead.forecast import Boxes
 from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.scene.compiled import compiled
-from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.geometry import Box, Floats
+from slrl_sumo.scene.kernels import overlap
 from slrl_sumo.scene.state import WorldState
 
 REACH = 30.0
@@ -101,9 +102,9 @@ def _collision_scores(
                     # a road user that comes from behind, or that stands beside the rear that swings out in a turn.
                     if excused[i] and (speed[i, step, mode] <= STANDING or c * dx + s * dy <= 0.0):
                         continue
-                    there_c, there_s = their_cos[other, step], their_sin[other, step]
-                    length, width, their_length, their_width = size[me, 0], size[me, 1], size[other, 0], size[other, 1]
-                    if _overlap(dx, dy, c, s, there_c, there_s, length, width, their_length, their_width):
+                    mine = Box(c, s, size[me, 0], size[me, 1])
+                    theirs = Box(their_cos[other, step], their_sin[other, step], size[other, 0], size[other, 1])
+                    if overlap(dx, dy, mine, theirs):
                         first[mode] = step
         if candidates:
             for mode in range(modes):
@@ -139,26 +140,3 @@ def _bounds(x: Floats, y: Floats) -> Floats:
                 y1 = at_y if at_y > y1 else y1
             bounds[i, j, 0], bounds[i, j, 1], bounds[i, j, 2], bounds[i, j, 3] = x0, x1, y0, y1
     return bounds
-
-
-@compiled
-def _overlap(
-    dx: float,
-    dy: float,
-    cos: float,
-    sin: float,
-    their_cos: float,
-    their_sin: float,
-    length: float,
-    width: float,
-    their_length: float,
-    their_width: float,
-) -> bool:
-    """`geometry.boxes_overlap` of two boxes, the other one `dx`, `dy` away."""
-    c, s = abs(cos * their_cos + sin * their_sin), abs(their_sin * cos - their_cos * sin)
-    return bool(
-        abs(cos * dx + sin * dy) <= 0.5 * (length + their_length * c + their_width * s)
-        and abs(cos * dy - sin * dx) <= 0.5 * (width + their_length * s + their_width * c)
-        and abs(their_cos * dx + their_sin * dy) <= 0.5 * (their_length + length * c + width * s)
-        and abs(their_cos * dy - their_sin * dx) <= 0.5 * (their_width + length * s + width * c)
-    )

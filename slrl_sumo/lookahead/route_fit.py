@@ -11,6 +11,7 @@ from slrl_sumo.models.capability import STOPPING, Capability
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import wrapped
 from slrl_sumo.scene.route import on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -123,7 +124,7 @@ def _route_fit(
             first, speed = speeds[i, 0, mode], speeds[i, STEERED - 1, mode]
             aim = math.atan(RETURN * offset[i, mode] / (speed + SLOW))
             off = heading[i, mode] - direction[i, mode] + min(max(aim, -AIM), AIM)
-            heading_error[i, mode] = abs(off - 2.0 * math.pi * math.ceil((off - math.pi) / (2.0 * math.pi)))
+            heading_error[i, mode] = abs(wrapped(off))
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             stop_ratio[i, mode] = _ratio(needed, here.stop[i] - first * dt)
