@@ -217,10 +217,10 @@ class Watch:
         count["taken"] += len(decision.taken_over)
         count["handed_back"] += len(decision.handed_back)
         count["arrived"] += len(decision.arrived)
-        count["wrapped_around"] += int(decision.looped.sum())
-        count["returned_to_route"] += len(decision.strayed)
+        count["wrapped_around"] += int(decision.wrapped_around.sum())
+        count["returned_to_route"] += len(decision.returned_to_route)
         # Those that had left the scene are put on their route again, wherever that is.
-        self.keep_returned(tuple(set(decision.handed_back) - set(decision.strayed)))
+        self.keep_returned(tuple(set(decision.handed_back) - set(decision.returned_to_route)))
 
     def keep_returned(self, ids: tuple[str, ...]) -> None:
         """Where road users that were given back are now, for the next step."""

@@ -122,7 +122,7 @@ def run_case(pictures: Path | None, case: Case) -> dict[str, Any]:
         loop = CoSimulation(session, _driver(case, session), takeover=rule, yielding=not plain)
         trips, signals = TakenTrips(api, session.step_length), SignalCrossings(api, session.network)
         waiting, hand_back = WaitingSignals(api, session.time), HandBack(api, session.step_length)
-        stats, cars = DrivingStats(loop.roadmap), CarPaths(session)
+        stats, cars = DrivingStats(loop.road_map), CarPaths(session)
         followed = Followed(session, region, trips)
         crossings: list[SignalCrossing] = []
         costs: list[float] = []
@@ -208,7 +208,7 @@ def _give_back(trips: TakenTrips, decision: Decision, world: WorldState, region:
     inside = region.inside(world.x[rows], world.y[rows], HYSTERESIS).tolist()
     for row, near in zip(rows.tolist(), inside, strict=True):
         road_user = world.ids[row]
-        trips.give_back(road_user, now, returned_to_route=road_user in decision.strayed, inside=near)
+        trips.give_back(road_user, now, returned_to_route=road_user in decision.returned_to_route, inside=near)
 
 
 def _outcomes(trips: TakenTrips, end: float) -> dict[str, Any]:

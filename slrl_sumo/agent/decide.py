@@ -27,7 +27,7 @@ from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 
 Changed = dict[str, NDArray[np.bool_]]
-"""By the name of a constraint: whose decisions it changed, (n,)."""
+"""By the name of a constraint: which decisions it changed, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)

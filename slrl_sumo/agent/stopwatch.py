@@ -1,10 +1,10 @@
-"""Where the time of a decision goes."""
+"""Wall time of the parts of a decision."""
 
 from time import perf_counter
 
 PARTS = ("read", "observe", "decide", "advance", "apply", "sumo", "record")
-"""`read`: SUMO's road users into arrays, and who came and went; `observe`: routes, features, images, lookahead;
-`decide`: the selector; `advance`: displacement models and motion; `apply`: yielding and moves told to SUMO; `sumo`:
+"""`read`: SUMO's road users into arrays, arrivals and takeovers; `observe`: routes, features, images, lookahead;
+`decide`: the selector; `advance`: displacement models and motion; `apply`: yielding and moves sent to SUMO; `sumo`:
 SUMO's own steps; `record`: summary and trace."""
 
 

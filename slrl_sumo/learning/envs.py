@@ -39,7 +39,7 @@ Ego = Literal["car", "bicycle", "pedestrian"]
 Others = Literal["prior", "greedy", "sampled", "sumo"]
 
 COUNTED = 10_000
-"""More road users than stand within 20 m of anybody."""
+"""Upper bound of the numbers of road users within 20 m."""
 VECTOR_HIGH = np.array([100, 250, 1, 1, 1, np.pi, *[COUNTED] * 6], np.float32)
 """No road user's FEATURES go beyond this: 100 m/s, reached or lost within one decision."""
 VECTOR_LOW = np.where([name in ("acceleration", "heading") for name in FEATURES], -VECTOR_HIGH, 0).astype(np.float32)
@@ -55,10 +55,10 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
       perception.routefeatures.ROUTE_FEATURES.
     - Reward: the terms of learning.rl.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type` and `id`, after reset also `scenario`.
-    - Terminated: in contact with somebody, or lost. Truncated: after `episode_steps` decisions.
+    - Terminated: in contact with a road user, or lost. Truncated: after `episode_steps` decisions.
 
-    `ego`: its type; None draws who it is among the `agents` learned road users, itself included. `others`: who chooses
-    the modes of all but the ego, as `slrl-sumo run --selector` names them; with "sumo" the ego is the only learned one,
+    `ego`: its type; None draws it from the `agents` learned road users, itself included. `others`: the selector
+    of all but the ego, as `slrl-sumo run --selector` names them; with "sumo" the ego is the only learned one,
     and `agents` has no say. `bundle` and `scenario` as `slrl-sumo run` names them; scenario None draws a new random
     network at every reset. `options={"scenario": ...}` of a reset puts another one in its place, from then on.
 
@@ -177,7 +177,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             raise ResetNeeded("there is nothing to see: call reset() before render()")
         from slrl_sumo.perception.top_view import top_view
 
-        return top_view(self._scene, self._slot, self._arena.simulation.roadmap)
+        return top_view(self._scene, self._slot, self._arena.simulation.road_map)
 
     def close(self) -> None:
         """End the simulation; a reset opens it again."""
@@ -195,7 +195,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         return end is None or self._arena.world.time + self._settings.episode_steps * DECISION_INTERVAL <= end
 
     def _load(self) -> None:
-        """Open an arena by a seed drawn from ours, in place of ours and of anybody's in this process."""
+        """Open an arena by a seed drawn from ours, in place of any other one of this process."""
         global _holder
         self.close()
         if _holder is not None:

@@ -12,7 +12,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 STEPS = 8
-"""Decision intervals that are looked ahead: 3.2 s."""
+"""Horizon in decision intervals: 3.2 s."""
 HELD = 5
 """Intervals for which a mode's acceleration and yaw rate are held; speed and heading are constant afterwards."""
 

@@ -130,11 +130,13 @@ class RunCounters:
         world = step.world
         n = len(decision.surface)
         self.decisions += 1
-        self.wraparounds += [(world.ids[row], decision.steps[0].time) for row in np.flatnonzero(decision.looped)]
+        self.wraparounds += [
+            (world.ids[row], decision.steps[0].time) for row in np.flatnonzero(decision.wrapped_around)
+        ]
         self.lost += [(world.ids[row], step.time) for row in np.flatnonzero(decision.lost)]
         self.taken_over += len(decision.taken_over)
         self.handed_back += len(decision.handed_back)
-        self.returned_to_route += len(decision.strayed)
+        self.returned_to_route += len(decision.returned_to_route)
         self.arrived += len(decision.arrived)
         self.interventions += decision.interventions
         self.constraints.update(decision.constraints)

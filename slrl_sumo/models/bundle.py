@@ -163,7 +163,7 @@ def shipped_bundles() -> list[str]:
 def load_bundle(name_or_folder: str | Path) -> ModelBundle:
     """Read a bundle: one that comes with the package, by name, or a folder.
 
-    A string without a slash is looked up among the shipped bundles first. Raises InputError where there is no such
+    A string without a slash is searched among the shipped bundles first. Raises InputError where there is no such
     bundle, or where it is damaged, of another format version or for other features.
     """
     name = str(name_or_folder)

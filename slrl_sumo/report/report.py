@@ -84,12 +84,12 @@ class ReportBuilder:
             self._views.append(event)
         elif isinstance(event, Decision):
             world = event.steps[-1].world
-            looped = [world.ids[row] for row in np.flatnonzero(event.looped)]
-            self._extend(world, looped)
+            wrapped = [world.ids[row] for row in np.flatnonzero(event.wrapped_around)]
+            self._extend(world, wrapped)
             if event.modes is not None and self._modes is not None:
                 np.add.at(self._modes, (world.type[: len(event.modes)].astype(np.intp), event.modes), 1)
 
-    def _extend(self, world: WorldState, looped: "list[str] | tuple[str, ...]") -> None:
+    def _extend(self, world: WorldState, wrapped: "list[str] | tuple[str, ...]") -> None:
         self._rows += len(world)
         if self._rows > MOST_ROWS:
             self._cut = True
@@ -97,7 +97,7 @@ class ReportBuilder:
         marks = [LEARNED if learned else BACKGROUND for learned in world.learned.tolist()]
         marked = replace(world, ids=tuple([mark + name for mark, name in zip(marks, world.ids, strict=True)]))
         # A jump to the other side is not a way that somebody went.
-        anew = {LEARNED + name for name in looped}
+        anew = {LEARNED + name for name in wrapped}
         if self._before is not None:
             anew.update(jumped(self._before, marked))
         self._builder.append(marked, anew)

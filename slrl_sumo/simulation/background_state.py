@@ -1,4 +1,4 @@
-"""SUMO's own road users as part of the world, and the rows of the trace."""
+"""SUMO's own road users in the world state, and the rows of the trace."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ def background_world(snapshot: Snapshot, time: float, skip: frozenset[str]) -> W
 
 
 class Differences:
-    """Gives worlds that follow each other their accelerations and yaw rates, by differences between them."""
+    """Accelerations and yaw rates of successive worlds, by differences between them."""
 
     def __init__(self) -> None:
         self._last: dict[str, tuple[float, float]] = {}
@@ -52,7 +52,7 @@ class Differences:
 
 
 def places_of(learned: WorldState, sumo_types: tuple[str, ...], background: WorldState, snapshot: Snapshot) -> Places:
-    """What the trace says of each road user of `learned` and `background` beside its motion, in that order."""
+    """Lane, position and vType in the trace of each road user of `learned` and `background`, in that order."""
     where = {road_user: i for i, road_user in enumerate(snapshot.ids)}
     own = [where.get(road_user) for road_user in learned.ids]
     # SUMO's lane is true only where SUMO has the road user at our place (not while it is staged on another lane).

@@ -1,4 +1,4 @@
-"""The loop: learned road users and SUMO, one decision after the other."""
+"""The simulation loop: learned road users and SUMO, decision by decision."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -29,18 +29,18 @@ from slrl_sumo.sumo.spawned import SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
 WALKING = 0.1
-"""m/s from which persons are taken over."""
+"""m/s: slower persons are not taken over."""
 HYSTERESIS = 5.0
 """m that a road user may be outside the region before it is handed back."""
 
-BEYOND = 1.2
-"""Times its top speed that a lane's limit may be for a learned car to be there."""
+FAST_LANE = 1.2
+"""Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
 RIM = 8.0
 """m outside the network's bounding box that a road user of the scenario may be."""
 
 
 class Simulation(Protocol):
-    """What the loop needs of a running SUMO: a SumoSession, or a simulation that somebody else has opened."""
+    """What the loop needs of a running SUMO: a SumoSession, or the simulation of a user's script."""
 
     api: SumoApi
     network: Network
@@ -74,7 +74,7 @@ class _Interval:
     states: list[WorldState]
     """Where the learned road users are after each of its SUMO steps."""
     moved: Moved
-    looped: NDArray[np.bool_]
+    wrapped_around: NDArray[np.bool_]
     steps: list[Step]
     arrived: set[str]
     interventions: int
@@ -84,8 +84,8 @@ class CoSimulation:
     """Learned road users in a running simulation.
 
     Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
-    to give back what is not ours. `population` are the learned road users, `world` all road users as they are now;
-    `surfaces` and `roadmap` are the ground, `points` the places per type where road users may start.
+    at the end. `population`: the learned road users; `world`: all road users as they are now; `surfaces` and
+    `road_map`: the ground; `points`: the places per type where road users may start.
     """
 
     def __init__(
@@ -98,11 +98,11 @@ class CoSimulation:
         stopwatch: Stopwatch | None = None,
     ) -> None:
         self.surfaces = simulation.network.surfaces()
-        self.roadmap = RoadMap(self.surfaces)
+        self.road_map = RoadMap(self.surfaces)
         self._simulation, self._driver, self._takeover = simulation, driver, takeover
         self._substeps = round(DECISION_INTERVAL / simulation.step_length)
-        self._loans = TakenOverControl(simulation.api, simulation.network)
-        self.population = Population(simulation.spawned, self._loans)
+        self._taken_over_control = TakenOverControl(simulation.api, simulation.network)
+        self.population = Population(simulation.spawned, self._taken_over_control)
         self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
         self._differences = Differences()
@@ -150,37 +150,39 @@ class CoSimulation:
         return step, self._close(interval)
 
     def start_anew(self, rows: NDArray[np.intp], max_speed: Floats, rng: np.random.Generator) -> None:
-        """Put learned road users `rows`, all of them ours, to new places as `spawn` does; between two decisions."""
+        """Put spawned road users `rows` to new places as `spawn` does; between two decisions."""
         learned = self.population.world
         background = self.world.take(np.arange(len(learned), len(self.world)))
         self.population.world = start_anew(learned, rows, background, self.points, max_speed, rng)
         self.world = self.population.world.join(background)
 
     def release(self) -> None:
-        """Let go of everything that belongs to the scenario, and take out what we added."""
+        """Hand everything that belongs to the scenario back to SUMO, and remove the spawned road users."""
         if self._yielding is not None:
             self._yielding.release()
-        self._loans.release()
-        own = self.population.world.take(np.flatnonzero(~self.population.lent))
-        self._simulation.spawned.remove(own.ids)
+        self._taken_over_control.release()
+        spawned = self.population.world.take(np.flatnonzero(~self.population.taken_over))
+        self._simulation.spawned.remove(spawned.ids)
 
     def _decide(self) -> _Interval:
         learned = self.population.world
         moved = Moved(learned, None, {})
         if len(learned):
-            moved = self._driver.drive(self.world, len(learned), self.roadmap)
+            moved = self._driver.drive(self.world, len(learned), self.road_map)
         following = moved.users
-        looped = left_scene(following, self.roadmap, self._simulation.network.exits) & ~self.population.lent
-        if looped.any():
+        wrapped_around = (
+            left_scene(following, self.road_map, self._simulation.network.exits) & ~self.population.taken_over
+        )
+        if wrapped_around.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
-            following = reinsert(following, looped, background, self.points, self.roadmap)
+            following = reinsert(following, wrapped_around, background, self.points, self.road_map)
         shares = np.arange(1, self._substeps + 1) / self._substeps
-        states = [between(learned, following, share, looped) for share in shares]
+        states = [between(learned, following, share, wrapped_around) for share in shares]
         self._stopwatch.lap("advance")
-        return _Interval(states, moved, looped, [], set(), 0)
+        return _Interval(states, moved, wrapped_around, [], set(), 0)
 
     def _play(self, users: WorldState) -> Step:
-        """One SUMO step, after which the learned road users are where `users` says."""
+        """One SUMO step, after which the learned road users are at the places of `users`."""
         time = self._simulation.time
         if self._yielding is not None and self._snapshot is not None:
             self._yielding.apply(self._snapshot, users)
@@ -196,16 +198,16 @@ class CoSimulation:
         return Step(time, replace(users, time=time).join(background), places)
 
     def _close(self, interval: _Interval) -> Decision:
-        """The end of an interval: see who is still there, hand back, take over, and put the world together."""
+        """The end of an interval: drop removed road users, hand back, take over, and assemble the world."""
         assert self._snapshot is not None
         users = replace(interval.states[-1], time=self._simulation.time)
-        surface = self.roadmap.surface_at(users.x, users.y)
+        surface = self.road_map.surface_at(users.x, users.y)
         gone = self.population.settle(users)
         arrived = np.zeros(len(users), np.bool_)
         if not interval.arrived.isdisjoint(users.ids):
             arrived[:] = [road_user in interval.arrived for road_user in users.ids]
-        strayed = self._bring_home()
-        handed_back = strayed + self._hand_back()
+        returned = self._return_to_route()
+        handed_back = returned + self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())
         taken_over = self._take_over(self._differences.complete(background), handed_back)
         self._driver.forget(handed_back + tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)))
@@ -215,29 +217,29 @@ class CoSimulation:
             modes=interval.moved.modes,
             constraints={name: int(changed.sum()) for name, changed in interval.moved.changed.items()},
             surface=surface,
-            looped=interval.looped,
+            wrapped_around=interval.wrapped_around,
             lost=gone & ~arrived,
             arrived=tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)),
             taken_over=taken_over,
             handed_back=handed_back,
-            strayed=strayed,
+            returned_to_route=returned,
             interventions=interval.interventions,
         )
 
-    def _bring_home(self) -> tuple[str, ...]:
-        """Road users of the scenario have a route: who has left the scene is not looped, but goes back to that."""
-        if not self.population.lent.any():
+    def _return_to_route(self) -> tuple[str, ...]:
+        """Taken-over road users that have left the scene do not wrap around: SUMO puts them back on their route."""
+        if not self.population.taken_over.any():
             return ()
         learned = self.population.world
-        # Walks lead round the ends of streets, on the rim of the network.
-        gone = left_scene(learned, self.roadmap, rim=RIM) | self._driver.off_route(learned.ids)
-        strayed = self.population.hand_back(gone, strayed=True)
-        # They would stray again: from here on SUMO drives them.
-        self._finished.update(strayed)
-        return strayed
+        # Walks lead around the ends of streets, on the rim of the network.
+        gone = left_scene(learned, self.road_map, rim=RIM) | self._driver.off_route(learned.ids)
+        returned = self.population.hand_back(gone, off_route=True)
+        # They would leave it again: from here on SUMO drives them.
+        self._finished.update(returned)
+        return returned
 
     def _hand_back(self) -> tuple[str, ...]:
-        if self._takeover is None or not self.population.lent.any():
+        if self._takeover is None or not self.population.taken_over.any():
             return ()
         learned = self.population.world
         ending = self._driver.near_end(learned.ids)
@@ -246,48 +248,48 @@ class CoSimulation:
             leaving |= self._on_fast_lane(learned.ids)
         ending_ids = {learned.ids[row] for row in np.flatnonzero(ending)}
         back = self.population.hand_back(leaving)
-        # Who is about to arrive is not taken over once more.
+        # A road user that is about to arrive is not taken over again.
         self._finished.update(ending_ids.intersection(back))
         return back
 
     def _on_fast_lane(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Who is on a lane where SUMO's vehicles go faster than learned ones can, (n,)."""
+        """Which road users are on a lane where SUMO's vehicles are faster than learned ones can be, (n,)."""
         assert self._snapshot is not None
         lane = dict(zip(self._snapshot.ids, self._snapshot.lane, strict=True))
         return np.array([lane.get(road_user, "") in self._fast for road_user in ids], np.bool_)
 
-    def _take_over(self, everybody: WorldState, handed_back: tuple[str, ...]) -> tuple[str, ...]:
-        """Take over who is in the region, and set `world`: the learned road users first, then everybody else."""
+    def _take_over(self, users: WorldState, handed_back: tuple[str, ...]) -> tuple[str, ...]:
+        """Take over `users` in the region, and set `world`: the learned road users first, then all others."""
         learned_before = self.population.ids
         taken: tuple[str, ...] = ()
         if self._takeover is not None and self._snapshot is not None:
             rule = self._takeover
             skip = learned_before.union(handed_back, self._finished)
-            wanted = drawn(everybody.ids, everybody.type, rule.shares, rule.seed)
-            wanted &= rule.region.inside(everybody.x, everybody.y)
-            wanted &= np.array([road_user not in skip for road_user in everybody.ids], np.bool_)
-            wanted &= everybody.length <= self._driver.max_length
-            # SUMO turns a person into its way with its first step: until then it may face the other way.
-            wanted &= (everybody.type != RoadUserType.PEDESTRIAN) | (everybody.speed > WALKING)
+            wanted = drawn(users.ids, users.type, rule.shares, rule.seed)
+            wanted &= rule.region.inside(users.x, users.y)
+            wanted &= np.array([road_user not in skip for road_user in users.ids], np.bool_)
+            wanted &= users.length <= self._driver.max_length
+            # SUMO sets the heading of a person with its first step: until then it may face the other way.
+            wanted &= (users.type != RoadUserType.PEDESTRIAN) | (users.speed > WALKING)
             if self._fast:
-                wanted &= ~self._on_fast_lane(everybody.ids)
+                wanted &= ~self._on_fast_lane(users.ids)
             rows = np.flatnonzero(wanted)
-            ids = tuple(everybody.ids[row] for row in rows)
-            rows = rows[self._loans.eligible(ids, self._snapshot.person[rows])]
-            taken = tuple(everybody.ids[row] for row in rows)
+            ids = tuple(users.ids[row] for row in rows)
+            rows = rows[self._taken_over_control.eligible(ids, self._snapshot.person[rows])]
+            taken = tuple(users.ids[row] for row in rows)
             if taken:
                 if self._yielding is not None:
                     self._yielding.release(taken)
-                self.population.take_over(everybody.take(rows), tuple(self._snapshot.sumo_type[row] for row in rows))
-        others = np.array([i for i, user in enumerate(everybody.ids) if user not in self.population.ids], np.intp)
-        self.world = self.population.world.join(everybody.take(others))
+                self.population.take_over(users.take(rows), tuple(self._snapshot.sumo_type[row] for row in rows))
+        others = np.array([i for i, user in enumerate(users.ids) if user not in self.population.ids], np.intp)
+        self.world = self.population.world.join(users.take(others))
         return taken
 
 
 def fast_lanes(network: Network, driver: Driver) -> frozenset[str]:
-    """Ids of lanes for cars whose limit is more than BEYOND times what the cars of `driver` can do: nobody is learned
-    there, because everybody else would have to wait behind."""
-    most = BEYOND * float(driver.max_speed[RoadUserType.CAR])
+    """Ids of car lanes with a limit above FAST_LANE times the top speed of the cars of `driver`: no vehicle is learned
+    there, because all others would queue behind it."""
+    most = FAST_LANE * float(driver.max_speed[RoadUserType.CAR])
     return frozenset(
         lane.id
         for lane in network.lanes
@@ -296,7 +298,7 @@ def fast_lanes(network: Network, driver: Driver) -> frozenset[str]:
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:
-    """Road users on their straight way from `a` to `b`, `share` in (0, 1]; those that `jumped` (n,) are at `b`."""
+    """Road users on straight lines from `a` to `b`, at `share` in (0, 1]; those that `jumped`, (n,), are at `b`."""
 
     def mix(p: Floats, q: Floats) -> Floats:
         return np.where(jumped, q, p + share * (q - p))

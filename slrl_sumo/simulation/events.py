@@ -98,7 +98,7 @@ class Decision:
     """How many of these decisions each rule that is not learned has changed, by its name (agent.constraints)."""
     surface: NDArray[np.uint8]
     """Surface under each learned road user at the end, (n,)."""
-    looped: NDArray[np.bool_]
+    wrapped_around: NDArray[np.bool_]
     """Who was brought back to the other side of the scene, (n,)."""
     lost: NDArray[np.bool_]
     """Who was no longer in SUMO at the end without having arrived, (n,). Spawned ones were added again."""
@@ -108,7 +108,7 @@ class Decision:
     """Road users of the scenario that are learned from the end of this interval on."""
     handed_back: tuple[str, ...]
     """Road users that are SUMO's again from the end of this interval on."""
-    strayed: tuple[str, ...]
+    returned_to_route: tuple[str, ...]
     """Those of them that had left the scene, and that SUMO has put on their route again."""
     interventions: int
     """How often a background vehicle began to brake for a learned road user."""

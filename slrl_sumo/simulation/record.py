@@ -25,7 +25,7 @@ MAX_SIDESTEP = np.array([1.5, 1.0, 5.0])
 def record(
     scenario: Scenario, *, seconds: float, seed: int, step_length: float | None = None
 ) -> Iterator[float | Trajectories]:
-    """Run `scenario` without learned road users and record everybody every 0.4 s.
+    """Run `scenario` without learned road users and record all road users every 0.4 s.
 
     Yields the share that is done after each interval (0 to 1), and last of all the Trajectories.
     """
@@ -44,7 +44,7 @@ def record(
 
 
 def recorded_whole(scenario: str, seconds: float, step_length: float | None, seed: int) -> Trajectories:
-    """What `record` yields last, of the scenario that `scenario` names."""
+    """The Trajectories of `record` for a scenario by name."""
     for item in record(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):
         if not isinstance(item, float):
             return item

@@ -93,7 +93,7 @@ def _views(world: WorldState, learned: WorldState, simulation: CoSimulation, dri
     _, watched = np.unique(learned.type, return_index=True)
     image = driver.images(watched) if isinstance(driver, ModelDriver) else None
     if image is None:
-        image = observe(Scene(world, watched, simulation.roadmap)).image
+        image = observe(Scene(world, watched, simulation.road_map)).image
     assert image is not None
     return Views(learned.time, tuple(learned.ids[row] for row in watched), image)
 

@@ -40,7 +40,7 @@ def parse_shares(text: str) -> Floats:
 
 
 def drawn(ids: Sequence[str], types: NDArray[np.int8], shares: Floats, seed: int) -> NDArray[np.bool_]:
-    """Who of n road users is to be taken over, (n,).
+    """Which of n road users are to be taken over, (n,).
 
     `types`: RoadUserType, (n,); `shares`: by type, (3,). The draw depends on the seed and the id alone, so that the
     same road users are learned in every run, whatever happens in it, and a larger share adds to a smaller one.

@@ -14,23 +14,23 @@ from slrl_sumo.simulation.spawn import starting_speed
 from slrl_sumo.sumo.lanes import LanePoints
 
 CANDIDATES = (24, 384)
-"""Entry places that are looked at for each returning road user; more where the first ones are taken."""
+"""Numbers of entry places that are tried for each returning road user: the second where the first ones are taken."""
 
 ROOM = np.array([4.7, 2.3, 1.0])
-"""m between the circles round two boxes that a returning road user of each type needs, to be able to stop."""
+"""m between the circles around two boxes that a returning road user of each type needs to be able to stop."""
 
 NO_EXITS = np.zeros((0, 4))
 
 BEYOND, ASIDE = 12.0, 1.5
-"""m behind a lane's end, and beside it, within which who is off every surface has driven off that end."""
+"""m behind a lane's end, and beside it, within which a road user off every surface has driven off that end."""
 
 BRAKING = 2.0
-"""m/s² with which who starts anew must be able to stop before the nearest road user."""
+"""m/s² with which a road user that starts anew must be able to stop before the nearest one."""
 
 
 def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS, *, rim: float = 0.0) -> NDArray[np.bool_]:
-    """Who has left the scene, (n,): more than `rim` m outside the network's bounding box, about 10 m away from every
-    surface, or off the end of a lane at one of the `exits` (see Network.exits)."""
+    """Which road users have left the scene, (n,): more than `rim` m outside the network's bounding box, about 10 m away
+    from every surface, or off the end of a lane at one of the `exits` (see Network.exits)."""
     x0, y0, x1, y1 = roadmap.bounds
     inside = (world.x >= x0 - rim) & (world.x <= x1 + rim) & (world.y >= y0 - rim) & (world.y <= y1 + rim)
     gone = ~(inside & roadmap.near_surface(world.x, world.y))
@@ -77,7 +77,7 @@ def reinsert(
             if ((gap >= ROOM[kind]) & (turn <= 0.5 * np.pi)).any():
                 break
         away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
-        # Ordered wishes: room to stop, else as much as there is; the same direction; near the mirrored point.
+        # By priority: room to stop, else as much as there is; the same direction; near the mirrored point.
         crowded = np.where(gap >= ROOM[kind], -np.inf, -gap)
         best = rows[np.lexsort((away, turn > 0.5 * np.pi, crowded))[0]]
         x[row], y[row] = source.x[best], source.y[best]

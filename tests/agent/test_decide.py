@@ -67,7 +67,7 @@ def test_training_decides_as_a_run_does(bundle: str, scenario: str, selector: st
         driver = run_driver(arena, selector)
         for _ in range(25):
             world = arena.world
-            moved = driver.drive(world, N, arena.simulation.roadmap)
+            moved = driver.drive(world, N, arena.simulation.road_map)
             assert driver.situation is not None
             assert moved.modes is not None
             assert_same_situation(arena.situation, driver.situation)
@@ -89,7 +89,7 @@ def test_road_users_that_stand_too_long_are_released_in_training_as_in_runs() ->
     with Arena(find_scenario("signalised"), load_bundle("intersection"), settings, 3) as arena:
         driver = run_driver(arena, "greedy")
         for _ in range(20):
-            driver.consider(arena.world, N, arena.simulation.roadmap)
+            driver.consider(arena.world, N, arena.simulation.road_map)
             assert driver.situation is not None
             assert arena.situation.rollouts is not None
             assert_same_situation(arena.situation, driver.situation)
@@ -114,7 +114,7 @@ def test_constraints_can_be_switched_off() -> None:
         driver = make_driver("greedy", arena.bundle, session.api, session.network, 5, constraints=off)
         assert isinstance(driver, ModelDriver)
         for _ in range(10):
-            moved = driver.drive(arena.world, N, arena.simulation.roadmap)
+            moved = driver.drive(arena.world, N, arena.simulation.road_map)
             assert moved.changed == {}
             assert driver.situation is not None
             assert driver.situation.masks == {}

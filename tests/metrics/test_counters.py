@@ -21,8 +21,9 @@ def decision(world: WorldState, surface: list[Surface]) -> Decision:
     places = Places(("car",) * n, ("",) * n, np.zeros(n), np.zeros(n, np.bool_))
     none = np.zeros(learned, np.bool_)
     return Decision(
-        steps=(Step(1.0, world, places),), modes=None, surface=np.array(surface, np.uint8), looped=none, lost=none,
-        arrived=(), taken_over=(), handed_back=(), strayed=(), interventions=0,
+        steps=(Step(1.0, world, places),), modes=None, constraints={"guard": 2}, surface=np.array(surface, np.uint8),
+        wrapped_around=none, lost=none,
+        arrived=(), taken_over=(), handed_back=(), returned_to_route=(), interventions=0,
     )  # fmt: skip
 
 
@@ -46,6 +47,7 @@ def test_contacts_count_once_when_they_begin_for_each_learned_road_user_in_them(
     }
     assert tally.per_type()["bicycle"]["count"] == 0
     assert tally.summary(2.0, 0.4)["agent_steps"] == 4
+    assert tally.summary(2.0, 0.4)["constraints"] == {"guard": 2 * tally.decisions}
 
 
 def test_road_users_that_come_and_go_are_counted_while_learned() -> None:

@@ -44,7 +44,7 @@ def test_states_between_decisions_lie_on_a_line_and_turn_evenly() -> None:
     for decision in decisions:
         assert len(decision.steps) == 4
         after = decision.steps[-1].world
-        stay = ~decision.looped
+        stay = ~decision.wrapped_around
         turn = wrap_angle(after.heading[:15] - before.heading[:15])
         for k, step in enumerate(decision.steps, start=1):
             for name in ("x", "y"):
@@ -63,7 +63,7 @@ def test_worlds_hold_the_learned_first_and_time_goes_on_in_steps() -> None:
     assert all(i.startswith("learned_") for i in ids)
     times = [started.step.time]
     for decision in decisions:
-        assert decision.modes.shape == decision.surface.shape == decision.looped.shape == (15,)
+        assert decision.modes.shape == decision.surface.shape == decision.wrapped_around.shape == (15,)
         assert ((decision.modes >= 0) & (decision.modes < 20)).all()
         assert not decision.lost.any()
         for step in decision.steps:
@@ -226,7 +226,7 @@ def test_no_road_user_is_learned_where_all_others_would_have_to_wait(into_the_fa
             for road_user in decision.handed_back:
                 back.append((road_user, libsumo.vehicle.getLaneID(road_user)))
             assert not any(decision.lost)
-            assert not decision.strayed
+            assert not decision.returned_to_route
             on_fast = {v for v in simulation.population.ids if libsumo.vehicle.getLaneID(v) == "fast_0"}
             assert not on_fast
         assert taken == {"comes"}

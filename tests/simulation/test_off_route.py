@@ -20,10 +20,10 @@ def test_lent_cars_that_stray_are_put_on_their_route_and_arrive() -> None:
         arrived: set[str] = set()
         for _ in range(500):
             decision = loop.decide()
-            assert not decision.looped.any()
+            assert not decision.wrapped_around.any()
             assert not decision.lost.any()
             assert strayed.isdisjoint(decision.taken_over)
-            strayed.update(decision.strayed)
+            strayed.update(decision.returned_to_route)
             arrived.update(session.api.simulation.getArrivedIDList())
         present = set(session.api.vehicle.getIDList())
     assert len(strayed) >= 5

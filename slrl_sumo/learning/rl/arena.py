@@ -1,4 +1,4 @@
-"""One running simulation as an environment: every learned road user in it is one slot with episodes of its own."""
+"""One running simulation as an environment: each learned road user is a slot with episodes of its own."""
 
 from dataclasses import dataclass, field, replace
 from types import TracebackType
@@ -55,7 +55,7 @@ class ArenaSettings:
     """m/s per type; None is the mean of what the bundle's recordings show of road users in motion."""
     episode_steps: int = EPISODE_STEPS
     warm_up: float = 60.0
-    """s of plain SUMO before anybody learned is there, so that there is traffic."""
+    """s of plain SUMO before learned road users are added, so that there is traffic."""
     teacher: TeacherWeights | None = None
     """Weights of the teacher's costs of modes; None: no teacher. For training only."""
     extended: bool = False
@@ -140,7 +140,7 @@ class Arena:
         self.consider()
 
     def _stop_some(self, rows: NDArray[np.intp]) -> None:
-        """Let some of those who begin anew begin at a stand: road users with a route wait, and must start again."""
+        """Let some new episodes begin at a stand: road users with a route wait, and must start again."""
         if not self.settings.extended:
             return
         learned = self.simulation.population.world
@@ -153,13 +153,13 @@ class Arena:
     def consider(self) -> None:
         """Look anew at what all slots decide from."""
         simulation = self.simulation
-        self.situation = self.driver.consider(simulation.world, len(simulation.population.world), simulation.roadmap)
+        self.situation = self.driver.consider(simulation.world, len(simulation.population.world), simulation.road_map)
 
     def _last_look(self, rows: NDArray[np.intp]) -> Situation:
         """What the slots `rows` see at the end of their episodes."""
         simulation = self.simulation
         n = len(simulation.population.world)
-        scene = self.driver.scene(simulation.world, n, simulation.roadmap, rows)
+        scene = self.driver.scene(simulation.world, n, simulation.road_map, rows)
         return consider(scene, self.driver.agent, last_look=True)
 
     def teacher_costs(self) -> NDArray[np.float32]:
@@ -192,7 +192,7 @@ class Arena:
         hit = np.zeros(n, np.bool_)
         hit[[self._row[user] for pair in touching - self._touching for user in pair if user in self._row]] = True
         learned = self.simulation.population.world
-        lost = decision.lost | (decision.looped & self._was_off)
+        lost = decision.lost | (decision.wrapped_around & self._was_off)
         terms = self._terms(before, decision, hit, lost, log_probability)
         self._was_off = ~OWN_SURFACE[learned.type, decision.surface]
         terminated = hit | lost
@@ -257,7 +257,7 @@ class Arena:
         route = before.route
         allowed = allowed_speed(before, self.driver.agent.capability, scene.world.take(scene.rows))
         covered, aside, _ = (c[:, 0] for c in on_path(route, learned.x[:, None], learned.y[:, None]))
-        known = route.known & ~decision.looped
+        known = route.known & ~decision.wrapped_around
         gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
         terms = {
             "progress": rewards.progress(covered, allowed * DECISION_INTERVAL, known),
@@ -268,7 +268,7 @@ class Arena:
         return np.where(known, allowed, learned.speed), terms
 
     def picture(self, slot: int) -> NDArray[np.uint8]:
-        """What a slot sees, enlarged for people, (rows, cols, 3) RGB."""
+        """The image of a slot, enlarged for display, (rows, cols, 3) RGB."""
         image = self.situation.observation.image
         assert image is not None
         return ego_picture(image[slot])
@@ -294,7 +294,7 @@ def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Float
 def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
     """m/s per type: the mean, over the recordings that the bundle was fitted to, of road users in motion.
 
-    In motion is who comes farther than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
+    A road user is in motion if it comes farther than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
     """
     types = bundle.training.get("types", {})
     recorded = [types.get(name, {}).get("moving_speed_mps") for name in TYPE_NAMES]
@@ -308,5 +308,5 @@ def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
 
 
 def _touching(world: WorldState) -> set[tuple[str, str]]:
-    """Who is in contact with whom: boxes that overlap, or centres closer than 0.5 m."""
+    """Pairs of road users in contact: boxes that overlap, or centres closer than 0.5 m."""
     return ids_of(np.concatenate(contact_pairs(world)), world)

@@ -104,8 +104,8 @@ def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
 def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int) -> dict[str, float]:
     """Seconds per decision of the calls that every implementation of the method needs."""
     learned = simulation.population.world
-    observation = observe(Scene(simulation.world, np.arange(len(learned)), simulation.roadmap))
-    roadmap = simulation.roadmap
+    observation = observe(Scene(simulation.world, np.arange(len(learned)), simulation.road_map))
+    roadmap = simulation.road_map
     ground = np.zeros((round((roadmap.core + 2.0 * roadmap.margin) * roadmap.resolution),) * 2, np.uint8)
     moves, sumo_steps = _bare_sumo(session, learned, min(steps, REPEATS))
     return {

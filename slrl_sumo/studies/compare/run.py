@@ -82,7 +82,7 @@ def play(common: ComparedScenario, run: Run) -> Record:
         )
         loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
         trips, signals = Trips(api, session.step_length), SignalCrossings(api, network)
-        stats, emissions = DrivingStats(loop.roadmap), Emissions(api)
+        stats, emissions = DrivingStats(loop.road_map), Emissions(api)
         builder = TrajectoryBuilder(source=f"{common.scenario}, {run.arm}, seed {run.seed}")
         crossings = []
         learned = dict.fromkeys(("taken_over", "handed_back", "returned_to_route", "lost", "steps"), 0)
@@ -99,7 +99,7 @@ def play(common: ComparedScenario, run: Run) -> Record:
             learned["steps"] += len(decision.surface)
             learned["taken_over"] += len(decision.taken_over)
             learned["handed_back"] += len(decision.handed_back)
-            learned["returned_to_route"] += len(decision.strayed)
+            learned["returned_to_route"] += len(decision.returned_to_route)
             learned["lost"] += int(decision.lost.sum())
             stats.add(world, frozenset(world.ids))
             builder.append(world, jumped(before, world) if before is not None else ())
