@@ -21,6 +21,8 @@ import torch
 
 from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
 from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.scene import Scene
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
@@ -83,7 +85,7 @@ def _times(scenario: str, agents: int, repeat: int) -> dict[str, list[float]]:
 
         def anew() -> None:
             arena.simulation.start_anew(row, bundle.max_speed, random)
-            arena.simulation.observe(row, with_image=True)
+            observe(Scene(arena.world, row, arena.simulation.road_map))
 
         modes = np.zeros(agents, np.int64)
         for _ in range(5 * repeat):

@@ -126,7 +126,8 @@ def rollouts(rounds: int = 1) -> None:
             env = WorkerRollouts(source, settings.policy, settings.ppo.explore, backend)
             try:
                 env.reset(1)
-                times, batch = [], None
+                times: list[float] = []
+                batch = None
                 for number in range(3):
                     batch, _ = _timed(times, env, agent, settings.ppo.num_steps, number)
                     if number == 0:

@@ -41,7 +41,7 @@ def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(tempfile.mkdtemp(prefix="million_"))
     scenario_evaluation.play = made_up  # type: ignore[attr-defined]
-    pool.MAX_REQUESTS = 10**9  # nothing leaks here, and new processes would take most of the time
+    pool.MAX_REQUESTS = 10**9  # type: ignore[attr-defined]  # nothing leaks here, and new processes would take most of the time
     settings = EvaluationSettings(
         "intersection", "intersection", selectors=("prior",), episodes=64, seeds=-(-count // 64), steps=128
     )

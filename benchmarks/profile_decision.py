@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from slrl_sumo.agent import driver
+from slrl_sumo.agent import decide, driver
+from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.perception import observation
 from slrl_sumo.routing.routes import Routes
@@ -30,14 +31,14 @@ WARM_UP = 10
 PIECES: dict[str, tuple[Any, str]] = {
     "drive": (driver.ModelDriver, "drive"),
     "  routes": (Routes, "ahead"),
-    "  rounded paths": (driver, "fitted"),
-    "  leaders": (driver, "leaders"),
-    "  observation": (driver, "observe"),
+    "  smoothed paths": (decide, "smooth_paths"),
+    "  route context": (decide, "route_context"),
+    "  observation": (decide, "observe"),
     "    images": (observation, "ego_images"),
     "    features": (observation, "features"),
     "    route features": (observation, "route_features"),
-    "  lookahead": (driver, "look_ahead"),
-    "  selector": (driver.PolicySelector, "choose"),
+    "  mode rollouts": (decide, "mode_rollouts"),
+    "  selector": (PolicySelector, "choose"),
     "  motion": (driver, "advance"),
     "yielding": (Yielding, "apply"),
     "moves": (Population, "move"),

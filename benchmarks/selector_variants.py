@@ -76,7 +76,7 @@ def variants(policy: Policy, inputs: Inputs) -> dict[str, Callable[[], Tensor]]:
             found[name] = run
 
     def script() -> Callable[[], Tensor]:
-        traced = torch.jit.optimize_for_inference(torch.jit.freeze(torch.jit.trace(dense, inputs)))
+        traced = torch.jit.optimize_for_inference(torch.jit.freeze(torch.jit.trace(dense, inputs)))  # type: ignore[no-untyped-call]
         return lambda: traced(*inputs)
 
     def export() -> Callable[[], Tensor]:
@@ -88,15 +88,15 @@ def variants(policy: Policy, inputs: Inputs) -> dict[str, Callable[[], Tensor]]:
         return lambda: quick(*inputs)
 
     def quantised() -> Callable[[], Tensor]:
-        small = torch.ao.quantization.quantize_dynamic(dense, {nn.Linear}, dtype=torch.qint8)
+        small = torch.ao.quantization.quantize_dynamic(dense, {nn.Linear}, dtype=torch.qint8)  # type: ignore[no-untyped-call]
         return lambda: small(*inputs)
 
     def onnx() -> Callable[[], Tensor]:
-        import onnxruntime
+        import onnxruntime  # type: ignore[import-not-found]
 
         file = io.BytesIO()
         names = ["vector", "image", "kind", "rollouts", "route"]
-        torch.onnx.export(dense, inputs, file, input_names=names, dynamo=False)
+        torch.onnx.export(dense, inputs, file, input_names=names, dynamo=False)  # type: ignore[arg-type]
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = torch.get_num_threads()
         session = onnxruntime.InferenceSession(file.getvalue(), options, providers=["CPUExecutionProvider"])

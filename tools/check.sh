@@ -10,5 +10,6 @@ ruff format --check
 ruff check
 lint-imports
 mypy
+mypy tools/*.py
 # Tests of a module stay together, because they share what is costly to set up.
 pytest -n 2 --dist loadscope "$@"

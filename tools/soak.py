@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.games import WaitingSignals, scenario_or_game
-from slrl_sumo.agent.driver import Driver, Modes, make_driver
+from slrl_sumo.agent.driver import Driver, Moved, make_driver
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter
 from slrl_sumo.ground.road_map import RoadMap
@@ -89,27 +89,28 @@ class RandomDriver:
         self._rng, self._jump = np.random.default_rng(seed), jump
         self.max_speed, self.max_length = TOP_SPEED, np.inf
 
-    def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, Modes]:
+    def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
         """See Driver."""
-        rng, n = self._rng, len(learned)
+        rng, learned = self._rng, world.take(np.arange(n))
         heading = wrap_angle(learned.heading + rng.normal(0.0, 0.15, n))
         top = TOP_SPEED[learned.type]
         speed = np.clip(learned.speed + rng.normal(0.0, 1.0, n), 0.0, top)
         speed = np.where(rng.random(n) < 0.02, rng.choice([0.0, 0.5, 1.0], n) * top, speed)
         x = learned.x + DECISION_INTERVAL * speed * np.cos(heading)
         y = learned.y + DECISION_INTERVAL * speed * np.sin(heading)
-        x0, y0, x1, y1 = roadmap.bounds
+        x0, y0, x1, y1 = road_map.bounds
         jumps = rng.random(n) < self._jump
         x = np.where(jumps, rng.uniform(x0, x1, n), x)
         y = np.where(jumps, rng.uniform(y0, y1, n), y)
-        return replace(learned, x=x, y=y, heading=heading, speed=speed), None
+        return Moved(replace(learned, x=x, y=y, heading=heading, speed=speed), None, {})
 
-    def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
+    def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """See Driver."""
-        return np.zeros(len(learned), np.bool_)
+        return np.zeros(len(ids), np.bool_)
 
-    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
-        return np.zeros(len(learned), np.bool_)
+    def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """See Driver."""
+        return np.zeros(len(ids), np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""

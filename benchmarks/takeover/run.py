@@ -15,6 +15,7 @@ from benchmarks.takeover.hand_back import HandBack
 from benchmarks.takeover.lane_keeping import LaneKeeping
 from benchmarks.takeover.paths_picture import choose_paths, draw_paths
 from benchmarks.takeover.trip_outcomes import TakenTrip, TakenTrips, count_outcomes
+from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import Driver, make_driver
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.signal_crossings import SignalCrossing, SignalCrossings
@@ -200,7 +201,9 @@ def _driver(case: Case, session: SumoSession) -> Driver:
     """The driver of the learned road users; in `sumo` it has none."""
     selector = "lane" if case.selector == "sumo" else case.selector
     bundle = load_bundle(case.bundle)
-    return make_driver(selector, bundle, session.api, session.network, case.seed, guard=case.guard)
+    return make_driver(
+        selector, bundle, session.api, session.network, case.seed, constraints=Constraints(guard=case.guard)
+    )
 
 
 def _give_back(trips: TakenTrips, decision: Decision, world: WorldState, region: Region, now: float) -> None:

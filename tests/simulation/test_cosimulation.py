@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from slrl_sumo.agent.driver import Moved
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle
@@ -168,21 +169,21 @@ def test_wrong_settings_are_refused_in_one_line(changes: dict[str, Any], words: 
 
 
 class _Straight:
-    """Everybody goes straight on at 10 m/s, and can do no more."""
+    """A driver whose road users go straight on at 10 m/s, and can do no more."""
 
     max_speed = np.full(3, 10.0)
     max_length = np.inf
 
-    def drive(self, world: WorldState, learned: WorldState, roadmap: RoadMap) -> tuple[WorldState, None]:
-        ahead = 10.0 * DECISION_INTERVAL
+    def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
+        ahead, learned = 10.0 * DECISION_INTERVAL, world.take(np.arange(n))
         x, y = learned.x + ahead * np.cos(learned.heading), learned.y + ahead * np.sin(learned.heading)
-        return replace(learned, x=x, y=y, speed=np.full(len(learned), 10.0)), None
+        return Moved(replace(learned, x=x, y=y, speed=np.full(n, 10.0)), None, {})
 
-    def near_end(self, learned: WorldState) -> NDArray[np.bool_]:
-        return np.zeros(len(learned), np.bool_)
+    def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        return np.zeros(len(ids), np.bool_)
 
-    def astray(self, learned: WorldState) -> NDArray[np.bool_]:
-        return np.zeros(len(learned), np.bool_)
+    def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        return np.zeros(len(ids), np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         pass
