@@ -16,6 +16,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from typing import Any, cast
+
 import numpy as np
 import torch
 
@@ -75,9 +77,9 @@ def _times(scenario: str, agents: int, repeat: int) -> dict[str, list[float]]:
         measure("of it: SUMO's load and our reading of the network", session.__enter__)
         measure(f"of it: warm-up, {WARM_UP:g} s", partial(_play, session, WARM_UP))
         with tempfile.TemporaryDirectory() as folder:
-            file = str(Path(folder) / "state.xml")
-            measure("saveState after the warm-up", partial(session.api.simulation.saveState, file))
-            measure("loadState of it, without learned road users", partial(session.api.simulation.loadState, file))
+            file, api = str(Path(folder) / "state.xml"), cast(Any, session.api)
+            measure("saveState after the warm-up", partial(api.simulation.saveState, file))
+            measure("loadState of it, without learned road users", partial(api.simulation.loadState, file))
         session.close()
 
     with Arena(found, bundle, ArenaSettings(agents=agents), 1) as arena:
@@ -101,12 +103,12 @@ def _what_states_are_worth(scenario: str) -> str:
         asked = with_options(find_scenario(scenario), options)
         with SumoSession(asked, seed=1, keep_outputs=True) as session, tempfile.TemporaryDirectory() as folder:
             _play(session, WARM_UP)
-            file = str(Path(folder) / "state.xml")
-            session.api.simulation.saveState(file)
+            file, api = str(Path(folder) / "state.xml"), cast(Any, session.api)
+            api.simulation.saveState(file)
             unbroken = _traffic(session)
             loaded = []
             for _ in range(2):
-                session.api.simulation.loadState(file)
+                api.simulation.loadState(file)
                 loaded.append(_traffic(session))
         as_unbroken = "the same" if loaded[0] == unbroken else "other"
         each_other = "the same" if loaded[0] == loaded[1] else "other"

@@ -187,7 +187,8 @@ class Watch:
 
     def play(self, simulation: CoSimulation) -> None:
         """One SUMO step."""
-        api, count = self._session.api, self.count
+        api: Any = self._session.api
+        count = self.count
         n = len(simulation.population.world)
         step, decision = simulation.step()
         snapshot = self.reader.last
