@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-
 from typing import Any, cast
 
 import numpy as np
