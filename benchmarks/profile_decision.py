@@ -21,9 +21,9 @@ from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.perception import observation
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.simulation import cosimulation
-from slrl_sumo.simulation.events import RunSettings
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.sumo.reader import Reader
 from slrl_sumo.sumo.session import SumoSession
 

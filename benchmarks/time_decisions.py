@@ -10,8 +10,8 @@ import statistics
 import sys
 from time import perf_counter, process_time
 
-from slrl_sumo.simulation.events import RunSettings
 from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
 
 WARM_UP = 10
 

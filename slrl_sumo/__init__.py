@@ -1,22 +1,82 @@
 """Learned road users inside SUMO: the SLRL method as a co-simulation package.
 
-The command line is `slrl-sumo`; inside a script of your own there is `slrl_sumo.attach`. The parts are described in
-docs/architecture.md. Importing this package is cheap: torch, libsumo and matplotlib are imported where they are used.
+    result = slrl_sumo.run("district", agents=64, steps=150)
+    result.summary
+    result.trajectories.to_pandas()
+    result.report("out/report")
+
+    with slrl_sumo.Simulation("my.sumocfg", takeover={"car": 1}) as simulation:
+        for decision in simulation:
+            ...
+
+    with slrl_sumo.attach(libsumo, takeover={"car": 0.3}) as learned:
+        learned.step()
+
+The command line is `slrl-sumo`. docs/architecture.md describes the parts. Importing this package is cheap: torch,
+libsumo and matplotlib are imported where they are used.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from slrl_sumo.errors import InputError, SlrlError, SumoError
 from slrl_sumo.version import __version__
 
 if TYPE_CHECKING:
+    from slrl_sumo.api.result import RunResult
+    from slrl_sumo.api.run import run
+    from slrl_sumo.api.simulation import Simulation
+    from slrl_sumo.api.summary import RunSummary, TypeSummary
+    from slrl_sumo.formats.fcd.read import read_fcd
+    from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
+    from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.simulation.attach import attach
+    from slrl_sumo.simulation.region import BoxRegion, EdgesRegion, JunctionRegion
+    from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
 
-__all__ = ["__version__", "attach"]
+__all__ = [
+    "BoxRegion",
+    "EdgesRegion",
+    "InputError",
+    "JunctionRegion",
+    "RunResult",
+    "RunSummary",
+    "Scenario",
+    "Simulation",
+    "SlrlError",
+    "SumoError",
+    "Trajectories",
+    "TypeSummary",
+    "__version__",
+    "attach",
+    "find_scenario",
+    "load_bundle",
+    "load_trajectories",
+    "read_fcd",
+    "run",
+    "shipped_scenarios",
+]
+
+_HOME = {
+    "api.result": ("RunResult",),
+    "api.run": ("run",),
+    "api.simulation": ("Simulation",),
+    "api.summary": ("RunSummary", "TypeSummary"),
+    "formats.fcd.read": ("read_fcd",),
+    "formats.trajectories": ("Trajectories", "load_trajectories"),
+    "models.bundle": ("load_bundle",),
+    "simulation.attach": ("attach",),
+    "simulation.region": ("BoxRegion", "EdgesRegion", "JunctionRegion"),
+    "sumo.scenario": ("Scenario", "find_scenario", "shipped_scenarios"),
+}
 
 
 def __getattr__(name: str) -> Any:
-    if name == "attach":
-        from slrl_sumo.simulation.attach import attach
-
-        return attach
+    for module, names in _HOME.items():
+        if name in names:
+            return getattr(import_module(f"slrl_sumo.{module}"), name)
     raise AttributeError(f"module 'slrl_sumo' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -155,6 +155,11 @@ class RouteDriver:
         self._lanes.forget(ids)
 
 
+def unknown_selector(name: str) -> InputError:
+    """The error where there is no selector `name`."""
+    return InputError(f"there is none of that name; use {' or '.join(SELECTORS)}", argument="selector", value=name)
+
+
 def usual_selector(bundle: ModelBundle) -> str:
     """The selector where none is named: the most probable mode of the trained policy, else the prior."""
     return "prior" if bundle.policy is None else "greedy"
@@ -185,10 +190,12 @@ def make_driver(
     constraints = constraints or Constraints()
     if selector == "lane":
         if constraints.guard:
-            raise InputError("--guard: --selector lane chooses no modes; leave the guard out, or take another selector")
+            raise InputError(
+                "`selector='lane'` chooses no modes; leave the guard out, or take another selector", argument="guard"
+            )
         return RouteDriver(LaneDriver(api, network))
     if selector not in SELECTORS:
-        raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
+        raise unknown_selector(selector)
     chooser = make_selector(selector, bundle, seed)
     routes = Routes(api, network) if constraints.guard or chooser.preset == "extended" else None
     return ModelDriver(Agent(bundle, chooser, constraints), routes, stopwatch=stopwatch)

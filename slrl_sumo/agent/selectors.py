@@ -112,7 +112,7 @@ class PolicySelector:
     def __init__(self, bundle: ModelBundle, uniform: Uniform | None = None) -> None:
         if bundle.policy is None:
             raise InputError(
-                f"bundle {bundle.name}: it has no trained selector; use --selector prior, or train one with "
+                f"bundle {bundle.name}: it has no trained selector; use `selector='prior'`, or train one with "
                 "`slrl-sumo train`"
             )
         self._policy, self._prior = bundle.policy, bundle.prior

@@ -58,9 +58,7 @@ def run(
     quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
 ) -> None:
     """Run learned road users in a scenario and write what happened."""
-    if steps is not None and until is not None:
-        raise InputError("--steps and --until were both given; give one of them")
-    from slrl_sumo.simulation.events import RunSettings
+    from slrl_sumo.simulation.settings import RunSettings
 
     settings = RunSettings(
         scenario=scenario,
@@ -75,15 +73,20 @@ def run(
         until=until,
         seed=seed,
         step_length=step_length,
-        yielding=not no_yield,
+        background_yields=not no_yield,
         sumo_outputs=sumo_outputs,
         sumo_options=sumo_options,
     )
-    from slrl_sumo.report.run_outputs import write_run
+    from slrl_sumo.api.run import write_run
+    from slrl_sumo.cli.run_table import print_summary
 
-    interrupted_by = write_run(settings, fcd=fcd, summary=summary, report=report, quiet=quiet, recording=recording)
-    if interrupted_by:
-        raise typer.Exit(128 + interrupted_by)
+    try:
+        result = write_run(settings, fcd=fcd, summary=summary, report=report, recording=recording, quiet=quiet)
+        if not quiet:
+            result = print_summary(result)
+        result.raise_failures()
+    except KeyboardInterrupt as interrupt:
+        raise typer.Exit(128 + interrupt.args[0]) from None
 
 
 @app.command()

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 
 Integers = NDArray[np.int64]
 
@@ -57,15 +58,22 @@ class Trajectories:
     parked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
     """Whether the road user is parked, per track, (T,): others perceive it, models do not learn from it.
     Default: none."""
+    learned: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
+    """Whether learned models moved the road user when the track began, per track, (T,). Default: none."""
+    mode: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
+    """Mode that led to the row, (R,); -1 where none was chosen. Default: none."""
 
     def __post_init__(self) -> None:
         rows, tracks = len(self.track), len(self.ids)
-        if not len(self.parked):
-            object.__setattr__(self, "parked", np.zeros(tracks, np.bool_))
-        for name in ("frame", "x", "y", "heading"):
+        for name, default in (("parked", np.zeros(tracks, np.bool_)), ("learned", np.zeros(tracks, np.bool_))):
+            if not len(getattr(self, name)):
+                object.__setattr__(self, name, default)
+        if not len(self.mode):
+            object.__setattr__(self, "mode", np.full(rows, -1, np.int8))
+        for name in ("frame", "x", "y", "heading", "mode"):
             if getattr(self, name).shape != (rows,):
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, track has {(rows,)}")
-        for name in ("type", "length", "width", "parked"):
+        for name in ("type", "length", "width", "parked", "learned"):
             if getattr(self, name).shape != (tracks,):
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, but there are {tracks} ids")
         if len(set(self.ids)) != tracks:
@@ -140,7 +148,7 @@ class Trajectories:
         return order[first:end]
 
     def world(self, frame: int) -> WorldState:
-        """The road users of a frame (none outside `frames`), all of them background, in the order of their tracks."""
+        """The road users of a frame (none outside `frames`), in the order of their tracks."""
         rows = self.rows_at(frame)
         tracks = self.track[rows]
         return WorldState(
@@ -155,7 +163,35 @@ class Trajectories:
             yaw_rate=self.yaw_rate[rows],
             length=self.length[tracks],
             width=self.width[tracks],
-            learned=np.zeros(len(rows), np.bool_),
+            learned=self.learned[tracks],
+        )
+
+    def to_pandas(self) -> Any:
+        """The rows as a pandas DataFrame, in their order, with units in the names of the columns.
+
+        time_s, id (of the track), type, learned, mode (missing where none was chosen), x_m, y_m, heading_rad,
+        speed_mps, acceleration_mps2, yaw_rate_radps, length_m, width_m. Raises InputError where pandas is missing.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("pandas is not installed here: pip install pandas") from None
+        return pd.DataFrame(
+            {
+                "time_s": self.t0 + self.dt * self.frame,
+                "id": pd.Categorical.from_codes(self.track, list(self.ids)),
+                "type": pd.Categorical.from_codes(self.type[self.track], list(TYPE_NAMES)),
+                "learned": self.learned[self.track],
+                "mode": pd.arrays.IntegerArray(self.mode, self.mode < 0),
+                "x_m": self.x,
+                "y_m": self.y,
+                "heading_rad": self.heading,
+                "speed_mps": self.speed,
+                "acceleration_mps2": self.acceleration,
+                "yaw_rate_radps": self.yaw_rate,
+                "length_m": self.length[self.track],
+                "width_m": self.width[self.track],
+            }
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -192,7 +228,11 @@ _DTYPES: dict[str, type[np.generic]] = {
     "length": np.float64,
     "width": np.float64,
     "parked": np.bool_,
+    "learned": np.bool_,
+    "mode": np.int8,
 }
+_OPTIONAL = ("parked", "learned", "mode")
+"""Files of older versions lack them."""
 
 
 def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
@@ -215,7 +255,7 @@ def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
                 **{
                     name: data[name].astype(dtype, casting="safe")
                     for name, dtype in _DTYPES.items()
-                    if name != "parked" or int(data["version"]) > 1
+                    if name in data or name not in _OPTIONAL
                 },
             )
     except OSError as e:
@@ -267,13 +307,18 @@ class TrajectoryBuilder:
         self._width: list[float] = []
         self._frames: list[int] = []
         self._tracks: list[Integers] = []
+        self._learned: list[bool] = []
         self._poses: list[Floats] = []
+        self._modes: list[NDArray[np.int8]] = []
 
-    def append(self, world: WorldState, new_track_ids: Collection[str] = ()) -> None:
-        """Add the road users of one frame; those of `new_track_ids` jumped since the last one.
+    def append(
+        self, world: WorldState, new_track_ids: Collection[str] = (), modes: NDArray[np.integer] | None = None
+    ) -> None:
+        """Add the road users of one frame; those of `new_track_ids` go on in a new track.
 
-        Type and size of a track are those of its first row. Raises ValueError where the world is not later than the
-        last one or lies between two frames.
+        Type, size and `learned` of a track are those of its first row; `modes` are those of the first road users, None
+        where there are none. Raises ValueError where the world is not later than the last one or lies between two
+        frames.
         """
         if self._t0 is None:
             self._t0 = world.time
@@ -289,6 +334,7 @@ class TrajectoryBuilder:
                 tracks[row] = len(self._ids)
                 self._ids.append(name)
                 self._type.append(int(world.type[row]))
+                self._learned.append(bool(world.learned[row]))
                 self._length.append(float(world.length[row]))
                 self._width.append(float(world.width[row]))
         self._track_of = dict(zip(world.ids, tracks, strict=True))
@@ -296,6 +342,10 @@ class TrajectoryBuilder:
         self._frames.append(frame)
         self._tracks.append(np.array(tracks, np.int64))
         self._poses.append(np.stack([world.x, world.y, world.heading]))
+        mode = np.full(len(world), -1, np.int8)
+        if modes is not None:
+            mode[: len(modes)] = modes
+        self._modes.append(mode)
 
     def build(self) -> Trajectories:
         """The tracks collected so far."""
@@ -304,6 +354,7 @@ class TrajectoryBuilder:
         frame = np.repeat(np.array(self._frames, np.int64), [len(t) for t in self._tracks])
         order = np.argsort(track, kind="stable")  # frames came in order
         x, y, heading = poses[:, order]
+        mode = np.concatenate([np.zeros(0, np.int8), *self._modes])[order]
         return Trajectories(
             track=track[order],
             frame=frame[order],
@@ -318,4 +369,6 @@ class TrajectoryBuilder:
             t0=0.0 if self._t0 is None else self._t0,
             source=self.source,
             licence=self.licence,
+            learned=np.array(self._learned, np.bool_),
+            mode=mode,
         )

@@ -1,6 +1,7 @@
 """SIGINT and SIGTERM end long work early without losing finished results."""
 
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -10,7 +11,7 @@ from types import FrameType
 def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
     """Raise KeyboardInterrupt on SIGINT and SIGTERM; the first `tolerated` signals are only recorded.
 
-    Yields the list of the signal numbers received so far.
+    Yields the list of the signal numbers received so far; outside the main thread it stays empty.
     """
     caught: list[int] = []
 
@@ -19,6 +20,9 @@ def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
         if len(caught) > tolerated:
             raise KeyboardInterrupt
 
+    if threading.current_thread() is not threading.main_thread():  # Python handles signals in the main thread only
+        yield caught
+        return
     before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield caught

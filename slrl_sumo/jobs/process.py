@@ -9,13 +9,15 @@ import os
 import pickle
 import shutil
 import signal
+import sys
 import tempfile
 import traceback
 from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, contextmanager, nullcontext, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from slrl_sumo.errors import InputError, SlrlError, SumoError
@@ -59,7 +61,7 @@ class WorkerProcess:
             raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
         self.pipe, child_end = context.Pipe()
         self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
-        with sigint_blocked():
+        with sigint_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
             self._process.start()
         child_end.close()
 
@@ -115,6 +117,18 @@ def sigint_blocked() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _script_hidden() -> Iterator[None]:
+    """Processes started inside do not import the script of this process, which thus need not guard its code against
+    that with `if __name__ == "__main__"`."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 def set_up_process(folder: str | Path) -> None:

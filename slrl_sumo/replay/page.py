@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.table import FcdTable, read_table, user_types
 from slrl_sumo.formats.output_files import write_file
+from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.jobs.progress import progress
@@ -77,6 +78,27 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
     write_file(out, page)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
+
+
+def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, title: str) -> None:
+    """Write the page `out` for trajectories on the network `net`, as `write_replay` does for a trace."""
+    path, _ = find_net(net)
+    users = Users(tracks.ids, ("",) * len(tracks.ids), tracks.type, tracks.length, tracks.width)
+    rows = Rows(
+        user=tracks.track,
+        step=tracks.frame,
+        x=tracks.x,
+        y=tracks.y,
+        heading=tracks.heading,
+        speed=tracks.speed,
+        state=np.where(tracks.learned[tracks.track], 2 + tracks.mode.astype(np.int64), 0),
+    )
+    times = np.rint(1000 * (tracks.t0 + tracks.dt * np.arange(tracks.frames.stop))).astype(np.int64)
+    finder = ConflictFinder()
+    for world, keys in worlds(rows, users, times):
+        finder.look(world, keys)
+    page = build_page(read_net_file(path), users, rows, times, finder.conflicts(), title=title, notes=[], told=True)
+    write_file(out, page)
 
 
 def describe(table: FcdTable, sizes: dict[str, Size], kinds: dict[str, str]) -> Users:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +10,9 @@ from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT, Conflicts
 from slrl_sumo.metrics.distributions import QUANTITIES, Kinematics, kinematic_distances
 from slrl_sumo.report.conflict_figures import PARTY_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
+from slrl_sumo.report.recorder import RunRecord
+from slrl_sumo.report.reference import Reference, counts_by_group
 from slrl_sumo.scene.types import TYPE_NAMES
-
-if TYPE_CHECKING:
-    from slrl_sumo.report.report import Compared, Traced
 
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 2rem auto; max-width: 72rem;
@@ -45,21 +44,21 @@ SUMMARY = (
 
 
 def page(
-    traced: "Traced",
+    record: RunRecord,
     summary: Mapping[str, Any],
-    compared: "Compared",
+    reference: Reference,
     ours: Kinematics,
     conflicts: Mapping[str, Conflicts],
     pictures: Sequence[str],
 ) -> str:
     """The whole page; `pictures` are the names of the PNGs beside it."""
     sections = [
-        ("summary", "Summary", _summary(traced, summary)),
+        ("summary", "Summary", _summary(record, summary)),
         ("paths", "Paths", _figure("paths", pictures, "path", "Paths of the learned road users.")),
-        ("motion", "Motion", _motion(compared, ours, pictures)),
+        ("motion", "Motion", _motion(reference, ours, pictures)),
         ("maps", "Space and time", _maps(pictures)),
-        ("conflicts", "Conflicts", _conflicts(traced, conflicts, pictures)),
-        ("modes", "Modes", _modes(traced, pictures)),
+        ("conflicts", "Conflicts", _conflicts(record, conflicts, pictures)),
+        ("modes", "Modes", _modes(record, pictures)),
         ("views", "What they see", _figure("ego_images", pictures, "ego_image", "What some of them saw.")),
     ]
     sections = [section for section in sections if section[2]]
@@ -100,7 +99,7 @@ def _number(value: float | None, form: str, scale: float = 1.0) -> str:
     return "–" if value is None else format(value if form == "d" else scale * value, form)
 
 
-def _summary(traced: "Traced", summary: Mapping[str, Any]) -> str:
+def _summary(record: RunRecord, summary: Mapping[str, Any]) -> str:
     facts = [
         f"bundle {summary['bundle']}, selector {summary['selector']}, seed {summary['seed']}",
         f"from {summary['begin_s']:g} s on, SUMO step {summary['sumo_step_s']:g} s",
@@ -120,24 +119,24 @@ def _summary(traced: "Traced", summary: Mapping[str, Any]) -> str:
     text += _table(["", *(_link("lost", f"{word.replace('_', ' ')}") for word in words)], [["road users", *ends]])
     for notice in summary["notices"]:
         text += f'<p class="note">Note: {escape(notice)}.</p>'
-    if traced.cut:
+    if record.cut:
         text += (
-            f'<p class="note">The run was long: pictures and tables below are of its first {traced.seconds:.0f} s.</p>'
+            f'<p class="note">The run was long: pictures and tables below are of its first {record.seconds:.0f} s.</p>'
         )
     return text
 
 
-def _motion(compared: "Compared", ours: Kinematics, pictures: Sequence[str]) -> str:
+def _motion(reference: Reference, ours: Kinematics, pictures: Sequence[str]) -> str:
     if "motion" not in pictures:
         return ""
-    text = _figure("motion", pictures, "motion", f"Learned road users (filled) and {compared.name} (line).")
-    distances = kinematic_distances(ours, compared.motion)
+    text = _figure("motion", pictures, "motion", f"Learned road users (filled) and {reference.name} (line).")
+    distances = kinematic_distances(ours, reference.motion)
     lines = []
     for kind, name in enumerate(TYPE_NAMES):
         if not len(ours["speed"][kind]):
             continue
-        score = compared.realism.get(name)
-        means = [values[kind] for values in (ours["speed"], compared.motion["speed"])]
+        score = reference.realism.get(name)
+        means = [values[kind] for values in (ours["speed"], reference.motion["speed"])]
         groups = ("kinematic", "interactive", "map")
         lines.append(
             [
@@ -156,9 +155,9 @@ def _motion(compared: "Compared", ours: Kinematics, pictures: Sequence[str]) -> 
         _link("realism", "realism score"),
         *(_link("realism", part) for part in ("kinematic", "interactive", "map")),
     ]
-    others = sum(len(values) for values in compared.motion["speed"])
+    others = sum(len(values) for values in reference.motion["speed"])
     note = "" if others else '<p class="note">Nobody was there to compare with.</p>'
-    return text + f"<p>Compared with {escape(compared.name)}:</p>" + _table(heads, lines) + note
+    return text + f"<p>Compared with {escape(reference.name)}:</p>" + _table(heads, lines) + note
 
 
 def _maps(pictures: Sequence[str]) -> str:
@@ -167,11 +166,9 @@ def _maps(pictures: Sequence[str]) -> str:
     return _figure("space_time", pictures, "space_time", way) + _figure("density", pictures, "density", caption)
 
 
-def _conflicts(traced: "Traced", conflicts: Mapping[str, Conflicts], pictures: Sequence[str]) -> str:
-    from slrl_sumo.report.report import counts_by_party
-
-    hours = len(traced.tracks) * traced.tracks.dt / 3600.0
-    counts = {name: counts_by_party(found, traced.tracks, traced.learned) for name, found in conflicts.items()}
+def _conflicts(record: RunRecord, conflicts: Mapping[str, Conflicts], pictures: Sequence[str]) -> str:
+    hours = len(record.tracks) * record.tracks.dt / 3600.0
+    counts = {name: counts_by_group(found, record.tracks) for name, found in conflicts.items()}
     limits = {"ttc": TTC_LIMIT, "pet": PET_LIMIT}
     lines = [
         [" and ".join(pair), *(str(counts[m].get(pair, {}).get(party, 0)) for m in counts for party in PARTY_NAMES)]
@@ -197,12 +194,12 @@ def _conflicts(traced: "Traced", conflicts: Mapping[str, Conflicts], pictures: S
     return f"<p>{rates}.</p>" + _table(heads, [*lines, ["all", *totals]]) + figure
 
 
-def _modes(traced: "Traced", pictures: Sequence[str]) -> str:
-    if traced.modes is None or "modes" not in pictures:
+def _modes(record: RunRecord, pictures: Sequence[str]) -> str:
+    if record.modes is None or "modes" not in pictures:
         return ""
     lines = []
     for kind, name in enumerate(TYPE_NAMES):
-        counts = traced.modes[kind]
+        counts = record.modes[kind]
         if counts.any():
             first = int(np.argmax(counts))
             share = 100.0 * counts[first] / counts.sum()

@@ -1,21 +1,17 @@
-"""Learned road users in a simulation that a user's own script has started."""
+"""Learned road users in a simulation that another script has started."""
 
 from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import torch
-
-from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import SELECTORS, make_driver, usual_selector
 from slrl_sumo.errors import InputError
-from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.events import DEFAULT_BUNDLE
-from slrl_sumo.simulation.region import parse_region
-from slrl_sumo.simulation.spawn import parse_mix, type_counts
-from slrl_sumo.simulation.takeover import parse_shares
+from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.learned import add_learned, load_models, one_thread
+from slrl_sumo.simulation.region import RegionSpec
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings
+from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.session import AttachedSession
 
@@ -23,9 +19,9 @@ from slrl_sumo.sumo.session import AttachedSession
 class Attached:
     """Learned road users in a running simulation; a context manager. Made by `attach`.
 
-    Call `step` instead of `simulationStep`. Leaving the context, also by an exception, gives back every road user that
-    was taken over and every vehicle that was held, removes those that were added, cancels the subscriptions, and leaves
-    the simulation running. Road users that have strayed from every lane are put on the nearest place of their route.
+    Call `step` instead of `simulationStep`. Leaving the context, also by an exception, hands every road user that was
+    taken over and every vehicle that was held back to SUMO, removes the added ones, cancels the subscriptions, and
+    leaves the simulation running. Road users that are off every lane are put on the nearest place of their route.
     """
 
     def __init__(self, simulation: AttachedSession, loop: CoSimulation) -> None:
@@ -46,11 +42,12 @@ class Attached:
         """One SUMO step, in which the learned road users move. Returns all road users after it, learned ones first."""
         if self._left:
             raise InputError("this context has been left; attach again, or call simulationStep")
-        if not self._started:
-            self._started = True
-            return self._loop.start().world
-        step, _ = self._loop.step()
-        return step.world
+        with one_thread():
+            if not self._started:
+                self._started = True
+                return self._loop.start().world
+            step, _ = self._loop.step()
+            return step.world
 
     def __enter__(self) -> Self:
         return self
@@ -62,7 +59,7 @@ class Attached:
         if error is None:
             self._leave()
             return
-        # Where SUMO has gone there is nothing to restore, and the error says more.
+        # Where SUMO has been closed there is nothing to restore, and the error says more.
         with suppress(Exception):
             self._leave()
 
@@ -76,47 +73,45 @@ def attach(
     api: SumoApi,
     *,
     agents: int | None = None,
-    mix: str | None = None,
-    takeover: str | None = None,
-    region: str | None = None,
-    bundle: str = DEFAULT_BUNDLE,
+    mix: Shares | None = None,
+    takeover: Shares | None = None,
+    region: str | RegionSpec | None = None,
+    bundle: str | Path = DEFAULT_BUNDLE,
     selector: str | None = None,
-    seed: int = 1,
-    yielding: bool = True,
     guard: bool = False,
+    seed: int = 1,
+    background_yields: bool = True,
 ) -> Attached:
-    """Put learned road users into a simulation that is running already; call it in a with statement.
+    """Put learned road users into a simulation that is already running; call it in a with statement.
 
-        with slrl_sumo.attach(libsumo, takeover="car=0.3") as learned:
+        with slrl_sumo.attach(libsumo, takeover={"car": 0.3}) as learned:
             while libsumo.simulation.getMinExpectedNumber() > 0:
                 learned.step()  # in place of libsumo.simulationStep()
 
-    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. The other words are those of
-    `slrl-sumo run`: `agents` road users are added (shared out by `mix`), the shares `takeover` of the scenario's own
-    are taken over inside `region`; with `guard` modes that lead into a conflict are not chosen. `step` returns all road
-    users; everything else in the script works as before, its subscriptions included. Three vTypes (learned_car,
-    learned_bicycle, learned_pedestrian) and the routes of added vehicles stay in SUMO afterwards.
+    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. `agents` road users are added,
+    shared out by `mix`; the shares `takeover` of the scenario's own are taken over inside `region`; the other arguments
+    are those of `slrl_sumo.run`. `step` returns all road users; everything else in the script works as before, its
+    subscriptions and PyTorch's thread count included. Three vTypes (learned_car, learned_bicycle, learned_pedestrian)
+    and the routes of added vehicles stay in SUMO afterwards.
 
     Start SUMO with --time-to-teleport -1 and --collision.action warn: its defaults remove road users that stand or
-    touch. Raises InputError where something is wrong, before anybody is added or taken over: one of the words, a step
-    that does not divide 0.4 s, or a second attachment to the same simulation.
+    touch. Raises InputError, before a road user is added or taken over, where an argument is wrong, where SUMO's step
+    does not divide 0.4 s, and for a second attachment to the same simulation.
     """
-    if agents is None and takeover is None:
-        raise InputError("nobody to learn: give agents=N, or takeover='car=0.3'")
-    if selector is not None and selector not in SELECTORS:
-        raise InputError(f"selector={selector!r}: there is none of that name; use {' or '.join(SELECTORS)}")
-    mixed = None if mix is None else parse_mix(mix)
-    shares = None if takeover is None else parse_shares(takeover)
-    models = load_bundle(bundle)
-    # The models are so small that more threads only wait for each other.
-    torch.set_num_threads(1)
-    simulation = AttachedSession(api)
-    rule = None if shares is None else Takeover(shares, parse_region(region, simulation.network), seed)
-    rules = Constraints(guard=guard)
-    driver = make_driver(selector or usual_selector(models), models, api, simulation.network, seed, constraints=rules)
-    loop = CoSimulation(simulation, driver, takeover=rule, yielding=yielding)
-    if agents is not None:
-        counts, _ = type_counts(agents, mixed, loop.points, "attach")
-        loop.spawn(counts, models.max_speed, seed)
+    settings = LearnedSettings(
+        agents=agents,
+        mix=mix,
+        takeover=takeover,
+        region=region,
+        bundle=bundle,
+        selector=selector,
+        guard=guard,
+        seed=seed,
+        background_yields=background_yields,
+    )
+    with one_thread():
+        models = load_models(settings)
+        simulation = AttachedSession(api)
+        learned = add_learned(simulation, settings, models, "attach")
     simulation.mark(attached=True)
-    return Attached(simulation, loop)
+    return Attached(simulation, learned.loop)

@@ -9,7 +9,8 @@ from dataclasses import replace
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.jobs.process import EXIT_S, WorkerDiedError, WorkerProcess
-from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
+from slrl_sumo.simulation.events import Decision, Event, Started
+from slrl_sumo.simulation.settings import RunSettings
 
 
 def run_isolated(
@@ -40,7 +41,7 @@ def run_isolated(
         if time is None and death.exitcode in (-signal.SIGSEGV, -signal.SIGABRT):
             # Some broken networks cause that.
             raise InputError(
-                f"{settings.scenario}: SUMO crashes while loading it ({signal.Signals(-death.exitcode).name}); "
+                f"{settings.where}: SUMO crashes while loading it ({signal.Signals(-death.exitcode).name}); "
                 "check that network and demand are complete"
             ) from None
         raise SumoError(_message(death, time)) from None

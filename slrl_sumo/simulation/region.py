@@ -14,9 +14,46 @@ from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 
 JUNCTION_RADIUS = 60.0
-"""m, where the user gives none."""
+"""m, where none is given."""
 FORMS = "junction:ID,radius=80 or edges:ID,ID or box:x0,y0,x1,y1"
 _SPACING = 1.0
+
+
+@dataclass(frozen=True)
+class JunctionRegion:
+    """A disc round a junction: its id, and the radius in m."""
+
+    junction: str
+    radius: float = JUNCTION_RADIUS
+
+    def __str__(self) -> str:
+        return f"junction:{self.junction},radius={self.radius:g}"
+
+
+@dataclass(frozen=True)
+class EdgesRegion:
+    """The surface of the lanes of some edges."""
+
+    edges: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"edges:{','.join(self.edges)}"
+
+
+@dataclass(frozen=True)
+class BoxRegion:
+    """A box with sides along x and y, between two corners in m."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+
+    def __str__(self) -> str:
+        return f"box:{self.x0:g},{self.y0:g},{self.x1:g},{self.y1:g}"
+
+
+RegionSpec = JunctionRegion | EdgesRegion | BoxRegion
 
 
 @dataclass(frozen=True)
@@ -24,7 +61,7 @@ class Region:
     """A part of the plane: a disc, a box, the surface of some edges, or (all None) everywhere. m, world frame."""
 
     text: str
-    """As the user wrote it."""
+    """As it was given."""
     disc: tuple[float, float, float] | None = None
     """x, y of the centre and radius."""
     box: tuple[float, float, float, float] | None = None
@@ -54,59 +91,59 @@ class Region:
         return np.ones(len(x), np.bool_)
 
 
-def parse_region(text: str | None, network: Network) -> Region:
-    """The region that `text` describes (see `FORMS`; None: everywhere) in a loaded network.
+def parse_region(given: str | RegionSpec | None, network: Network) -> Region:
+    """The region of a loaded network that `given` describes: a spec, or text in one of `FORMS`; None: everywhere.
 
-    Raises InputError where the text is malformed, or names a junction or edge
-    that the network does not have, with those that are named most like it.
+    Raises InputError where the text is malformed, or where the network lacks the junction or edge; the message then
+    lists the most similar ids.
     """
-    if text is None:
+    if given is None:
         return Region("everywhere")
+    spec = _parsed(given) if isinstance(given, str) else given
+    if isinstance(spec, BoxRegion):
+        x0, x1 = sorted((spec.x0, spec.x1))
+        y0, y1 = sorted((spec.y0, spec.y1))
+        if x0 == x1 or y0 == y1:
+            raise _wrong(given, "the box is empty; its corners must differ in x and in y")
+        return Region(str(given), box=(x0, y0, x1, y1))
+    if isinstance(spec, EdgesRegion):
+        return _surface(given, spec.edges, network)
+    if spec.radius <= 0.0:
+        raise _wrong(given, "the radius must be above 0; write for example radius=80")
+    if spec.junction not in network.junction_positions:
+        near = _nearest(spec.junction, network.junction_positions)
+        raise _wrong(given, f"the network has no junction '{spec.junction}'; {near}")
+    x, y = network.junction_positions[spec.junction]
+    return Region(str(given), disc=(x, y, spec.radius))
+
+
+def _parsed(text: str) -> RegionSpec:
     kind, _, value = text.partition(":")
     if kind == "junction" and value:
-        return _disc(text, value, network)
+        name, comma, radius = value.partition(",radius=")
+        return JunctionRegion(name, _number(radius, text) if comma else JUNCTION_RADIUS)
     if kind == "edges" and value:
-        return _surface(text, value, network)
+        return EdgesRegion(tuple(name.strip() for name in value.split(",")))
     if kind == "box":
-        return _box(text, value)
-    raise InputError(f"--region {text}: not understood; write {FORMS}")
+        corners = [_number(part, text) for part in value.split(",")]
+        if len(corners) != 4:
+            raise _wrong(text, "a box has four numbers, in m: box:x0,y0,x1,y1")
+        return BoxRegion(*corners)
+    raise _wrong(text, f"not understood; write {FORMS}")
 
 
-def _disc(text: str, value: str, network: Network) -> Region:
-    name, comma, radius_text = value.partition(",radius=")
-    radius = _number(radius_text, text) if comma else JUNCTION_RADIUS
-    if radius <= 0.0:
-        raise InputError(f"--region {text}: the radius must be above 0; write for example radius=80")
-    if name not in network.junction_positions:
-        near = _nearest(name, network.junction_positions)
-        raise InputError(f"--region {text}: the network has no junction '{name}'; {near}")
-    x, y = network.junction_positions[name]
-    return Region(text, disc=(x, y, radius))
-
-
-def _box(text: str, value: str) -> Region:
-    corners = [_number(part, text) for part in value.split(",")]
-    if len(corners) != 4:
-        raise InputError(f"--region {text}: a box has four numbers, in m: box:x0,y0,x1,y1")
-    x0, y0, x1, y1 = corners
-    if x0 == x1 or y0 == y1:
-        raise InputError(f"--region {text}: the box is empty; its corners must differ in x and in y")
-    return Region(text, box=(min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)))
-
-
-def _surface(text: str, value: str, network: Network) -> Region:
-    names = [name.strip() for name in value.split(",")]
+def _surface(given: str | RegionSpec, names: tuple[str, ...], network: Network) -> Region:
     known = {lane.edge for lane in network.lanes}
     for name in names:
         if name not in known:
             roads = sorted(edge for edge in known if not edge.startswith(":"))
-            raise InputError(f"--region {text}: the network has no edge '{name}'; {_nearest(name, roads)}")
+            raise _wrong(given, f"the network has no edge '{name}'; {_nearest(name, roads)}")
     surfaces = []
     for width in sorted({lane.width for lane in network.lanes if lane.edge in names}):
         lanes = [lane for lane in network.lanes if lane.edge in names and lane.width == width]
         points = LanePoints(lanes, spacing=_SPACING)
         surfaces.append((cKDTree(np.column_stack([points.x, points.y])), 0.5 * width))
-    return Region(text, edges=tuple(surfaces))
+    return Region(str(given), edges=tuple(surfaces))
 
 
 def _number(text: str, whole: str) -> float:
@@ -115,12 +152,16 @@ def _number(text: str, whole: str) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value):
-        raise InputError(f"--region {whole}: '{text}' is no number; write {FORMS}")
+        raise _wrong(whole, f"'{text}' is no number; write {FORMS}")
     return value
 
 
+def _wrong(given: str | RegionSpec, reason: str) -> InputError:
+    return InputError(reason, argument="region", value=given)
+
+
 def _nearest(name: str, known: Iterable[str]) -> str:
-    """Words that help to find the right id."""
+    """Which ids are there: the most similar ones, else the first ones."""
     choices = sorted(known)
     near = difflib.get_close_matches(name, choices, n=3, cutoff=0.4)
     return f"is it {' or '.join(near)}?" if near else f"there are {', '.join(choices[:5])}{' …' * (len(choices) > 5)}"

@@ -69,28 +69,6 @@ def starting_points(network: Network) -> tuple[LanePoints, ...]:
     return tuple(points)
 
 
-def parse_mix(text: str) -> NDArray[np.float64]:
-    """Shares per type, (3,), from 'car=0.5,bicycle=0.2,pedestrian=0.3', normalised. Types left out get none."""
-    shares = np.zeros(len(TYPE_NAMES))
-    for item in text.split(","):
-        name, _, value = item.partition("=")
-        if name.strip() not in TYPE_NAMES:
-            raise InputError(f"--mix {text}: '{name.strip()}' is no road user type; use {', '.join(TYPE_NAMES)}")
-        try:
-            share = float(value)
-        except ValueError:
-            share = np.nan
-        if not 0.0 <= share < np.inf:
-            raise InputError(
-                f"--mix {text}: the share of {name.strip()} must be a number from 0; write {name.strip()}=0.3"
-            )
-        shares[TYPE_NAMES.index(name.strip())] = share
-    if shares.max() <= 0:
-        raise InputError(f"--mix {text}: all shares are zero; give at least one type a share above 0")
-    shares = shares / shares.max()  # first, so that vast shares do not add up to infinity
-    return np.asarray(shares / shares.sum())
-
-
 def type_counts(
     agents: int, mix: NDArray[np.float64] | None, points: tuple[LanePoints, ...], where: str
 ) -> tuple[NDArray[np.int64], list[str]]:
@@ -100,15 +78,17 @@ def type_counts(
     such a type is an InputError.
     """
     if agents < 1:
-        raise InputError(f"--agents {agents}: at least one learned road user is needed")
+        raise InputError("at least one learned road user is needed", argument="agents", value=agents)
     possible = np.array([len(p) > 0 for p in points])
     shares = DEFAULT_MIX if mix is None else mix
     missing = [TYPE_NAMES[k] for k in np.flatnonzero(~possible & (shares > 0))]
     notices = []
     if missing and mix is not None:
-        raise InputError(f"{where}: the network has no surface for {', '.join(missing)}; leave it out of --mix")
+        raise InputError(f"{where}: the network has no surface for {', '.join(missing)}; leave it out of `mix`")
     if not possible.any():
-        raise InputError(f"{where}: the network has no lane for cars, bicycles or pedestrians; nobody can be placed")
+        raise InputError(
+            f"{where}: the network has no lane for cars, bicycles or pedestrians; no road user can be placed"
+        )
     if missing:
         shares = np.where(possible, shares, 0.0)
         notices.append(f"no surface for {' and '.join(missing)} in this network: their share goes to the other types")
@@ -137,8 +117,10 @@ def draw_starts(
     for kind, rows in enumerate(chosen):
         if len(rows) < counts[kind]:
             raise InputError(
-                f"--agents {int(counts.sum())}: only {len(rows)} of {int(counts[kind])} {TYPE_NAMES[kind]} road users "
-                "fit into this network; ask for fewer, or change --mix"
+                f"only {len(rows)} of {int(counts[kind])} {TYPE_NAMES[kind]} road users fit into this network; "
+                "ask for fewer, or change `mix`",
+                argument="agents",
+                value=int(counts.sum()),
             )
     parts = []
     for kind, (source, rows) in enumerate(zip(points, chosen, strict=True)):

@@ -16,8 +16,9 @@ from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.events import Decision, RunSettings
+from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
 
 CAR, BICYCLE, PEDESTRIAN = RoadUserType
 NAMES = ("collision", "off_surface", "speed", "turn", *RouteFit._fields)
@@ -165,5 +166,5 @@ def test_the_guard_changes_what_a_selector_sees_of_modes_in_no_way(monkeypatch: 
 
 
 def test_a_guard_of_the_lane_follower_is_refused() -> None:
-    with pytest.raises(InputError, match="--guard: --selector lane chooses no modes"):
+    with pytest.raises(InputError, match="guard: `selector='lane'` chooses no modes"):
         next(run(replace(GUARDED, selector="lane")))

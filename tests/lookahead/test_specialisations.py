@@ -7,7 +7,7 @@ import sys
 
 PROGRAM = """
 import json, sys
-from slrl_sumo.simulation.events import RunSettings
+from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.simulation.run import run
 from slrl_sumo.scene import compiled
 

@@ -11,8 +11,9 @@ from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome, mean_survival, survival_counts
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.events import Decision, RunSettings, Started
+from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
 
 CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
 

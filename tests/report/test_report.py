@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 from builders import make_recording, make_world
 
+from slrl_sumo.api.run import write_run
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
 from slrl_sumo.metrics.conflicts import ttc_conflicts
 from slrl_sumo.report.definitions import DEFINITIONS
-from slrl_sumo.report.report import ReportBuilder, compare_with, counts_by_party
-from slrl_sumo.report.run_outputs import write_run
+from slrl_sumo.report.recorder import RunRecorder
+from slrl_sumo.report.reference import counts_by_group, reference_for
+from slrl_sumo.report.report import write_report
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.simulation.events import Decision, RunSettings, Started, Step, Views
+from slrl_sumo.simulation.events import Decision, Started, Step, Views
+from slrl_sumo.simulation.settings import RunSettings
 
 ROAD = SurfaceShapes((Ribbon(Surface.ROAD, np.array([[-20.0, 0.0], [200.0, 0.0]]), 12.0),))
 NOWHERE = Places((), (), np.zeros(0), np.zeros(0, np.bool_))
@@ -40,13 +43,12 @@ def world(frame: int, learned: int = 2) -> WorldState:
     )
 
 
-def decision(frame: int, learned: int = 2, wrapped_around: tuple[bool, ...] = (False, False)) -> Decision:
+def decision(frame: int, learned: int = 2, looped: tuple[bool, ...] = (False, False)) -> Decision:
     return Decision(
         steps=(Step(0.4 * frame, world(frame, learned), NOWHERE),),
         modes=np.array([3, 7])[:learned],
         surface=np.ones(learned, np.uint8),
-        wrapped_around=np.array(wrapped_around[:learned]),
-        constraints={},
+        wrapped_around=np.array(looped[:learned]),
         lost=np.zeros(learned, np.bool_),
         arrived=(),
         taken_over=(),
@@ -71,9 +73,9 @@ STARTED = Started(
 
 
 @pytest.fixture
-def builder() -> ReportBuilder:
+def builder() -> RunRecorder:
     """13 intervals; from the ninth on one of the two is SUMO's."""
-    made = ReportBuilder(STARTED)
+    made = RunRecorder(STARTED)
     for frame in range(1, 14):
         if frame == 5:
             made.add(Views(2.0, ("a",), np.full((1, 20, 40, 3), 200, np.uint8)))
@@ -105,48 +107,48 @@ def summary() -> dict[str, Any]:
     }
 
 
-def test_a_road_user_handed_back_goes_on_as_another_track(builder: ReportBuilder) -> None:
-    traced = builder.build()
-    tracks = dict(zip(traced.tracks.ids, np.diff(traced.tracks.starts).tolist(), strict=True))
-    assert tracks == {"+a": 14, "+b": 9, "-b": 5, "-c": 14, "-d": 14}
-    assert traced.learned.tolist() == [name.startswith("+") for name in traced.tracks.ids]
-    assert traced.seconds == pytest.approx(5.2)
-    assert traced.modes is not None
-    assert (traced.modes[0, 3], traced.modes[0, 7], traced.modes.sum()) == (13, 8, 21)
+def test_a_road_user_handed_back_goes_on_as_another_track(builder: RunRecorder) -> None:
+    record = builder.build()
+    tracks = dict(zip(record.tracks.ids, np.diff(record.tracks.starts).tolist(), strict=True))
+    assert tracks == {"a": 14, "b": 9, "b#1": 5, "c": 14, "d": 14}
+    assert record.tracks.learned.tolist() == [name in ("a", "b") for name in record.tracks.ids]
+    first = record.tracks.mode[:14].tolist()
+    assert first == [-1, *[3] * 13]
+    assert record.seconds == pytest.approx(5.2)
+    assert record.modes is not None
+    assert (record.modes[0, 3], record.modes[0, 7], record.modes.sum()) == (13, 8, 21)
 
 
 def test_a_reinserted_road_user_begins_a_new_track() -> None:
-    made = ReportBuilder(STARTED)
+    made = RunRecorder(STARTED)
     made.add(decision(1))
-    made.add(decision(2, wrapped_around=(True, False)))
-    assert sorted(made.build().tracks.ids) == ["+a", "+a#1", "+b", "-c", "-d"]
+    made.add(decision(2, looped=(True, False)))
+    assert sorted(made.build().tracks.ids) == ["a", "a#1", "b", "c", "d"]
 
 
-def test_conflicts_are_counted_by_type_and_control(builder: ReportBuilder) -> None:
-    traced = builder.build()
-    found = ttc_conflicts(traced.tracks)
+def test_conflicts_are_counted_by_type_and_control(builder: RunRecorder) -> None:
+    record = builder.build()
+    found = ttc_conflicts(record.tracks)
     # The first comes up to the slow one: 36 m at 6 m/s, so below 1.5 s from frame 12 on. They never touch.
-    assert counts_by_party(found, traced.tracks, traced.learned) == {
-        ("car", "car"): {"learned": 0, "mixed": 1, "background": 0}
-    }
+    assert counts_by_group(found, record.tracks) == {("car", "car"): {"learned": 0, "mixed": 1, "background": 0}}
     assert found.value == pytest.approx([(36.0 - 0.4 * 13 * 6.0) / 6.0])
 
 
 def test_a_long_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("slrl_sumo.report.report.MOST_ROWS", 12)
-    made = ReportBuilder(STARTED)
+    monkeypatch.setattr("slrl_sumo.report.recorder.MOST_ROWS", 12)
+    made = RunRecorder(STARTED)
     for frame in range(1, 14):
         made.add(decision(frame))
-    traced = made.build()
-    assert traced.cut
-    assert len(traced.tracks) == 12
-    assert traced.seconds == pytest.approx(0.8)
+    record = made.build()
+    assert record.cut
+    assert len(record.tracks) == 12
+    assert record.seconds == pytest.approx(0.8)
 
 
 def test_the_page_has_every_picture_and_every_link_leads_to_its_definition(
-    builder: ReportBuilder, tmp_path: Path
+    builder: RunRecorder, tmp_path: Path
 ) -> None:
-    builder.write(tmp_path / "report", summary())
+    write_report(builder.build(), tmp_path / "report", summary())
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert sorted(p.name for p in (tmp_path / "report").iterdir()) == sorted(
         ["report.html", *(f"{name}.png" for name in PICTURES)]
@@ -169,18 +171,18 @@ def test_the_page_has_every_picture_and_every_link_leads_to_its_definition(
 
 def test_what_is_not_there_has_no_section(tmp_path: Path) -> None:
     alone = replace(world(0, 4).take(np.array([0])), learned=np.array([True]))
-    made = ReportBuilder(replace(STARTED, step=Step(0.0, alone, NOWHERE), mode_centres=None))
-    made.write(tmp_path / "report", summary())
+    made = RunRecorder(replace(STARTED, step=Step(0.0, alone, NOWHERE), mode_centres=None))
+    write_report(made.build(), tmp_path / "report", summary())
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert {p.stem for p in (tmp_path / "report").glob("*.png")} == {"paths", "conflicts"}
     assert "section-modes" not in page
     assert "section-motion" not in page
 
 
-def test_a_recording_takes_the_place_of_sumos_own(builder: ReportBuilder, tmp_path: Path) -> None:
+def test_a_recording_takes_the_place_of_sumos_own(builder: RunRecorder, tmp_path: Path) -> None:
     recording = make_recording((4.0 * np.arange(30), 0.0, 0.0), length=4.0, width=2.0, source="a street")
-    traced = builder.build()
-    found, own = compare_with(traced, recording), compare_with(traced, None)
+    record = builder.build()
+    found, own = reference_for(record, recording), reference_for(record, None)
     assert found.name == "a street"
     assert found.motion["speed"][0] == pytest.approx(np.full(29, 10.0))
     assert found.realism["car"].features["speed"] > 0.9
@@ -190,22 +192,22 @@ def test_a_recording_takes_the_place_of_sumos_own(builder: ReportBuilder, tmp_pa
     assert "map" in own.realism["car"].groups
 
 
-def test_a_folder_that_cannot_be_written_is_told(builder: ReportBuilder, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_told(builder: RunRecorder, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot be written"):
-        builder.write(tmp_path / "file", summary())
+        write_report(builder.build(), tmp_path / "file", summary())
 
 
 def test_a_recording_that_cannot_be_compared_with_is_told_before_anything_runs(tmp_path: Path) -> None:
     def call(recording: Path, report: Path | None) -> None:
-        nobody = RunSettings("nowhere")  # SUMO is not asked
-        write_run(nobody, fcd=None, summary=None, report=report, quiet=True, recording=recording)
+        nobody = RunSettings("nowhere", agents=1)  # SUMO is not asked
+        write_run(nobody, report=report, recording=recording)
 
-    with pytest.raises(InputError, match=r"the report compares with it; add --report DIR"):
+    with pytest.raises(InputError, match=r"the report compares with it; add `report=DIR`"):
         call(tmp_path / "a.npz", None)
     with pytest.raises(InputError, match=r"cannot read .*a.npz"):
         call(tmp_path / "a.npz", tmp_path / "report")
-    made = ReportBuilder(STARTED)
+    made = RunRecorder(STARTED)
     replace(made.build().tracks, dt=0.1).save(tmp_path / "a.npz")
     with pytest.raises(InputError, match=r"its interval is 0.1 s, not 0.4 s"):
         call(tmp_path / "a.npz", tmp_path / "report")

@@ -16,6 +16,7 @@ import slrl_sumo
 from slrl_sumo.agent import decide
 from slrl_sumo.agent.guard import guard as allowed_modes
 from slrl_sumo.errors import InputError
+from slrl_sumo.simulation.region import JunctionRegion
 from slrl_sumo.sumo.scenario import find_scenario
 
 ROOT = Path(__file__).parent.parent.parent
@@ -242,13 +243,16 @@ def test_one_attachment_at_a_time_and_another_one_afterwards(api: Any) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({}, "nobody to learn"),
+        ({}, "give `agents=N`"),
         ({"agents": 3, "selector": "best"}, "best"),
         ({"agents": 3, "bundle": "nothing"}, "nothing"),
         ({"agents": 3, "mix": "train=1"}, "train"),
-        ({"takeover": "car=7"}, "car=7"),
+        ({"takeover": "car=7"}, "takeover='car=7': "),
+        ({"takeover": {"car": 7}}, r"takeover={'car': 7}: the share of car must be a number from 0 to 1"),
         ({"takeover": "car=1", "region": "junction:nowhere,radius=5"}, "nowhere"),
         ({"agents": 100_000}, "100000"),
+        ({"agents": "many"}, "agents='many': give a whole number"),
+        ({"takeover": "car=1", "region": JunctionRegion("nowhere")}, "no junction 'nowhere'"),
     ],
 )
 def test_wrong_words_leave_the_simulation_alone(api: Any, words: dict[str, Any], message: str) -> None:
@@ -284,7 +288,7 @@ def test_the_guard_masks_modes_here_too(api: Any, monkeypatch: pytest.MonkeyPatc
             for _ in range(3):
                 learned.step()
         assert asked == expected
-    with pytest.raises(InputError, match="--selector lane chooses no modes"):
+    with pytest.raises(InputError, match="`selector='lane'` chooses no modes"):
         slrl_sumo.attach(api, agents=5, selector="lane", guard=True)
     # Refused before any road user came: it can be tried again.
     with slrl_sumo.attach(api, agents=5, selector="lane") as learned:

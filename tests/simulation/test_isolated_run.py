@@ -19,8 +19,9 @@ from lxml import etree
 
 import slrl_sumo.simulation.run
 from slrl_sumo.ground.road_map import RoadMap, Surface
-from slrl_sumo.simulation.events import Decision, RunSettings, Started
+from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
+from slrl_sumo.simulation.settings import RunSettings
 
 AGENTS = 8
 HOME = Path(sumo.SUMO_HOME)
@@ -197,12 +198,12 @@ def test_a_fatal_error_of_sumo_gives_its_reason(cli_process: Cli, copy_scenario:
 
 
 def test_a_bug_of_ours_is_not_dressed_up_as_sumos_death() -> None:
-    # Refused by no check, because it cannot be typed: the child fails by a bug.
-    settings = RunSettings("intersection", agents=2, seed=None)  # type: ignore[arg-type]
+    # Refused by no check: the child fails by a bug.
+    settings = RunSettings("intersection", agents=2, sumo_options=3)  # type: ignore[arg-type]
     with pytest.raises(RuntimeError) as error:
         list(run_isolated(settings))
     assert "Traceback" in str(error.value)
-    assert "TypeError" in str(error.value)
+    assert "AttributeError" in str(error.value)
 
 
 def test_a_slow_reader_misses_nothing() -> None:
@@ -236,7 +237,7 @@ def test_the_ground_comes_when_it_is_asked_for() -> None:
 def test_the_process_that_writes_and_counts_is_small() -> None:
     # In a city the simulation needs the memory, and 0.2 s of importing come before its process even starts.
     heavy = "{'torch', 'scipy', 'numba', 'cv2'}"
-    code = f"import sys, slrl_sumo.report.run_outputs; print(*sorted({heavy} & set(sys.modules)))"
+    code = f"import sys, slrl_sumo.api.run; print(*sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
 

@@ -110,5 +110,6 @@ def test_unknown_ids_are_refused_and_the_nearest_named(session: SumoSession) -> 
     ],
 )
 def test_malformed_regions_are_refused(text: str, session: SumoSession) -> None:
-    with pytest.raises(InputError, match="--region"):
+    with pytest.raises(InputError, match=f"^region='{text}': ") as refusal:
         _parse(text, session)
+    assert refusal.value.as_options().startswith(f"--region {text}".rstrip() + ": ")

@@ -14,7 +14,8 @@ from slrl_sumo.scene.contacts import close_pairs, overlapping_pairs
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.spawn import DEFAULT_MIX, draw_starts, legal_lanes, parse_mix, starting_points, type_counts
+from slrl_sumo.simulation.shares import parse_mix
+from slrl_sumo.simulation.spawn import DEFAULT_MIX, draw_starts, legal_lanes, starting_points, type_counts
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import find_scenario
@@ -66,8 +67,9 @@ def test_a_mix_is_shares_that_add_up_to_one(text: str, shares: list[float]) -> N
     ],
 )
 def test_a_mix_that_says_nothing_clear_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"^--mix ") as caught:
+    with pytest.raises(InputError, match=r"^mix=") as caught:
         parse_mix(text)
+    assert caught.value.as_options().startswith("--mix")
     assert "\n" not in str(caught.value)
 
 
@@ -107,7 +109,7 @@ def test_a_network_for_trains_alone_holds_no_road_users(bare_network: Callable[[
 
 @pytest.mark.parametrize("agents", [0, -3])
 def test_at_least_one_road_user_must_be_requested(agents: int) -> None:
-    with pytest.raises(InputError, match=f"--agents {agents}: at least one"):
+    with pytest.raises(InputError, match=f"agents={agents}: at least one"):
         type_counts(agents, None, starting_points(network("intersection")), "here")
 
 
@@ -192,7 +194,7 @@ def test_the_seed_decides_the_places() -> None:
 def test_more_than_fit_is_refused_with_how_many_do() -> None:
     points = starting_points(network("intersection"))
     counts = np.array([100_000, 10, 10])
-    with pytest.raises(InputError, match=r"--agents 100020: only \d+ of 100000 car road users fit") as caught:
+    with pytest.raises(InputError, match=r"agents=100020: only \d+ of 100000 car road users fit") as caught:
         draw_starts(counts, points, np.random.default_rng(1))
     fitting = int(str(caught.value).split("only ")[1].split()[0])
     kinds, *_ = draw_starts(np.array([fitting, 10, 10]), points, np.random.default_rng(1))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.simulation.takeover import drawn, parse_shares
+from slrl_sumo.simulation.shares import parse_shares
+from slrl_sumo.simulation.takeover import drawn
 
 IDS = tuple(f"flow.{i}" for i in range(2000))
 CARS = np.zeros(len(IDS), np.int8)
@@ -31,8 +32,9 @@ def test_shares_are_read_by_type_and_those_left_out_are_zero() -> None:
     ],
 )
 def test_wrong_shares_are_refused_with_the_reason(text: str, says: str) -> None:
-    with pytest.raises(InputError, match="--takeover") as refusal:
+    with pytest.raises(InputError, match=f"^takeover='{text}': ") as refusal:
         parse_shares(text)
+    assert refusal.value.as_options().startswith(f"--takeover {text}".rstrip() + ": ")
     assert says in str(refusal.value)
 
 

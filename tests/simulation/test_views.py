@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from slrl_sumo.perception.ego_image import EXTENDED_PALETTE, PATH
-from slrl_sumo.simulation.events import RunSettings, Views
+from slrl_sumo.simulation.events import Views
 from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
 
 
 @pytest.mark.parametrize(("selector", "sees_paths"), [("greedy", True), ("prior", False)])

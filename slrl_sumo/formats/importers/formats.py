@@ -135,4 +135,6 @@ def join(recordings: Sequence[tuple[str, Trajectories]]) -> Trajectories:
         source="; ".join(dict.fromkeys(part.source for part in parts)),
         licence="; ".join(dict.fromkeys(part.licence for part in parts)),
         parked=np.concatenate([part.parked for part in parts]),
+        learned=np.concatenate([part.learned for part in parts]),
+        mode=np.concatenate([part.mode for part in parts]),
     )

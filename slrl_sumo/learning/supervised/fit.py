@@ -10,7 +10,6 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-import slrl_sumo
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.model_card import model_card
@@ -23,6 +22,7 @@ from slrl_sumo.models.prior import Prior
 from slrl_sumo.models.stacked_networks import StackedNetworks
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+from slrl_sumo.version import __version__
 
 HELD_OUT = 0.1
 """Share of the tracks of each type that is not used in training."""
@@ -152,7 +152,7 @@ def _fit(
         "held_out_share": None if tests else HELD_OUT,
         "tests": [recording.source for recording in tests],
         "versions": {
-            "slrl_sumo": slrl_sumo.__version__,
+            "slrl_sumo": __version__,
             "torch": str(torch.__version__),
             "scikit_learn": sklearn.__version__,
         },

@@ -52,7 +52,7 @@ def workloads(settings: BenchSettings) -> list[Workload]:
         check_whole_number("cores", value, 1, 1024)
     check_whole_number("steps", settings.steps, 1, 1_000_000)
     check_whole_number("seed", settings.seed, 0, 2**31 - 1)
-    from slrl_sumo.simulation.spawn import parse_mix
+    from slrl_sumo.simulation.shares import parse_mix
     from slrl_sumo.sumo.scenario import find_scenario
 
     parse_mix(settings.mix)

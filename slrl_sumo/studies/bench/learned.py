@@ -25,7 +25,8 @@ from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.spawn import parse_mix, type_counts
+from slrl_sumo.simulation.shares import parse_mix
+from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

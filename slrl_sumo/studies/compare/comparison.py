@@ -19,7 +19,7 @@ from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.simulation.takeover import parse_shares
+from slrl_sumo.simulation.shares import parse_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, play
 from slrl_sumo.studies.compare.tables import distances, rows

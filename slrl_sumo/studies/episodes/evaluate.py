@@ -19,7 +19,7 @@ from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
-from slrl_sumo.simulation.run import MOST_AGENTS
+from slrl_sumo.simulation.settings import MOST_AGENTS
 from slrl_sumo.studies.episodes.episode import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
 from slrl_sumo.studies.episodes.plan import EpisodePlan
 from slrl_sumo.studies.episodes.published import published_rows

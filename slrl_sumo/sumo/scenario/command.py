@@ -18,8 +18,9 @@ def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, l
     if wanted is not None:
         if not divides_interval(wanted):
             raise InputError(
-                f"--step-length {wanted:g}: the decision interval of {DECISION_INTERVAL:g} s is no multiple of it; "
-                "use 0.4, 0.2, 0.1 or 0.05"
+                f"the decision interval of {DECISION_INTERVAL:g} s is no multiple of it; use 0.4, 0.2, 0.1 or 0.05",
+                argument="step_length",
+                value=wanted,
             )
         return wanted, []
     own = scenario.seconds("step-length")

@@ -43,13 +43,15 @@ def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
     while rest:
         word = rest.pop(0)
         if not re.match(r"--?[A-Za-z]", word):
-            raise InputError(f"--sumo-options: '{word}' is no option of SUMO; write --name value")
+            raise InputError(f"'{word}' is no option of SUMO; write --name value", argument="sumo_options")
         name, equals, value = word.lstrip("-").partition("=")
         if not equals:
             # Options begin with a letter after the dashes: -1 is a value.
             value = rest.pop(0) if rest and not re.match(r"--?[A-Za-z]", rest[0]) else "true"
         if name in ("c", "configuration", "configuration-file"):
-            raise InputError(f"--sumo-options: {word} names another scenario; give that in place of {scenario.config}")
+            raise InputError(
+                f"{word} names another scenario; give that in place of {scenario.config}", argument="sumo_options"
+            )
         added[full.get(name, name)] = value
     return replace(scenario, options={**scenario.options, **added}, added={**scenario.added, **added})
 

@@ -15,8 +15,9 @@ import sumolib
 from lxml import etree
 
 from slrl_sumo.formats.fcd.columns import CSV_COLUMNS
-from slrl_sumo.simulation.events import Decision, RunSettings, Started
+from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
+from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.sumo.scenario import find_scenario
 
 HOME = Path(sumo.SUMO_HOME)

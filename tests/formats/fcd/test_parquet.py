@@ -10,6 +10,7 @@ import pytest
 import sumo
 from builders import make_world
 
+from slrl_sumo.api import run as outputs
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd import columns as fcd_columns
 from slrl_sumo.formats.fcd.columns import Places
@@ -17,9 +18,8 @@ from slrl_sumo.formats.fcd.parquet import ROW_GROUP, SCHEMA, ParquetWriter
 from slrl_sumo.formats.fcd.read import read_fcd
 from slrl_sumo.formats.fcd.table import read_table
 from slrl_sumo.formats.fcd.write import open_fcd
-from slrl_sumo.report import run_outputs as outputs
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.simulation.events import RunSettings
+from slrl_sumo.simulation.settings import RunSettings
 
 HOME = Path(sumo.SUMO_HOME)
 
@@ -173,7 +173,7 @@ def test_without_pyarrow_one_line_before_the_simulation(tmp_path: Path, monkeypa
     monkeypatch.setattr(outputs, "run_isolated", no_simulation)
     path = tmp_path / "t.parquet"
     with pytest.raises(InputError, match=r"Parquet needs pyarrow.*pip install 'slrl-sumo\[parquet\]'"):
-        outputs.write_run(RunSettings("intersection", agents=1), fcd=path, summary=None, report=None, quiet=True)
+        outputs.write_run(RunSettings("intersection", agents=1), fcd=path)
     assert not path.exists()
 
 

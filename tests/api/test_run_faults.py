@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from slrl_sumo.report import run_outputs as outputs
-from slrl_sumo.simulation.events import Decision, Event, RunSettings, Started
+from slrl_sumo.api import run as outputs
+from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
 
 COMMAND = [sys.executable, "-m", "slrl_sumo", "run", "intersection", "--seed", "1"]
 
@@ -147,8 +148,10 @@ def test_an_impatient_interrupt_leaves_a_valid_trace(
 
     replay(monkeypatch, events())
     settings = RunSettings("intersection", agents=40, steps=5)
-    caught = outputs.write_run(settings, fcd=tmp_path / "a.xml", summary=tmp_path / "s.json", report=None, quiet=True)
-    assert caught == signal.SIGINT
+    result = outputs.write_run(settings, fcd=tmp_path / "a.xml", summary=tmp_path / "s.json")
+    assert result.interrupted_by == signal.SIGINT
+    with pytest.raises(KeyboardInterrupt):
+        result.raise_failures()
     assert steps_of(tmp_path / "a.xml") == 3
     assert json.loads((tmp_path / "s.json").read_text())["decisions"] == 2
 
@@ -172,7 +175,7 @@ def test_memory_does_not_grow_with_the_length_of_a_run(
     count = 3000
     replay(monkeypatch, events(count))
     settings = RunSettings("intersection", agents=40, steps=count)
-    outputs.write_run(settings, fcd=tmp_path / "a.xml", summary=tmp_path / "s.json", report=None, quiet=True)
+    outputs.write_run(settings, fcd=tmp_path / "a.xml", summary=tmp_path / "s.json")
     size = (tmp_path / "a.xml").stat().st_size
     assert size > 15e6
     # KiB; the trace of the last nine tenths is many times larger than what may stay in memory.

@@ -1,0 +1,87 @@
+"""The result of a run: summary, trajectories, report and replay."""
+
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from slrl_sumo.api.summary import RunSummary
+from slrl_sumo.errors import InputError, SlrlError
+from slrl_sumo.formats.output_files import check_writable
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.report.recorder import RunRecord
+from slrl_sumo.simulation.settings import RunSettings
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """What a run came to; shown as a table in a notebook."""
+
+    settings: RunSettings
+    summary: RunSummary
+    record: RunRecord | None = field(default=None, repr=False)
+    """What trajectories, report and replay are made from; None where the run was not asked to keep it."""
+    fcd: Path | None = None
+    """The trace that was written."""
+    failures: tuple[SlrlError, ...] = ()
+    """What ended the run before its time, and outputs that could not be written."""
+    interrupted_by: int = 0
+    """Number of the signal that ended the run; 0 where none did."""
+
+    @property
+    def trajectories(self) -> Trajectories:
+        """All road users of the run every 0.4 s; of a long run the first million positions, with a warning.
+
+        Raises InputError where the run kept none.
+        """
+        record = self._kept()
+        if record.cut:
+            warnings.warn(
+                f"the run was long: trajectories hold its first {record.seconds:.0f} s; for all of it write a trace "
+                "with fcd=FILE and read that with slrl_sumo.read_fcd",
+                stacklevel=2,
+            )
+        return record.tracks
+
+    def report(self, folder: str | Path, recording: Trajectories | None = None) -> Path:
+        """Write report.html and its figures into `folder`; returns the page.
+
+        `recording`: trajectories to compare the learned road users with; None: SUMO's own road users in the same run.
+        Raises InputError where the run kept no trajectories, and where the folder cannot be written.
+        """
+        folder = Path(folder)
+        check_writable(folder, folder=True)
+        from slrl_sumo.report.report import write_report  # matplotlib takes its time
+
+        write_report(self._kept(), folder, self.summary.to_dict(), recording)
+        return folder / "report.html"
+
+    def replay(self, file: str | Path) -> Path:
+        """Write the page that plays the run over its network: of its trace where one was written, with all SUMO steps,
+        else of its trajectories. Returns `file`.
+
+        Raises InputError where the run wrote no trace and kept no trajectories, and where the page cannot be written.
+        """
+        file = Path(file)
+        check_writable(file)
+        from slrl_sumo.replay.page import write_replay, write_trajectories_replay
+
+        if self.fcd is not None and self.fcd.is_file():
+            write_replay(self.fcd, self.settings.where, file)
+        else:
+            write_trajectories_replay(self.trajectories, self.settings.where, file, title=self.summary.scenario)
+        return file
+
+    def raise_failures(self) -> None:
+        """Raise what went wrong: the first failure, with the others behind it in its message; an interrupt."""
+        if self.failures:
+            raise type(self.failures[0])("; ".join(map(str, self.failures)))
+        if self.interrupted_by:
+            raise KeyboardInterrupt(self.interrupted_by)
+
+    def _kept(self) -> RunRecord:
+        if self.record is None:
+            raise InputError("the run kept no trajectories; call run with keep_trajectories=True")
+        return self.record
+
+    def _repr_html_(self) -> str:
+        return self.summary._repr_html_()

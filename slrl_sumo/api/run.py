@@ -1,0 +1,218 @@
+"""A run in a process of its own, with the outputs that it writes: trace, summary, report."""
+
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slrl_sumo.api.result import RunResult
+from slrl_sumo.api.summary import RunSummary
+from slrl_sumo.errors import InputError, SlrlError
+from slrl_sumo.formats.fcd.columns import check_fcd_path
+from slrl_sumo.formats.fcd.write import open_fcd
+from slrl_sumo.formats.output_files import check_writable, write_json
+from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
+from slrl_sumo.jobs.interrupt import interruptible
+from slrl_sumo.jobs.progress import progress as progress_bar
+from slrl_sumo.metrics.counters import RunCounters
+from slrl_sumo.report.recorder import RunRecorder
+from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.simulation.events import Decision, Started
+from slrl_sumo.simulation.isolated_run import run_isolated
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings
+from slrl_sumo.simulation.shares import Shares
+from slrl_sumo.sumo.scenario import Scenario
+
+if TYPE_CHECKING:
+    from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
+
+VIEWS_AT = frozenset({10, 40, 80, 140})
+"""Decisions before which the ego images of some road users are kept for the report."""
+
+
+def run(
+    scenario: str | Path | Scenario,
+    *,
+    agents: int | None = None,
+    mix: Shares | None = None,
+    takeover: Shares | None = None,
+    region: "str | RegionSpec | None" = None,
+    bundle: str | Path = DEFAULT_BUNDLE,
+    selector: str | None = None,
+    guard: bool = False,
+    steps: int | None = None,
+    until: float | None = None,
+    seed: int = 1,
+    step_length: float | None = None,
+    background_yields: bool = True,
+    sumo_outputs: bool = False,
+    sumo_options: str = "",
+    fcd: str | Path | None = None,
+    summary: str | Path | None = None,
+    report: str | Path | None = None,
+    recording: str | Path | None = None,
+    keep_trajectories: bool = True,
+    progress: bool = False,
+) -> RunResult:
+    """Run learned road users in a scenario. SUMO runs in a process of its own: where it dies, this one goes on.
+
+        result = slrl_sumo.run("district", agents=64, steps=150)
+        result = slrl_sumo.run("my.sumocfg", takeover={"car": 0.3, "bicycle": 1}, region="junction:C,radius=80")
+
+    `scenario`: shipped name, folder, .sumocfg file or Scenario. `agents`: road users to add, shared out among the types
+    by `mix`. `takeover`: share of each type of the scenario's own road users that become learned, inside `region`
+    (text as on the command line, or a JunctionRegion, EdgesRegion or BoxRegion). `bundle`: shipped name or folder.
+    `selector`: prior, greedy, sampled or lane. `guard`: modes that run into a conflict are not chosen where others are
+    left. `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the scenario's end.
+    `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles brake for learned road users.
+    `sumo_outputs`: whether the scenario writes its own outputs. `sumo_options`: options for SUMO itself.
+
+    Files to write: `fcd` (.xml, .xml.gz, .csv, .parquet), `summary` (JSON), `report` (a folder, compared with the
+    trajectories file `recording`). `keep_trajectories`: whether the result holds trajectories (at most a million
+    positions). `progress`: a progress bar and notices on stderr.
+
+    Raises InputError where an argument is wrong or an output cannot be written, SumoError where SUMO dies, and
+    KeyboardInterrupt; outputs are complete up to the last whole step.
+    """
+    settings = RunSettings(
+        scenario,
+        agents=agents,
+        mix=mix,
+        takeover=takeover,
+        region=region,
+        bundle=bundle,
+        selector=selector,
+        guard=guard,
+        steps=steps,
+        until=until,
+        seed=seed,
+        step_length=step_length,
+        background_yields=background_yields,
+        sumo_outputs=sumo_outputs,
+        sumo_options=sumo_options,
+    )
+    result = write_run(
+        settings,
+        fcd=None if fcd is None else Path(fcd),
+        summary=None if summary is None else Path(summary),
+        report=None if report is None else Path(report),
+        recording=None if recording is None else Path(recording),
+        keep=keep_trajectories,
+        quiet=not progress,
+    )
+    result.raise_failures()
+    return result
+
+
+def write_run(
+    settings: RunSettings,
+    *,
+    fcd: Path | None = None,
+    summary: Path | None = None,
+    report: Path | None = None,
+    recording: Path | None = None,
+    keep: bool = False,
+    quiet: bool = True,
+) -> RunResult:
+    """Run `settings` and write the outputs that are named.
+
+    `recording`: trajectories that the report compares with, instead of SUMO's own road users in the run. With `keep`
+    the result holds what trajectories, report and replay are made from. Unless `quiet`, a progress bar and notices go
+    to stderr.
+
+    Outputs are checked before SUMO starts, and none is touched before all road users are at their starting places. An
+    interrupt (SIGINT, SIGTERM), a full disk or the death of SUMO ends the run after a whole step; the outputs that can
+    still be written are, and the result lists the failures. A second interrupt does not wait for the end of a step.
+    Raises InputError where the settings are wrong, and KeyboardInterrupt with the number of the signal where one came
+    before the start.
+    """
+    if fcd is not None:
+        check_fcd_path(fcd)
+    for path in (fcd, summary, report):
+        if path is not None:
+            check_writable(path, folder=path is report)
+    if recording is not None and report is None:
+        raise InputError("the report compares with it; add `report=DIR`", argument="recording", value=str(recording))
+    reference = None if recording is None else _loaded(recording)
+    keep = keep or report is not None
+    failures: list[SlrlError] = []
+    with ExitStack() as stack:
+        caught = stack.enter_context(interruptible(tolerated=1))
+        bar = stack.enter_context(progress_bar("{task.fields[factor]:.1f}x real time", quiet=quiet))
+        views_at = VIEWS_AT if keep else frozenset[int]()
+        events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
+        try:
+            started = next(events)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(*caught[:1]) from None
+        assert isinstance(started, Started)
+        begin = time.perf_counter()
+        task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
+        notices = (*started.notices, *((started.compiling,) if started.compiling else ()))
+        for notice in () if quiet else notices:
+            with suppress(OSError):  # stderr may be closed: that is no reason to stop
+                print(f"note: {notice}", file=sys.stderr)
+        counters = RunCounters(started.step.world)
+        recorder = RunRecorder(started) if keep else None
+        writer = open_fcd(fcd) if fcd is not None else None
+        if writer is not None:
+            stack.enter_context(writer)
+        with _collected(failures), suppress(KeyboardInterrupt):
+            if writer is not None:
+                writer.write(started.step.time, started.step.world, started.step.places)
+            for event in events:
+                if isinstance(event, Decision):
+                    if writer is not None:
+                        for step in event.steps:
+                            writer.write(step.time, step.world, step.places, event.modes)
+                    counters.add(event)
+                    elapsed = time.perf_counter() - begin
+                    bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
+                if recorder is not None:
+                    recorder.add(event)
+                if caught:
+                    break
+        wall = time.perf_counter() - begin
+        with _collected(failures):
+            if writer is not None:
+                writer.close()
+    record = recorder.build() if recorder is not None else None
+    figures = RunSummary.of(settings, started, counters, wall, _peak_memory_mib())
+    result = RunResult(settings, figures, record, fcd)
+    with _collected(failures):
+        if summary is not None:
+            write_json(summary, figures.to_dict())
+    with _collected(failures):
+        if report is not None:
+            result.report(report, reference)
+    return RunResult(settings, figures, record, fcd, tuple(failures), caught[0] if caught else 0)
+
+
+@contextmanager
+def _collected(failures: list[SlrlError]) -> Iterator[None]:
+    """Errors are kept for the end: an output that cannot be written is no reason to lose the others."""
+    try:
+        yield
+    except SlrlError as error:
+        failures.append(error)
+
+
+def _loaded(file: Path) -> Trajectories:
+    recording = load_trajectories(file)
+    if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
+        raise InputError(
+            f"its interval is {recording.dt:g} s, not {DECISION_INTERVAL:g} s; "
+            "make it with `slrl-sumo import` or `slrl-sumo record`",
+            argument="recording",
+            value=str(file),
+        )
+    return recording
+
+
+def _peak_memory_mib() -> int:
+    """Of this process and of the largest one that it has waited for (the one with SUMO), added up."""
+    processes = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return round(sum(resource.getrusage(process).ru_maxrss for process in processes) / 1024)

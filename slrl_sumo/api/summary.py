@@ -1,0 +1,121 @@
+"""The summary of a run, typed."""
+
+from dataclasses import asdict, dataclass
+from html import escape
+from typing import Any, Self
+
+from slrl_sumo.metrics.counters import RunCounters
+from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.simulation.events import Started
+from slrl_sumo.simulation.settings import RunSettings
+
+
+@dataclass(frozen=True)
+class TypeSummary:
+    """Learned road users of one type; means and shares are None where there was none."""
+
+    count: int
+    mean_speed_mps: float | None
+    standing_share: float | None
+    collisions: int
+    overlaps: int
+    survival_steps: float | None
+    success_rate: float | None
+    off_surface_share: float | None
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """Counts and means over all decisions of a run, as `run --summary` writes them; units are in the names."""
+
+    scenario: str
+    seed: int
+    bundle: str
+    selector: str
+    sumo_step_s: float
+    begin_s: float
+    decisions: int
+    decision_interval_s: float
+    wall_s: float
+    real_time_factor: float | None
+    agent_steps: int
+    agent_steps_per_s: float | None
+    lost: int
+    wrapped_around: int
+    taken_over: int
+    handed_back: int
+    returned_to_route: int
+    arrived: int
+    yield_interventions: int
+    constraints: dict[str, int]
+    per_type: dict[str, TypeSummary]
+    wraparounds: list[dict[str, Any]]
+    losses: list[dict[str, Any]]
+    peak_memory_mib: int
+    notices: list[str]
+
+    @classmethod
+    def of(
+        cls, settings: RunSettings, started: Started, counters: RunCounters, wall_s: float, peak_memory_mib: int
+    ) -> Self:
+        """The summary of a run that is over."""
+        counted = counters.summary(wall_s, DECISION_INTERVAL)
+        per_type = {name: TypeSummary(**values) for name, values in counted.pop("per_type").items()}
+        return cls(
+            scenario=started.scenario,
+            seed=settings.seed,
+            bundle=started.bundle,
+            selector=started.selector,
+            sumo_step_s=started.step_length,
+            begin_s=started.begin,
+            **counted,
+            per_type=per_type,
+            peak_memory_mib=peak_memory_mib,
+            notices=list(started.notices),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of the JSON file."""
+        return asdict(self)
+
+    @property
+    def title(self) -> str:
+        """The run in one line."""
+        return (
+            f"{self.scenario}: {self.agent_steps} agent-steps in {self.wall_s:.1f} s "
+            f"({self.real_time_factor or 0:.1f}x real time), {self.wrapped_around} wrapped around, {self.lost} lost"
+        )
+
+    def rows(self) -> tuple[list[str], list[list[str]]]:
+        """Headings and rows of a table for people: a row for each type with learned road users."""
+        present = [(name, values) for name, values in self.per_type.items() if values.count]
+        return ["type", *COLUMNS], [
+            [name, *(_cell(key, getattr(values, key)) for key in COLUMNS.values())] for name, values in present
+        ]
+
+    def _repr_html_(self) -> str:
+        headings, rows = self.rows()
+        head = "".join(f"<th>{escape(heading)}</th>" for heading in headings)
+        body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        return f"<table><caption>{escape(self.title)}</caption><tr>{head}</tr>{body}</table>"
+
+
+COLUMNS = {
+    "count": "count",
+    "mean speed (m/s)": "mean_speed_mps",
+    "standing": "standing_share",
+    "collisions": "collisions",
+    "overlaps": "overlaps",
+    "survival (steps)": "survival_steps",
+    "success": "success_rate",
+    "off surface": "off_surface_share",
+}
+"""Heading and field of TypeSummary."""
+
+
+def _cell(field: str, value: float | None) -> str:
+    if value is None:  # the run ended before its first decision
+        return "–"
+    if field in ("standing_share", "success_rate", "off_surface_share"):
+        return f"{100 * value:.1f} %"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,79 @@
+"""What is kept of a run: positions, modes and ego images, collected while it goes on."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.simulation.events import Decision, Event, Started, Views
+from slrl_sumo.simulation.record import jumped
+
+MOST_ROWS = 1_000_000
+"""Positions after which no more are kept, so that a long run has bounded costs."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunRecord:
+    """What was kept of a run."""
+
+    started: Started
+    tracks: Trajectories
+    """All road users, every 0.4 s; a road user that becomes learned, or SUMO's again, goes on in a new track."""
+    modes: NDArray[np.int64] | None
+    """How often each type chose each mode, (3, modes); None where the selector has no modes."""
+    views: tuple[Views, ...]
+    cut: bool
+    """Whether the run was longer than `tracks`."""
+
+    @property
+    def seconds(self) -> float:
+        """Length of `tracks` in s."""
+        return max(len(self.tracks.frames) - 1, 0) * self.tracks.dt
+
+
+class RunRecorder:
+    """Collects a RunRecord while a run goes on."""
+
+    def __init__(self, started: Started) -> None:
+        self._started = started
+        self._builder = TrajectoryBuilder(source=f"run of {started.scenario}")
+        self._before: WorldState | None = None
+        self._rows = 0
+        self._modes: NDArray[np.int64] | None = None
+        if started.mode_centres is not None:
+            self._modes = np.zeros(started.mode_centres.shape[:2], np.int64)
+        self._views: list[Views] = []
+        self._cut = False
+        self._extend(started.step.world, (), None)
+
+    def add(self, event: Event) -> None:
+        """Take a decision, or ego images of some road users."""
+        if isinstance(event, Views):
+            self._views.append(event)
+        elif isinstance(event, Decision):
+            world = event.steps[-1].world
+            self._extend(world, [world.ids[row] for row in np.flatnonzero(event.wrapped_around)], event.modes)
+            if event.modes is not None and self._modes is not None:
+                np.add.at(self._modes, (world.type[: len(event.modes)].astype(np.intp), event.modes), 1)
+
+    def _extend(self, world: WorldState, reinserted: Collection[str], modes: NDArray[np.int64] | None) -> None:
+        self._rows += len(world)
+        if self._rows > MOST_ROWS:
+            self._cut = True
+            return
+        # A jump to the other side of the scene is no path.
+        new_tracks = set(reinserted)
+        if self._before is not None:
+            new_tracks.update(jumped(self._before, world))
+            learned_before = dict(zip(self._before.ids, self._before.learned.tolist(), strict=True))
+            now = zip(world.ids, world.learned.tolist(), strict=True)
+            new_tracks.update(name for name, learned in now if learned_before.get(name, learned) != learned)
+        self._builder.append(world, new_tracks, modes)
+        self._before = world
+
+    def build(self) -> RunRecord:
+        """What was collected."""
+        return RunRecord(self._started, self._builder.build(), self._modes, tuple(self._views), self._cut)

@@ -1,0 +1,73 @@
+"""Learned road users in a running simulation: what `run` and `attach` have in common."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import torch
+
+from slrl_sumo.agent.constraints import Constraints
+from slrl_sumo.agent.driver import SELECTORS, Driver, make_driver, unknown_selector, usual_selector
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation, Takeover, fast_lanes
+from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.simulation.settings import LearnedSettings
+from slrl_sumo.simulation.shares import parse_mix, parse_shares
+from slrl_sumo.simulation.spawn import type_counts
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """PyTorch computes in one thread meanwhile: the models are so small that more threads only wait for each other."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def load_models(settings: LearnedSettings) -> ModelBundle:
+    """The bundle of the settings. Raises InputError where it cannot be loaded, and for an unknown selector."""
+    if settings.selector is not None and settings.selector not in SELECTORS:
+        raise unknown_selector(settings.selector)
+    return load_bundle(settings.bundle)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Learned road users in a simulation, before the first step."""
+
+    loop: CoSimulation
+    driver: Driver
+    selector: str
+    notices: tuple[str, ...]
+    """What was decided for the user, one line each."""
+
+
+def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: ModelBundle, where: str) -> Learned:
+    """Add the road users that `settings` asks for to a simulation, and prepare the takeover of others.
+
+    `where` names the simulation in messages. Raises InputError before a road user is added where the settings do not
+    suit the network or the bundle.
+    """
+    notices: list[str] = []
+    takeover = None
+    if settings.takeover is not None:
+        region = parse_region(settings.region, simulation.network)
+        takeover = Takeover(parse_shares(settings.takeover), region, settings.seed)
+    selector = settings.selector or usual_selector(bundle)
+    driver = make_driver(selector, bundle, simulation.api, simulation.network, settings.seed, constraints=Constraints(guard=settings.guard))
+    loop = CoSimulation(simulation, driver, takeover=takeover, yielding=settings.background_yields)
+    if takeover is not None and (fast := len(fast_lanes(simulation.network, driver))):
+        notices.append(
+            f"{'1 lane has a limit' if fast == 1 else f'{fast} lanes have limits'} far above the top speed of bundle "
+            f"'{bundle.name}' ({driver.max_speed[RoadUserType.CAR]:.1f} m/s): vehicles there stay SUMO's"
+        )
+    if settings.agents is not None:
+        mix = None if settings.mix is None else parse_mix(settings.mix)
+        counts, mix_notices = type_counts(settings.agents, mix, loop.points, where)
+        notices += mix_notices
+        loop.spawn(counts, bundle.max_speed, settings.seed)
+    return Learned(loop, driver, selector, tuple(notices))

@@ -1,0 +1,97 @@
+"""What to run, checked at once: plain values that can cross a process border. No simulator, no torch."""
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slrl_sumo.errors import InputError, check_whole_number
+from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares
+from slrl_sumo.sumo.scenario import Scenario
+
+if TYPE_CHECKING:
+    from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
+
+DEFAULT_BUNDLE = "intersection"
+MOST_AGENTS = 1_000_000
+"""No network holds more."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnedSettings:
+    """Which road users of a simulation are learned, and how they decide. Raises InputError where that is unclear."""
+
+    agents: int | None = None
+    """Road users to spawn; None spawns none."""
+    mix: Shares | None = None
+    """Shares of the types among spawned road users; None: half cars, a fifth bicycles, the rest pedestrians."""
+    takeover: Shares | None = None
+    """Share of each type of the scenario's own road users that becomes learned; None takes over none."""
+    region: "str | RegionSpec | None" = None
+    """Where road users are taken over; None: everywhere."""
+    bundle: str | Path = DEFAULT_BUNDLE
+    """Shipped bundle, or folder of one."""
+    selector: str | None = None
+    """prior, greedy, sampled or lane; None: greedy where the bundle has a trained selector, else prior."""
+    guard: bool = False
+    """Modes that run into a conflict are not chosen where others are left (see agent.guard)."""
+    seed: int = 1
+    """Of the places, the draw of the takeover and the choices, 0 to 2147483647."""
+    background_yields: bool = True
+    """Whether SUMO's vehicles brake for learned road users."""
+
+    def __post_init__(self) -> None:
+        if self.agents is None and self.takeover is None:
+            raise InputError(
+                "no learned road user: give `agents=N`, or `takeover='car=0.3'` to take over the scenario's own"
+            )
+        if self.agents is None and self.mix is not None:
+            raise InputError(
+                "the shares are those of `agents`, which is not given; add `agents=N`", argument="mix", value=self.mix
+            )
+        if self.takeover is None and self.region is not None:
+            raise InputError(
+                "it limits `takeover`, which is not given; add `takeover='car=0.3'`",
+                argument="region",
+                value=self.region,
+            )
+        if self.agents is not None:
+            check_whole_number("agents", self.agents, 1, MOST_AGENTS)
+        check_whole_number("seed", self.seed, 0, 2**31 - 1)
+        if self.mix is not None:
+            parse_mix(self.mix)
+        if self.takeover is not None:
+            parse_shares(self.takeover)
+
+
+@dataclass(frozen=True)
+class RunSettings(LearnedSettings):
+    """A run in a scenario."""
+
+    scenario: str | Path | Scenario
+    """Shipped name, folder, .sumocfg file, or a scenario that was read."""
+    _: KW_ONLY
+    steps: int | None = None
+    """Decisions of 0.4 s; None runs until `until`, else until the scenario's own end."""
+    until: float | None = None
+    """Simulation time to stop at, s."""
+    step_length: float | None = None
+    """SUMO's step in s, which must divide 0.4 s; None: the scenario's own where it does, else 0.4 s."""
+    sumo_outputs: bool = False
+    """Whether the scenario writes its own output files."""
+    sumo_options: str = ""
+    """Options for SUMO itself, as on its command line."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.steps is not None and self.until is not None:
+            raise InputError("`steps` and `until` were both given; give one of them")
+        if self.steps is not None:
+            check_whole_number("steps", self.steps, 1, 10**9)
+        if self.until is not None and not math.isfinite(self.until):
+            raise InputError("give a simulation time in seconds", argument="until", value=self.until)
+
+    @property
+    def where(self) -> str:
+        """The scenario as messages name it."""
+        return str(self.scenario.config if isinstance(self.scenario, Scenario) else self.scenario)

@@ -1,0 +1,55 @@
+"""Shares of the road user types, as arguments and options give them."""
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+
+import numpy as np
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import TYPE_NAMES
+
+Shares = Mapping[str, float] | str
+"""By type name: {"car": 0.3, "bicycle": 1}, or as text 'car=0.3,bicycle=1'."""
+
+
+def parse_shares(given: Shares) -> Floats:
+    """Share of each type to take over, (3,), in [0, 1]. Types left out get 0. Raises InputError."""
+    return _parsed(given, "takeover", 1.0)
+
+
+def parse_mix(given: Shares) -> Floats:
+    """Shares of the types among spawned road users, (3,), normalised. Types left out get 0. Raises InputError."""
+    shares = _parsed(given, "mix", float(np.finfo(np.float64).max))
+    shares /= shares.max()  # first, so that vast shares do not add up to infinity
+    return np.asarray(shares / shares.sum())
+
+
+def _parsed(given: Shares, argument: str, most: float) -> Floats:
+    """Shares by type, (3,), each from 0 to `most`, at least one of them above 0."""
+
+    def wrong(reason: str) -> InputError:
+        return InputError(reason, argument=argument, value=given)
+
+    pairs: Iterable[tuple[str, str | float]]
+    if isinstance(given, str):
+        items = [item.partition("=") for item in given.split(",")]
+        pairs = [(name.strip(), share.strip()) for name, _, share in items]
+    else:
+        pairs = given.items()
+    shares = np.full(len(TYPE_NAMES), np.nan)
+    for name, value in pairs:
+        if name not in TYPE_NAMES:
+            raise wrong(f"'{name}' is no road user type; use {', '.join(TYPE_NAMES)}")
+        kind = TYPE_NAMES.index(name)
+        if not np.isnan(shares[kind]):
+            raise wrong(f"{name} is there twice; give each type one share")
+        with suppress(ValueError, TypeError):
+            shares[kind] = float(value)
+        if not 0.0 <= shares[kind] <= most:
+            limit = "" if most > 1.0 else " to 1"
+            raise wrong(f"the share of {name} must be a number from 0{limit}; write for example {name}=0.3")
+    shares[np.isnan(shares)] = 0.0
+    if not shares.any():
+        raise wrong("all shares are zero; give at least one type a share above 0")
+    return shares
