@@ -1,4 +1,4 @@
-"""The application that every command belongs to, and what commands check alike."""
+"""The application that every command belongs to, and options that several commands share."""
 
 from typing import Annotated
 
@@ -18,14 +18,14 @@ app = typer.Typer(
 
 Workers = Annotated[
     int | None,
-    typer.Option(help="Simulations at once, a process each. [default: 2; with --ray: all cores]"),
+    typer.Option(help="Simulations at the same time, a process each. [default: 2; with --ray: all cores]"),
 ]
 RayAddress = Annotated[
     str | None,
     typer.Option(
         "--ray",
         metavar="[HOST:PORT|auto|local]",
-        help="Run on a Ray cluster: HOST:PORT of its head, or auto for that of this machine; alone: a Ray of its own.",
+        help="Run on a Ray cluster: HOST:PORT of its head, or auto for the one of this machine; no value: a local Ray.",
     ),
 ]
 

@@ -23,12 +23,12 @@ def import_(
     out: Annotated[
         Path,
         typer.Option(
-            help="FILE.npz: all recordings in one file, one after another in time, so that they never meet. "
+            help="FILE.npz: all recordings in one file, one after another in time, so that they do not mix. "
             "Any other name is a folder: one file per recording."
         ),
     ],
 ) -> None:
-    """Turn recordings of road users into trajectories of 0.4 s."""
+    """Convert recordings of road users into trajectories with a step of 0.4 s."""
     from slrl_sumo.formats.importers.formats import find_recordings, join
     from slrl_sumo.jobs.progress import progress
 
@@ -67,15 +67,15 @@ def fit(
     modes: Annotated[
         str,
         typer.Option(
-            help="Clusters of: relative (to the own speed), kmeans (the paper's), balanced (more turning), "
+            help="Clustering: relative (to the own speed), kmeans (the paper's), balanced (more turning), "
             "curved (vehicles: distance and curvature)."
         ),
     ] = "relative",
     test: Annotated[
         list[Path] | None,
-        typer.Option(help="Trajectories to measure errors on, not learned from; default: a tenth of the tracks."),
+        typer.Option(help="Trajectories to measure errors on, not used in training. [default: a tenth of the tracks]"),
     ] = None,
-    report: Annotated[Path | None, typer.Option(help="Folder for pictures of the modes.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for figures of the modes.")] = None,
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
     from slrl_sumo.formats.trajectories import load_trajectories
@@ -99,26 +99,29 @@ def train(
         str,
         typer.Argument(
             metavar="SCENARIO|FAMILY",
-            help="intersection, roundabout, shared-space or random, drawn anew; or a scenario; several with commas.",
+            help="intersection, roundabout, shared-space or random, generated; or a scenario; several with commas.",
         ),
     ],
-    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one: its models stay as they are.")],
+    bundle: Annotated[
+        str, typer.Option(help="Shipped bundle or folder of one; its displacement models stay as they are.")
+    ],
     out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
-    steps: Annotated[int, typer.Option(help="Decisions of single road users, in all.")] = 5_000_000,
+    steps: Annotated[int, typer.Option(help="Decisions of single road users in total.")] = 5_000_000,
     workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
     ray: RayAddress = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
-    config: Annotated[Path | None, typer.Option(help="Settings that differ from the usual ones, .toml.")] = None,
-    device: Annotated[str, typer.Option(help="Where the policy learns: auto, cpu or cuda.")] = "auto",
+    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, .toml.")] = None,
+    device: Annotated[str, typer.Option(help="Device of the policy update: auto, cpu or cuda.")] = "auto",
     threads: Annotated[
-        int | None, typer.Option(help="Of the policy's update. [default: as many as workers, which wait meanwhile]")
+        int | None,
+        typer.Option(help="Threads of the policy update. [default: as many as workers, which are idle meanwhile]"),
     ] = None,
     recording: Annotated[
         list[Path] | None,
-        typer.Option(help="Trajectories to imitate first, besides SUMO's own traffic in the networks."),
+        typer.Option(help="Trajectories for the imitation phase, besides SUMO's own traffic in the networks."),
     ] = None,
-    episodes: Annotated[int, typer.Option(help="Of the closing evaluation, per selector; 0: none.")] = 8,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+    episodes: Annotated[int, typer.Option(help="Episodes of the final evaluation, per selector; 0: none.")] = 8,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint.")] = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
     backend = backend_of(workers, ray)

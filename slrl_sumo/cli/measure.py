@@ -18,9 +18,9 @@ def evaluate(
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
     out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv and more.")],
     selectors: Annotated[
-        str | None, typer.Option(help="Separated by commas; default: all that there are for bundle and input.")
+        str | None, typer.Option(help="Separated by commas. [default: all that bundle and input allow]")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of everything that is drawn.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of everything that is drawn at random.")] = 1,
     agents: Annotated[
         str | None, typer.Option(help="SCENARIO: learned road users, e.g. 16,32,64. [default: 32]")
     ] = None,
@@ -32,18 +32,18 @@ def evaluate(
     ] = None,
     workers: Workers = None,
     ray: RayAddress = None,
-    recording: Annotated[Path | None, typer.Option(help="SCENARIO: trajectories to count beside.")] = None,
+    recording: Annotated[Path | None, typer.Option(help="SCENARIO: trajectories to measure in the same way.")] = None,
     starts: Annotated[
-        int | None, typer.Option(help="FILE: a rollout begins at every so manieth frame of 0.4 s. [default: 5]")
+        int | None, typer.Option(help="FILE: frames of 0.4 s between the starts of two rollouts. [default: 5]")
     ] = None,
     net: Annotated[
-        Path | None, typer.Option(help="FILE: SUMO network in its coordinates; without: everything is road.")
+        Path | None, typer.Option(help="FILE: SUMO network in its coordinates. [default: everything is road]")
     ] = None,
     mask: Annotated[
         Path | None,
-        typer.Option(help="FILE: or a PNG: white road, yellow sidewalk, black nothing; upper left at 0, 0."),
+        typer.Option(help="FILE: instead a PNG: white road, yellow sidewalk, black nothing; upper left at 0, 0."),
     ] = None,
-    metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: of --mask.")] = None,
+    metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: resolution of --mask.")] = None,
 ) -> None:
     """Measure selectors in a scenario, or prediction errors over 6.4 s on a recording."""
     is_file = what.endswith(".npz")
@@ -94,28 +94,30 @@ def compare(
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
     out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv, comparison.png and more.")],
     takeover: Annotated[
-        str, typer.Option(help="Shares of the scenario's own that are learned; default: everybody.")
+        str, typer.Option(help="Shares of the scenario's own road users to take over. [default: all]")
     ] = "car=1,bicycle=1,pedestrian=1",
     region: Annotated[
         str | None,
-        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
+        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1. [default: everywhere]"),
     ] = None,
     selector: Annotated[
         str | None,
-        typer.Option(help="prior, greedy, sampled or lane. Default: greedy where the bundle has a trained selector."),
+        typer.Option(
+            help="prior, greedy, sampled or lane. [default: greedy where the bundle has a trained selector, else prior]"
+        ),
     ] = None,
     guard: Annotated[
-        bool, typer.Option("--guard", help="Never choose modes that lead into a conflict, where others are left.")
+        bool, typer.Option("--guard", help="Do not choose modes that run into a conflict where others are left.")
     ] = False,
-    seeds: Annotated[int, typer.Option(help="How many, from --seed on: each is run twice.")] = 5,
+    seeds: Annotated[int, typer.Option(help="Number of seeds, from --seed on; each is run twice.")] = 5,
     seed: Annotated[int, typer.Option(help="The first seed, of SUMO and of the choices.")] = 1,
-    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s. [default: to the scenario's end]")] = None,
     seconds: Annotated[float | None, typer.Option(help="Simulated time of a run, instead of --steps.")] = None,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
     workers: Workers = None,
     ray: RayAddress = None,
 ) -> None:
-    """Run a scenario with SUMO's own models and with learned ones, and say what is different."""
+    """Run a scenario with SUMO's own models and with learned ones, and measure the differences."""
     check_writable(out, folder=True)
     backend = backend_of(workers, ray)
     from slrl_sumo.studies.compare.comparison import ComparisonSettings, write_compared
@@ -181,13 +183,13 @@ def bench(
     ] = "intersection,shared-space,district",
     agents: Annotated[str, typer.Option(help="Learned road users, separated by commas.")] = "16,64,256,1024",
     cores: Annotated[
-        str | None, typer.Option(help="So many simulations side by side, e.g. 1,4. [default: 1 and all cores]")
+        str | None, typer.Option(help="Numbers of simulations side by side, e.g. 1,4. [default: 1 and all cores]")
     ] = None,
-    steps: Annotated[int, typer.Option(help="Decisions that count, of each measurement.")] = 60,
+    steps: Annotated[int, typer.Option(help="Measured decisions of each measurement.")] = 60,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
     selector: Annotated[str | None, typer.Option(help="As in `run`. [default: the bundle's usual one]")] = None,
     mix: Annotated[str, typer.Option(help="Shares of types, as in `run`.")] = "car=0.2,bicycle=0.2,pedestrian=0.6",
-    seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of SUMO, the starting places and the choices.")] = 1,
 ) -> None:
     """Measure throughput on this machine, beside plain SUMO and the bare library calls."""
     from slrl_sumo.studies.bench.bench import BenchSettings, write_bench

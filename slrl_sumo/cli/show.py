@@ -1,4 +1,4 @@
-"""Commands that show what a run left behind: replay."""
+"""Commands that show results: replay."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,11 +15,13 @@ def replay(
     fcd: Annotated[Path, typer.Argument(help="Trace (FCD), ours or SUMO's: .xml, .xml.gz, .csv or .parquet.")],
     net: Annotated[
         str,
-        typer.Option(help="Its network: .net.xml(.gz), .sumocfg or shipped name. Scenarios tell the vehicles' sizes."),
+        typer.Option(
+            help="Its network: .net.xml(.gz), .sumocfg or shipped name. A scenario also gives the sizes of vehicles."
+        ),
     ],
     out: Annotated[Path, typer.Option(help="Page to write, .html.")],
 ) -> None:
-    """Make a page that plays a trace over its network, in any browser and without a connection."""
+    """Write a page that plays a trace over its network, in any browser and without a connection."""
     from slrl_sumo.replay.page import write_replay
 
     check_writable(out)

@@ -24,40 +24,45 @@ def run(
     scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
     agents: Annotated[int | None, typer.Option(help="Learned road users to spawn.")] = None,
     mix: Annotated[str | None, typer.Option(help="Shares, e.g. car=0.5,bicycle=0.2,pedestrian=0.3.")] = None,
-    takeover: Annotated[str | None, typer.Option(help="Shares of the scenario's own: car=0.3,pedestrian=1.")] = None,
+    takeover: Annotated[
+        str | None, typer.Option(help="Shares of the scenario's own road users to take over: car=0.3,pedestrian=1.")
+    ] = None,
     region: Annotated[
         str | None,
-        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1; default: everywhere."),
+        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1. [default: everywhere]"),
     ] = None,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
     selector: Annotated[
         str | None,
         typer.Option(
-            help="Who picks the modes: prior, greedy or sampled; or lane: no models. "
-            "Default: greedy where the bundle has a trained selector, else prior."
+            help="Chooses the modes: prior, greedy or sampled; or lane: the baseline without models. "
+            "[default: greedy where the bundle has a trained selector, else prior]"
         ),
     ] = None,
     guard: Annotated[
-        bool, typer.Option("--guard", help="Never choose modes that lead into a conflict, where others are left.")
+        bool, typer.Option("--guard", help="Do not choose modes that run into a conflict where others are left.")
     ] = False,
-    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s; default: to the scenario's end.")] = None,
+    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s. [default: to the scenario's end]")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
-    seed: Annotated[int, typer.Option(help="Of SUMO, the places and the choices.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of SUMO, the starting places and the choices.")] = 1,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
     fcd: Annotated[
-        Path | None, typer.Option(help="Trace: .xml, .xml.gz, .csv or .parquet; the last two have modes.")
+        Path | None, typer.Option(help="Trace: .xml, .xml.gz, .csv or .parquet; the last two with modes.")
     ] = None,
     summary: Annotated[Path | None, typer.Option(help="Summary as JSON.")] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for report.html and its pictures.")] = None,
     recording: Annotated[
-        Path | None, typer.Option(help="Trajectories, .npz, to compare with in the report; default: SUMO's own.")
+        Path | None,
+        typer.Option(help="Trajectories, .npz, that the report compares with. [default: SUMO's own road users]"),
     ] = None,
-    no_yield: Annotated[bool, typer.Option("--no-yield", help="Background vehicles do not brake for them.")] = False,
+    no_yield: Annotated[
+        bool, typer.Option("--no-yield", help="Background vehicles do not brake for learned road users.")
+    ] = False,
     sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
     sumo_options: Annotated[str, typer.Option(help='Options for SUMO, e.g. "--lateral-resolution 0.8".')] = "",
     quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
 ) -> None:
-    """Run learned road users in a scenario and write what happened."""
+    """Run learned road users in a scenario and write trace, summary and report."""
     from slrl_sumo.simulation.settings import RunSettings
 
     settings = RunSettings(
@@ -96,7 +101,7 @@ def generate(
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 1,
     size: Annotated[int | None, typer.Option(help="Streets of a random network.")] = None,
 ) -> None:
-    """Make a network with demand: a folder that plain SUMO runs."""
+    """Generate a network with demand: a folder that plain SUMO can run."""
     from netgen.errors import NetgenError
     from netgen.families import generate as make
 
@@ -109,15 +114,17 @@ def generate(
 @app.command()
 def record(
     scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
-    out: Annotated[Path, typer.Option(help="Trajectories file to write, .npz; with --seeds a folder, one for each.")],
+    out: Annotated[
+        Path, typer.Option(help="Trajectories file to write, .npz; with --seeds a folder with a file for each.")
+    ],
     seconds: Annotated[float, typer.Option(help="Simulated time to record.")] = 600.0,
     seed: Annotated[int, typer.Option(help="SUMO's seed.")] = 1,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
-    seeds: Annotated[int | None, typer.Option(help="How many seeds, from --seed on.")] = None,
+    seeds: Annotated[int | None, typer.Option(help="Number of seeds, from --seed on.")] = None,
     workers: Workers = None,
     ray: RayAddress = None,
 ) -> None:
-    """Record plain SUMO traffic as trajectories: teacher data for `fit`."""
+    """Record plain SUMO traffic as trajectories: training data for `fit`."""
     from slrl_sumo.jobs.progress import progress
     from slrl_sumo.simulation.record import record as play
     from slrl_sumo.sumo.scenario import find_scenario
@@ -154,7 +161,7 @@ def doctor(
     scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
     json_file: Annotated[Path | None, typer.Option("--json", help="The findings as JSON.")] = None,
 ) -> None:
-    """Say what in a scenario will hurt learned road users, and what to do about it."""
+    """List what in a scenario will cause trouble for learned road users, and how to correct it."""
     from slrl_sumo.doctor.diagnosis import examine
     from slrl_sumo.doctor.report import findings_record, print_findings
     from slrl_sumo.sumo.scenario import find_scenario

@@ -1,1 +1,1 @@
-"""What in a scenario will hurt, before a run."""
+"""Problems of a scenario, found before a run."""

@@ -14,7 +14,7 @@ from slrl_sumo.sumo.spawned import LEARNED_TYPES
 def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     """What the route and additional files mean for a run."""
     for path, reason in demand.unreadable.items():
-        yield Finding("problem", "files", f"{path} is not well-formed: {reason}", "mend or remake the file")
+        yield Finding("problem", "files", f"{path} is not well-formed: {reason}", "correct the file or make it again")
     yield from _name_findings(demand)
     begin, end = parse_time(option(scenario, "begin")) or 0.0, parse_time(option(scenario, "end"))
     if not demand.road_users:
@@ -22,7 +22,7 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
             "warning",
             "demand",
             "there is no background traffic: no vehicle, flow or person in the route and additional files",
-            "add demand (randomTrips.py makes some), unless learned road users are meant to be alone",
+            "add demand (randomTrips.py makes some), unless learned road users shall be alone",
         )
     elif demand.first is not None and end is not None and 0 < end <= demand.first:
         yield Finding(
@@ -35,8 +35,8 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "demand",
-            f"the scenario begins at {begin:g} s, but nobody departs before {demand.first:g} s: learned road users "
-            "start at once and are alone until then",
+            f"the scenario begins at {begin:g} s, but no road user departs before {demand.first:g} s: learned road "
+            "users start at once and are alone until then",
             f"set begin to {demand.first:g}",
         )
     for path, (count, first) in demand.unsorted.items():
@@ -59,13 +59,13 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
             "note",
             "rides",
             f"{counted(demand.riding, 'person or person flow rides', 'persons or person flows ride')} in vehicles",
-            "none needed: they are SUMO's while they ride or wait",
+            "none needed: SUMO moves them while they ride or wait",
         )
     yield from _rerouting_findings(scenario, demand)
 
 
 def _name_findings(demand: Demand) -> Iterator[Finding]:
-    """Names that learned road users need for themselves."""
+    """Names that are reserved for learned road users."""
     if demand.own_ids:
         # A flow "learned_car" makes vehicles "learned_car.0", which are the names of ours.
         clash = [name for name in demand.own_ids if name.partition(".")[0] in LEARNED_TYPES]
@@ -115,7 +115,7 @@ def _rerouting_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]
             "note",
             "rerouting",
             f"background vehicles choose new routes under way ({'; '.join(sources)}{weights}), also round jams that "
-            "learned road users make",
+            "learned road users cause",
             "none needed: learned road users get no device; to compare with plain SUMO on equal routes, switch it off",
         )
 
@@ -136,7 +136,7 @@ def output_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
 
 
 def unknown_names(scenario: Scenario, demand: Demand, edges: frozenset[str]) -> Iterator[Finding]:
-    """Demand on edges and of types that do not exist. SUMO loads demand as it goes, so it dies of these under way.
+    """Demand on edges and of types that do not exist. SUMO loads demand during a run, so it stops with an error then.
 
     `edges`: all edges of the network.
     """
@@ -147,19 +147,19 @@ def unknown_names(scenario: Scenario, demand: Demand, edges: frozenset[str]) -> 
         ("vehicle types", demand.types_used, demand.types),
     ):
         lost = sorted(
-            (when, name, who)
-            for name, (who, when) in used.items()
+            (when, name, user)
+            for name, (user, when) in used.items()
             if name not in known and not name.startswith("DEFAULT_") and (end is None or end < 0 or when < end)
         )
         if lost:
-            when, name, who = lost[0]
+            when, name, user = lost[0]
             kind = "edge" if topic == "edges" else "vehicle type"
             more = f", and {len(lost) - 1} more" if len(lost) > 1 else ""
             dropped = tolerated and topic == "edges"
             yield Finding(
                 "warning" if dropped else "problem",
                 topic,
-                f"{who} uses {kind} '{name}', which does not exist{more}: SUMO "
+                f"{user} uses {kind} '{name}', which does not exist{more}: SUMO "
                 + ("leaves it out" if dropped else f"stops with an error at {when:g} s or before"),
                 f"correct or remove it{' (duarouter --repair mends routes)' if topic == 'edges' else ''}",
             )

@@ -1,4 +1,4 @@
-"""Looks at a scenario before learned road users run in it: what will hurt, and what to do about it."""
+"""Examines a scenario before learned road users run in it: what will cause trouble, and how to correct it."""
 
 from collections.abc import Iterator
 
@@ -55,7 +55,7 @@ def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
             network = session.network
     except InputError as error:
         reason = str(error).removeprefix(f"{scenario.config}: ")
-        yield Finding("problem", "SUMO", reason, f"mend it until plain SUMO runs it: sumo -c {scenario.config.name}")
+        yield Finding("problem", "SUMO", reason, f"correct it until plain SUMO runs it: sumo -c {scenario.config.name}")
         return
     yield from unknown_names(scenario, demand, frozenset(lane.edge for lane in network.lanes))
     yield from network_findings(network)
@@ -69,7 +69,7 @@ def network_findings(network: Network) -> Iterator[Finding]:
         yield Finding(
             "problem",
             "surfaces",
-            "no lane for cars, bicycles or pedestrians: nobody can be placed",
+            "no lane for cars, bicycles or pedestrians: no road user can be placed",
             "use a network with streets, or set the permissions of its lanes",
         )
         return
@@ -89,7 +89,7 @@ def network_findings(network: Network) -> Iterator[Finding]:
 
 
 def _missing_surface(network: Network, kind: RoadUserType) -> tuple[str, str]:
-    """What is missing and how to mend it."""
+    """What is missing, and how to add it."""
     name = TYPE_NAMES[kind]
     mend = {
         RoadUserType.CAR: "lanes that allow passenger cars",
@@ -135,7 +135,7 @@ def _junction_findings(network: Network) -> Iterator[Finding]:
         yield Finding(
             "note",
             "crossings",
-            "sidewalks, but no pedestrian crossings: learned pedestrians cross the carriageway where nobody yields",
+            "sidewalks, but no pedestrian crossings: learned pedestrians cross the carriageway where no vehicle yields",
             "netconvert -s NET --crossings.guess --walkingareas -o NEW adds them",
         )
 
@@ -163,6 +163,6 @@ def _bridges(network: Network) -> Iterator[Finding]:
             "warning",
             "bridges",
             f"{len(crossing)} pairs of edges cross without a junction ({named}{', …' if len(crossing) > 2 else ''}): "
-            "learned road users see, and meet, those on the other level",
+            "learned road users see those on the other level, and meet them",
             "choose a --region without bridges and tunnels, or leave them out of the analysis",
         )

@@ -1,4 +1,4 @@
-"""What is found out about a scenario before a run."""
+"""A finding about a scenario."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

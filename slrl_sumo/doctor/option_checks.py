@@ -24,14 +24,14 @@ def missing_inputs(scenario: Scenario) -> Iterator[Finding]:
         yield Finding(
             "problem",
             "mesosim",
-            "a mesoscopic simulation has no positions to move; run refuses it",
+            "a mesoscopic simulation has no positions to set; run refuses it",
             "remove the option mesosim",
         )
     if (option(scenario, "remote-port") or "0") != "0":
         yield Finding(
             "problem",
             "remote-port",
-            f"remote-port {option(scenario, 'remote-port')}: SUMO waits for a TraCI client for ever",
+            f"remote-port {option(scenario, 'remote-port')}: SUMO waits for a TraCI client without end",
             "remove the option remote-port; the run talks to SUMO without a port",
         )
 
@@ -55,7 +55,7 @@ def option_findings(scenario: Scenario) -> Iterator[Finding]:
             "sublane model",
             f"lateral-resolution {options['lateral-resolution']} m: background cars pass learned bicycles and "
             "pedestrians that keep to the side of the same lane",
-            "none needed; to have cars wait behind them, remove lateral-resolution (it changes background traffic)",
+            "none needed; to make cars wait behind them, remove lateral-resolution (it changes background traffic)",
         )
     else:
         yield Finding(
@@ -71,13 +71,13 @@ def option_findings(scenario: Scenario) -> Iterator[Finding]:
             "option random: background traffic differs from run to run, whatever --seed says",
             "remove the option random",
         )
-    for name, who in (("max-num-vehicles", "cars and bicycles"), ("max-num-persons", "pedestrians")):
+    for name, users in (("max-num-vehicles", "cars and bicycles"), ("max-num-persons", "pedestrians")):
         if (parse_time(options.get(name)) or -1) >= 0:
             yield Finding(
                 "warning",
                 "insertion",
-                f"{name} {options[name]}: learned {who} count too, so they keep background traffic out",
-                f"raise {name} by the number of learned {who}, or remove it",
+                f"{name} {options[name]}: learned {users} count too and keep background traffic out",
+                f"raise {name} by the number of learned {users}, or remove it",
             )
 
 
@@ -103,7 +103,7 @@ def _time_findings(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _removal_findings(scenario: Scenario) -> Iterator[Finding]:
-    """SUMO's ways to take road users out that stand, collide or go where their route does not."""
+    """SUMO's rules that remove road users that stand, collide or leave their route."""
     options = scenario.options
     teleport = parse_time(options.get("time-to-teleport"))
     waits = TELEPORT_AFTER if teleport is None else teleport
@@ -112,14 +112,14 @@ def _removal_findings(scenario: Scenario) -> Iterator[Finding]:
             "note",
             "teleport",
             f"SUMO teleports vehicles that stand for {waits:g} s{' (its default)' if teleport is None else ''}, and "
-            "would take learned road users too",
+            "would remove learned road users too",
             "run switches it off, so a jam that plain SUMO dissolves stays: compare with --time-to-teleport -1",
         )
         if switched_on(scenario, "ignore-route-errors"):
             yield Finding(
                 "warning",
                 "route errors",
-                "ignore-route-errors: a vehicle whose route breaks off stands there for ever, as teleporting is off",
+                "ignore-route-errors: a vehicle with a broken route stands there without end, as teleporting is off",
                 "repair the routes (duarouter --repair) and remove ignore-route-errors",
             )
     action = options.get("collision.action", "teleport")
@@ -128,7 +128,7 @@ def _removal_findings(scenario: Scenario) -> Iterator[Finding]:
         yield Finding(
             "note",
             "collision action",
-            f"collision.action {action}{default}: SUMO would take colliding road users away or stop them",
+            f"collision.action {action}{default}: SUMO would remove or stop colliding road users",
             "none needed: run uses warn, and counts collisions and overlaps itself",
         )
     action = options.get("intermodal-collision.action", "warn")
@@ -136,6 +136,6 @@ def _removal_findings(scenario: Scenario) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "collision action",
-            f"intermodal-collision.action {action}: vehicles that touch pedestrians are taken away or stopped",
+            f"intermodal-collision.action {action}: vehicles that touch pedestrians are removed or stopped",
             "set intermodal-collision.action to warn",
         )

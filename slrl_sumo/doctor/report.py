@@ -1,4 +1,4 @@
-"""What `doctor` found, for people and for machines."""
+"""The findings of `doctor` as a table and as JSON."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from rich.text import Text
 from slrl_sumo.doctor.finding import Finding
 
 LOG_WIDTH = 160
-"""Columns of a table that goes to no terminal."""
+"""Columns of a table that is not printed to a terminal."""
 
 COLOURS = {"problem": "bold red", "warning": "yellow", "note": "cyan", "ok": "green"}
 
@@ -25,7 +25,7 @@ def findings_table(findings: Sequence[Finding]) -> Table:
     table.add_column("fix", overflow="fold", ratio=2)
     for finding in findings:
         severity = Text(finding.severity, style=COLOURS[finding.severity])
-        # Text, because ids of SUMO may hold what rich takes for markup.
+        # Text, because ids may contain characters that rich reads as markup.
         table.add_row(severity, Text(finding.topic), Text(finding.what), Text(finding.fix))
     return table
 

@@ -137,6 +137,8 @@ def set_up_process(folder: str | Path) -> None:
     Files that SUMO leaves behind when it crashes are removed with the folder; output of its C++ code would damage the
     progress bar of the parent.
     """
+    # PyTorch reads this when it is loaded. Threads that spin while waiting are several times slower on busy machines.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     tempfile.tempdir = str(folder)
     descriptor = os.open(Path(folder) / PRINTED, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for number in (1, 2):

@@ -1,4 +1,4 @@
-"""Many rows of moving road users in few bytes: what the replay page unpacks again (assets/unpack.js)."""
+"""Positions of many road users in few bytes, as the replay page unpacks them (assets/unpack.js)."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ TURN = 1024
 SPEED = 10
 """Units of speed in 1 m/s."""
 FASTEST = 70.0
-"""m/s: who goes further in a step than this allows has been put somewhere else, and did not drive there."""
+"""m/s: a road user that moves faster between two steps has been put there and did not drive."""
 SLACK = 4.0
 """m added to that: without the sublane model SUMO changes lanes in one step."""
 

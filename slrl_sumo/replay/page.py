@@ -34,9 +34,10 @@ MOST_CONFLICTS = 2000
 SAMPLE = 20_000
 """Positions that are looked up in the network."""
 BESIDE = 2.0
-"""m from a surface in which a position belongs to the network: SUMO's own walkers are there at ends of streets."""
+"""m from a surface within which a position belongs to the network: SUMO's own pedestrians walk there at dead ends."""
 FOREIGN, ODD = 0.4, 0.05
-"""Shares of positions off the network from which it is another trace's, and from which that is worth a note."""
+"""Shares of positions off the network above which the trace belongs to another network, and above which a note says
+so."""
 SCRIPTS = ("unpack.js", "ground.js", "scene.js", "controls.js")
 """Of the page, in their order (slrl_sumo/replay/assets)."""
 
@@ -58,8 +59,8 @@ class Users:
 def write_replay(fcd: Path, net: str, out: Path) -> None:
     """Write the page `out` for the trace `fcd` on the network `net` (file, .sumocfg, folder or shipped scenario).
 
-    What could be read of a trace with a flaw is shown, and the flaw is named on stderr. Raises InputError where nothing
-    could be read, most positions lie off the network, or a file cannot be read or written.
+    A damaged trace is shown up to its first flaw, which is named on stderr. Raises InputError where nothing could be
+    read, where most positions lie off the network, and where a file cannot be read or written.
     """
     path, scenario = find_net(net)
     sizes, kinds = ({}, {}) if scenario is None else scenario_sizes(scenario)
@@ -72,7 +73,7 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
         rows = centred(table, users)
         notes += check_place(network, rows, fcd, net)
         times = np.array(table.steps, np.int64)
-        bar.update(task, description="looking for conflicts", total=None)
+        bar.update(task, description="finding conflicts", total=None)
         conflicts = find_all_conflicts(rows, users, times)
     page = build_page(network, users, rows, times, conflicts, title=fcd.name, notes=notes, told=table.marks_learned)
     write_file(out, page)
@@ -94,10 +95,8 @@ def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, titl
         state=np.where(tracks.learned[tracks.track], 2 + tracks.mode.astype(np.int64), 0),
     )
     times = np.rint(1000 * (tracks.t0 + tracks.dt * np.arange(tracks.frames.stop))).astype(np.int64)
-    finder = ConflictFinder()
-    for world, keys in worlds(rows, users, times):
-        finder.look(world, keys)
-    page = build_page(read_net_file(path), users, rows, times, finder.conflicts(), title=title, notes=[], told=True)
+    conflicts = find_all_conflicts(rows, users, times)
+    page = build_page(read_net_file(path), users, rows, times, conflicts, title=title, notes=[], told=True)
     write_file(out, page)
 
 
@@ -120,7 +119,7 @@ def centred(table: FcdTable, users: Users) -> Rows:
     x, y = centre_from_front(front_x, front_y, heading, users.length[key])
     mode = np.frombuffer(table.mode, np.int8)[order].astype(np.int64)
     learned = np.frombuffer(table.learned, np.int8)[order] > 0
-    # Traces without the flag still name the types of those that were added.
+    # Traces without the flag still name the types of spawned road users.
     learned |= np.array([vtype.startswith("learned_") for vtype in users.vtypes], np.bool_)[key] | (mode > 0)
     return Rows(
         user=key,
@@ -134,8 +133,8 @@ def centred(table: FcdTable, users: Users) -> Rows:
 
 
 def check_place(network: Network, rows: Rows, fcd: Path, net: str) -> list[str]:
-    """What is odd about a trace on this network, one line each; InputError where most of it lies off the network."""
-    # Rails and waterways are no surface to anybody, but trains on them are in their place.
+    """Notes about a trace on this network, one line each; InputError where most of it lies off the network."""
+    # Rails and waterways are no surface of a road user type, but trains belong there.
     everything = [
         Ribbon(Surface.ROAD, lane.shape, lane.width) for lane in network.lanes if lane.surface == Surface.NONE
     ]
@@ -161,8 +160,8 @@ def check_place(network: Network, rows: Rows, fcd: Path, net: str) -> list[str]:
 
 
 def find_all_conflicts(rows: Rows, users: Users, times: NDArray[np.int64]) -> list[Conflict]:
-    """Collisions and near misses; `times`: ms. Unknown speeds are those of the movement from the step before, 0 where
-    there is none."""
+    """Collisions and near misses; `times`: ms. Unknown speeds are computed from the movement since the step before, 0
+    where there is none."""
     seconds = np.diff(times[rows.step], prepend=0) / 1000.0
     follows = (np.diff(rows.user, prepend=-1) == 0) & (np.diff(rows.step, prepend=-1) == 1)
     moved = np.hypot(np.diff(rows.x, prepend=0.0), np.diff(rows.y, prepend=0.0))
@@ -188,9 +187,9 @@ def build_page(
     notes: list[str],
     told: bool,
 ) -> bytes:
-    """The page as UTF-8. `told`: whether the trace says who is not learned.
+    """The page as UTF-8. `told`: whether the trace marks background road users.
 
-    What comes from the trace is in the packed data only, which the page shows as text.
+    Text of the trace is in the packed data only, which the page shows as text.
     """
     streams = pack(rows, times)
     vtypes = sorted(set(users.vtypes))
@@ -230,7 +229,7 @@ def build_page(
     style = (folder / "page.css").read_text(encoding="utf-8")
     script = "".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS)
     page = (folder / "page.html").read_text(encoding="utf-8")
-    # Nothing but this script and this style runs, and nothing is fetched, whatever a trace may hold.
+    # Only this script and this style run, and nothing is fetched, whatever a trace may contain.
     policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'"
     for name, text in (("title", html.escape(title)), ("policy", policy), ("style", style), ("script", script)):
         page = page.replace(f"<!--{name}-->", text)

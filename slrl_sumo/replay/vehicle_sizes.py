@@ -1,4 +1,4 @@
-"""How long and wide the vehicles of a trace are: FCD does not say."""
+"""Lengths and widths of the vehicles of a trace, which FCD lacks."""
 
 import re
 
@@ -29,7 +29,7 @@ CLASS_SIZES: dict[str, Size] = {
     "rail_fast": (200.0, 2.95),
     "ship": (17.0, 4.0),
 }
-"""What SUMO 1.28 gives to vehicle types of a class without sizes of their own; all other classes are as long as cars
+"""Defaults of SUMO 1.28 by vehicle class; all other classes are as long as cars
 (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html)."""
 
 _PASSENGER: Size = (5.0, 1.8)
@@ -46,7 +46,7 @@ _WORDS = (
     ("delivery", r"deliver|\bvan\b"),
     ("emergency", "emergency|ambulance|fire"),
 )
-"""Classes by what the names of their types say, the more special first."""
+"""Classes by words in the names of their types, the more special first."""
 
 
 def scenario_sizes(scenario: Scenario) -> tuple[dict[str, Size], dict[str, str]]:

@@ -1,4 +1,4 @@
-"""The picture of conflicts: how close, and where."""
+"""The figure of conflicts: severity and place."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,15 +10,15 @@ from slrl_sumo.ground.picture import draw_ground
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT, Conflicts
 
-PARTY_COLOURS = {"learned": "#E69F00", "mixed": "#56B4E9", "background": "#999999"}
+GROUP_COLOURS = {"learned": "#E69F00", "mixed": "#56B4E9", "background": "#999999"}
 """Of Okabe and Ito's palette: both learned, one of the two, neither."""
-PARTY_NAMES = {"learned": "two learned", "mixed": "learned and SUMO's", "background": "two of SUMO's"}
+GROUP_NAMES = {"learned": "two learned", "mixed": "learned and SUMO's", "background": "two of SUMO's"}
 
 
 def draw_conflicts(
     ttc: Conflicts, pet: Conflicts, tracks: Trajectories, learned: NDArray[np.bool_], surfaces: SurfaceShapes
 ) -> Figure:
-    """Counts by the smallest TTC and PET of each encounter, by who they are, and a map of where."""
+    """Histograms of the smallest TTC and PET of each encounter, by group, and a map of the places."""
     figure = Figure(figsize=(15.0, 5.2), layout="constrained")
     left, middle, place = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.3))
     # Post-encroachment times are multiples of 0.1 s: they lie in the middle of their bins.
@@ -26,13 +26,13 @@ def draw_conflicts(
         (left, ttc, TTC_LIMIT, "time to collision", np.linspace(0.0, TTC_LIMIT, 16)),
         (middle, pet, PET_LIMIT, "post-encroachment time", np.linspace(-0.05, PET_LIMIT - 0.05, 11)),
     ):
-        party = _parties(found, learned)
+        group = _groups(found, learned)
         axes.hist(
-            [found.value[party == who] for who in PARTY_COLOURS],
+            [found.value[group == name] for name in GROUP_COLOURS],
             edges,
             stacked=True,
-            color=list(PARTY_COLOURS.values()),
-            label=[f"{PARTY_NAMES[who]} ({(party == who).sum()})" for who in PARTY_COLOURS],
+            color=list(GROUP_COLOURS.values()),
+            label=[f"{GROUP_NAMES[name]} ({(group == name).sum()})" for name in GROUP_COLOURS],
         )
         axes.set_xlabel(f"smallest {name} (s)")
         axes.set_ylabel("encounters (count)")
@@ -44,16 +44,16 @@ def draw_conflicts(
     ground, extent = draw_ground(surfaces)
     place.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
     for found, marker in ((ttc, "o"), (pet, "^")):
-        party = _parties(found, learned)
-        for who, colour in PARTY_COLOURS.items():
-            x, y = found.x[party == who], found.y[party == who]
+        group = _groups(found, learned)
+        for name, colour in GROUP_COLOURS.items():
+            x, y = found.x[group == name], found.y[group == name]
             place.plot(x, y, marker, color=colour, ms=6, mec="black", mew=0.5, ls="")
-    place.set_title("Where (circles: TTC, triangles: PET)", fontsize=10)
+    place.set_title("Places (circles: TTC, triangles: PET)", fontsize=10)
     place.set_xlabel("x (m)")
     place.set_ylabel("y (m)")
     return figure
 
 
-def _parties(found: Conflicts, learned: NDArray[np.bool_]) -> NDArray[np.str_]:
+def _groups(found: Conflicts, learned: NDArray[np.bool_]) -> NDArray[np.str_]:
     names = np.array(["background", "mixed", "learned"])
     return names[learned[found.a].astype(np.intp) + learned[found.b]]

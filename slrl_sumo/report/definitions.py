@@ -1,4 +1,4 @@
-"""What the figures of a run's report mean: definitions with units, for people."""
+"""Definitions of the quantities in a run's report, with units."""
 
 from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT
 
@@ -8,7 +8,7 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "A road user that is moved by learned models; the others are SUMO's own, the background.",
     ),
     "decision": ("decision", "Every 0.4 s each learned road user chooses a mode; an agent-step is one such decision."),
-    "count": ("count", "Road users that were learned at some time of the run."),
+    "count": ("count", "Road users that were learned at some time during the run."),
     "mean_speed": (
         "mean speed (m/s)",
         "Mean over all agent-steps, standing ones included: distance covered in the last 0.4 s over 0.4 s.",
@@ -34,9 +34,10 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     ),
     "lost": (
         "lost, wrapped around, taken over, handed back, returned to route, arrived",
-        "Counts of road users. Lost: gone from SUMO without arriving. Wrapped around: left the scene and were put back "
-        "elsewhere. Taken over: became learned; handed back: became SUMO's again. Returned to route: had left the "
-        "network, were put on their route and handed back. Arrived: reached their destination while learned.",
+        "Counts of road users. Lost: removed by SUMO before they arrived. Wrapped around: left the scene and were "
+        "reinserted elsewhere. Taken over: became learned; handed back: became SUMO's again. Returned to route: had "
+        "left their route or the network, were put on their route and handed back. Arrived: reached their destination "
+        "while learned.",
     ),
     "real_time": (
         "times real time",
@@ -46,22 +47,22 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "speed (m/s), acceleration (m/s²), yaw rate (rad/s)",
         "Backward differences of positions, speeds and headings over 0.4 s; one value for each road user and 0.4 s, "
         "from its second moment on (acceleration: third). A bin that is far higher than the others is cut in the "
-        "pictures, and its height written beside it: that of learned road users, then that of the others.",
+        "figures, with its height beside it: of the learned road users, then of the others.",
     ),
     "js": (
         "Jensen-Shannon distance",
-        "How far two distributions are apart: 0 where their histograms are the same, 1 where they have nothing in "
-        "common; no unit. The root of the Jensen-Shannon divergence to base 2 (Endres and Schindelin 2003). It depends "
-        "on the bins, which are those of the pictures, and on how different the situations were.",
+        "Distance between two distributions: 0 where their histograms are the same, 1 where they do not overlap; no "
+        "unit. The root of the Jensen-Shannon divergence to base 2 (Endres and Schindelin 2003). It depends "
+        "on the bins, which are those of the figures, and on how different the situations were.",
     ),
     "realism": (
         "realism score",
-        "In the manner of the Waymo Open Sim Agents Challenge (Montali et al. 2023), from 0 to 1: how likely the "
-        "moments of those compared with are under the distribution of the learned road users, over their likelihood "
-        "under their own; exp(-KL divergence), weighted over the features. Kinematic: speed, acceleration, yaw rate "
+        "After the Waymo Open Sim Agents Challenge (Montali et al. 2023), from 0 to 1: the likelihood of the "
+        "reference's moments under the distribution of the learned road users, over their likelihood under their own; "
+        "exp(-KL divergence), weighted over the features. Kinematic: speed, acceleration, yaw rate "
         "and its change. Interactive: distance to the nearest box, overlaps, TTC. Map: distance to the edge of the own "
-        "surface, and whether off it. It says how alike two kinds of traffic are, and is not comparable with the "
-        "challenge's figures.",
+        "surface, and whether off it. It measures how similar two kinds of traffic are and is not comparable with "
+        "the challenge's scores.",
     ),
     "ttc": (
         "time to collision, TTC (s)",
@@ -73,34 +74,34 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     "pet": (
         "post-encroachment time, PET (s)",
         "Time between the moment at which the first of two road users leaves a place and that at which the second "
-        "reaches it, where their ways cross at 30° or more (Allen, Shin and Cooper 1978); in steps of 0.1 s. An "
+        "reaches it, where their paths cross at 30° or more (Allen, Shin and Cooper 1978); in steps of 0.1 s. An "
         f"encounter is a conflict where it is below {PET_LIMIT:g} s; pairs of pedestrians are left out.",
     ),
     "road_user_hour": (
         "road-user hour (h)",
-        "The time that all road users together, learned ones and SUMO's own, were on their way.",
+        "The time that all road users together, learned ones and SUMO's own, spent in the network.",
     ),
     "density": (
         "density (road users per 1000 m²)",
         "How many road users of all types were in a cell on average over the run, over the cell's area; learned ones "
-        "and SUMO's own together. Cells in which nobody was are left blank.",
+        "and SUMO's own together. Cells without any road user are left blank.",
     ),
     "space_time": (
         "space-time diagram (m over s)",
-        "A line for each road user within 5 m of the busiest way and along it. The busiest way is the longest among "
-        "those of vehicles between the pair of places (20 m squares) between which most metres were travelled.",
+        "A line for each road user within 5 m of the busiest path and along it. The busiest path is the longest one "
+        "that a vehicle took between the two places (20 m squares) between which vehicles travelled most metres.",
     ),
     "mode": (
         "mode",
-        "One of 20 clusters, by type, of where recorded road users were after 4.8 s, seen from themselves. The share "
-        "is that of all decisions of the type. A dot lies where the mode leads, as large as its share.",
+        "One of 20 clusters, by type, of the displacements of recorded road users in 4.8 s, in their own frame. The "
+        "share is that of all decisions of the type. A dot marks the displacement of a mode; its size is the share.",
     ),
     "ego_image": (
         "ego image",
-        "What the selector sees: 40 m by 20 m, one pixel a metre, the road user itself at 0, 0 looking to the right. "
+        "The image that the selector gets: 40 m by 20 m, one pixel per metre, the road user at 0, 0 heading right. "
         "Road white, pavement yellow, cars red, cyclists blue, pedestrians green. With routes: crossings grey, cycle "
         "lanes cyan, the path ahead magenta.",
     ),
-    "path": ("path", "Where the centres of learned road users were, every 0.4 s."),
+    "path": ("path", "Positions of the centres of learned road users, every 0.4 s."),
 }
 """By name: title with unit, and text."""

@@ -1,4 +1,4 @@
-"""Maps of a run: paths, density and speed, and the space-time diagram of its busiest way."""
+"""Maps of a run: paths, density and speed, and the space-time diagram of its busiest path."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,11 +21,11 @@ MOST_CELLS = 400
 
 
 PARTS = 10
-"""Of the way of an interval, for the density."""
+"""Of the path of an interval, for the density."""
 
 
 def draw_paths(started: Started, tracks: Trajectories, learned: NDArray[np.bool_]) -> Figure:
-    """Where the learned road users went."""
+    """Paths of the learned road users."""
     ground, extent = draw_ground(started.surfaces)
     width, height = extent[1] - extent[0], extent[3] - extent[2]
     scale = 11.0 / max(width, height)
@@ -53,7 +53,7 @@ def draw_paths(started: Started, tracks: Trajectories, learned: NDArray[np.bool_
 
 
 def draw_density(surfaces: SurfaceShapes, tracks: Trajectories) -> Figure:
-    """How many road users were where on average, and how fast they were there; learned and background together."""
+    """Mean density and mean speed of all road users, learned and background, by place."""
     ground, extent = draw_ground(surfaces)
     side = max(CELL, max(extent[1] - extent[0], extent[3] - extent[2]) / MOST_CELLS)
     edges = [np.arange(extent[k], extent[k + 1] + side, side) for k in (0, 2)]
@@ -81,15 +81,16 @@ def draw_density(surfaces: SurfaceShapes, tracks: Trajectories) -> Figure:
         axes.set_aspect("equal")
         axes.set_xlabel("x (m)")
         axes.set_ylabel("y (m)")
-    left.set_title(f"Where road users were (cells of {side:.1f} m)", fontsize=10)
-    right.set_title("How fast they were there, standing ones included", fontsize=10)
+    left.set_title(f"Density (cells of {side:.1f} m)", fontsize=10)
+    right.set_title("Mean speed, standing road users included", fontsize=10)
     return figure
 
 
 def draw_space_time(tracks: Trajectories, learned: NDArray[np.bool_], surfaces: SurfaceShapes) -> Figure | None:
-    """Where everybody was along the busiest way, over time, and where that way is; None where there is no such way.
+    """All road users along the busiest path, over time, and a map of that path; None where there is none.
 
-    Flat lines stand, steep ones are fast; where lines begin or end in the middle somebody turned into or off the way.
+    Flat lines stand, steep ones are fast; where a line begins or ends in the middle, a road user
+    turned into or off the path.
     """
     corridor = busiest(tracks)
     if corridor is None:
@@ -107,12 +108,12 @@ def draw_space_time(tracks: Trajectories, learned: NDArray[np.bool_], surfaces: 
         dashes = ("-", "--", ":")[kind]
         axes.plot(time[rows], place[rows], dashes, **style)
     axes.set_xlabel("simulation time (s)")
-    axes.set_ylabel("along the way (m)")
+    axes.set_ylabel("along the path (m)")
     axes.set_ylim(0.0, len(corridor.points))
     handles = [Line2D([], [], color=TYPE_COLOURS[k], ls=("-", "--", ":")[k]) for k in range(len(TYPE_NAMES))]
     handles.append(Line2D([], [], color="#666666"))
     axes.legend(handles, [*(f"learned {name}" for name in TYPE_NAMES), "SUMO's own"], fontsize=8, loc="upper left")
-    axes.set_title("Road users along the busiest way", fontsize=10)
+    axes.set_title("Road users along the busiest path", fontsize=10)
     _draw_way(beside, corridor.points, surfaces)
     return figure
 
@@ -124,7 +125,7 @@ def _draw_way(axes: Axes, points: NDArray[np.float64], surfaces: SurfaceShapes) 
     axes.plot(*points[0], "o", color="black", ms=6)
     axes.annotate("0 m", points[0], textcoords="offset points", xytext=(6, 6), fontsize=9)
     axes.annotate(f"{len(points)} m", points[-1], textcoords="offset points", xytext=(6, 6), fontsize=9)
-    axes.set_title("The busiest way", fontsize=10)
+    axes.set_title("The busiest path", fontsize=10)
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
 

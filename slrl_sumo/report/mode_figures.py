@@ -1,4 +1,4 @@
-"""Pictures of what learned road users see and choose."""
+"""Figures of the modes and ego images of learned road users."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from slrl_sumo.simulation.events import Views
 
 
 def draw_modes(counts: NDArray[np.int64], centres: Floats) -> Figure:
-    """For each type that chose: where each mode leads to in 4.8 s, in the ego frame, and how often it was chosen.
+    """For each type with decisions: displacement of each mode in 4.8 s, in the ego frame, and how often it was chosen.
 
     `counts`: (3, modes); `centres`: (3, modes, 2), m.
     """
@@ -42,7 +42,7 @@ def draw_modes(counts: NDArray[np.int64], centres: Floats) -> Figure:
 
 
 def draw_views(views: Sequence[Views]) -> Figure:
-    """What some road users saw: a column for each time."""
+    """Ego images of some road users, a column for each time."""
     rows = max(len(view.ids) for view in views)
     figure = Figure(figsize=(4.2 * len(views), 2.6 * rows), layout="constrained")
     grid = figure.subplots(rows, len(views), squeeze=False)

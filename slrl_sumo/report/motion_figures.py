@@ -1,4 +1,4 @@
-"""The picture of how road users move, against others."""
+"""The figure of speeds, accelerations and yaw rates, against a reference."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,7 +40,7 @@ def draw_motion(ours: Kinematics, theirs: Kinematics, name: str) -> Figure:
 
 
 def _cut_peak(axes: Axes, edges: Floats, shares: list[Floats]) -> None:
-    """Who stands or drives straight on would press the rest flat: such a bin is cut, and its height written beside."""
+    """Cut a bin that would flatten the others, as that of standing road users, and write its height beside it."""
     highest = np.maximum(*shares)
     peak = int(np.argmax(highest))
     rest = float(np.delete(highest, peak).max())

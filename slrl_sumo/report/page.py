@@ -1,4 +1,4 @@
-"""The report as a page: tables and pictures, each with its definition one click away."""
+"""The report as a page: tables and figures, each linked to its definition."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT, Conflicts
 from slrl_sumo.metrics.distributions import QUANTITIES, Kinematics, kinematic_distances
-from slrl_sumo.report.conflict_figures import PARTY_NAMES
+from slrl_sumo.report.conflict_figures import GROUP_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.report.reference import Reference, counts_by_group
@@ -51,7 +51,7 @@ def page(
     conflicts: Mapping[str, Conflicts],
     pictures: Sequence[str],
 ) -> str:
-    """The whole page; `pictures` are the names of the PNGs beside it."""
+    """The whole page; `pictures`: names of the PNGs beside it."""
     sections = [
         ("summary", "Summary", _summary(record, summary)),
         ("paths", "Paths", _figure("paths", pictures, "path", "Paths of the learned road users.")),
@@ -59,7 +59,7 @@ def page(
         ("maps", "Space and time", _maps(pictures)),
         ("conflicts", "Conflicts", _conflicts(record, conflicts, pictures)),
         ("modes", "Modes", _modes(record, pictures)),
-        ("views", "What they see", _figure("ego_images", pictures, "ego_image", "What some of them saw.")),
+        ("views", "Ego images", _figure("ego_images", pictures, "ego_image", "Ego images of some learned road users.")),
     ]
     sections = [section for section in sections if section[2]]
     terms = "".join(
@@ -91,7 +91,7 @@ def _figure(name: str, pictures: Sequence[str], definition: str, caption: str) -
     if name not in pictures:
         return ""
     image = f'<img src="{name}.png" alt="{escape(caption)}">'
-    more = _link(definition, "What this is.")
+    more = _link(definition, "Definition.")
     return f"<figure>{image}<figcaption>{escape(caption)} {more}</figcaption></figure>"
 
 
@@ -121,7 +121,7 @@ def _summary(record: RunRecord, summary: Mapping[str, Any]) -> str:
         text += f'<p class="note">Note: {escape(notice)}.</p>'
     if record.cut:
         text += (
-            f'<p class="note">The run was long: pictures and tables below are of its first {record.seconds:.0f} s.</p>'
+            f'<p class="note">The run was long: figures and tables below cover its first {record.seconds:.0f} s.</p>'
         )
     return text
 
@@ -150,20 +150,20 @@ def _motion(reference: Reference, ours: Kinematics, pictures: Sequence[str]) -> 
     heads = [
         "type",
         _link("motion", "learned, mean speed (m/s)"),
-        _link("motion", "theirs, mean speed (m/s)"),
+        _link("motion", "reference, mean speed (m/s)"),
         *(_link("js", f"distance of {quantity.replace('_', ' ')}s") for quantity in QUANTITIES),
         _link("realism", "realism score"),
         *(_link("realism", part) for part in ("kinematic", "interactive", "map")),
     ]
     others = sum(len(values) for values in reference.motion["speed"])
-    note = "" if others else '<p class="note">Nobody was there to compare with.</p>'
+    note = "" if others else '<p class="note">There was no road user to compare with.</p>'
     return text + f"<p>Compared with {escape(reference.name)}:</p>" + _table(heads, lines) + note
 
 
 def _maps(pictures: Sequence[str]) -> str:
-    caption = "Density and mean speed of everybody."
-    way = "Everybody along the busiest way, over time."
-    return _figure("space_time", pictures, "space_time", way) + _figure("density", pictures, "density", caption)
+    caption = "Density and mean speed of all road users."
+    path = "All road users along the busiest path, over time."
+    return _figure("space_time", pictures, "space_time", path) + _figure("density", pictures, "density", caption)
 
 
 def _conflicts(record: RunRecord, conflicts: Mapping[str, Conflicts], pictures: Sequence[str]) -> str:
@@ -171,18 +171,18 @@ def _conflicts(record: RunRecord, conflicts: Mapping[str, Conflicts], pictures: 
     counts = {name: counts_by_group(found, record.tracks) for name, found in conflicts.items()}
     limits = {"ttc": TTC_LIMIT, "pet": PET_LIMIT}
     lines = [
-        [" and ".join(pair), *(str(counts[m].get(pair, {}).get(party, 0)) for m in counts for party in PARTY_NAMES)]
+        [" and ".join(pair), *(str(counts[m].get(pair, {}).get(group, 0)) for m in counts for group in GROUP_NAMES)]
         for pair in sorted({pair for found in counts.values() for pair in found})
     ]
     totals = [
-        str(sum(found[party] for found in counts[measure].values())) for measure in counts for party in PARTY_NAMES
+        str(sum(found[group] for found in counts[measure].values())) for measure in counts for group in GROUP_NAMES
     ]
     heads = [
         "pair",
         *(
-            _link(measure, f"{measure.upper()} < {limits[measure]:g} s, {PARTY_NAMES[party]} (count)")
+            _link(measure, f"{measure.upper()} < {limits[measure]:g} s, {GROUP_NAMES[group]} (count)")
             for measure in counts
-            for party in PARTY_NAMES
+            for group in GROUP_NAMES
         ),
     ]
     rates = "; ".join(
@@ -190,7 +190,7 @@ def _conflicts(record: RunRecord, conflicts: Mapping[str, Conflicts], pictures: 
         + (f", {len(found) / hours:.1f} per {_link('road_user_hour', 'road-user hour')}" if hours else "")
         for name, found in conflicts.items()
     )
-    figure = _figure("conflicts", pictures, "ttc", "Encounters by their smallest value, and where they were.")
+    figure = _figure("conflicts", pictures, "ttc", "Encounters by their smallest value, and their places.")
     return f"<p>{rates}.</p>" + _table(heads, [*lines, ["all", *totals]]) + figure
 
 
@@ -206,4 +206,6 @@ def _modes(record: RunRecord, pictures: Sequence[str]) -> str:
             lines.append([name, str(counts.sum()), str((counts > 0).sum()), str(first), f"{share:.1f}"])
     words = ("decisions (count)", "modes chosen at least once (count)", "most frequent mode (number)", "its share (%)")
     table = _table(["type", *(_link("mode", word) for word in words)], lines)
-    return table + _figure("modes", pictures, "mode", "Where modes lead in 4.8 s, and how often they were chosen.")
+    return table + _figure(
+        "modes", pictures, "mode", "Displacement of each mode in 4.8 s, and how often it was chosen."
+    )

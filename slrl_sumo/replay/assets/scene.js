@@ -1,4 +1,4 @@
-// Everything that moves: where everybody is at a moment, and how it is drawn.
+// Everything that moves: positions of all road users at a moment, and how they are drawn.
 
 const SMALLEST = 5; // px that a road user is long at least, so that it is seen
 const NEAR_POINTER = 5; // px round a box in which the pointer still means it
@@ -27,7 +27,7 @@ class Scene {
     return low;
   }
 
-  // Puts everybody where they are at `time`: between two steps on the straight way.
+  // Interpolates all positions at `time`, on the straight line between two steps.
   place(time) {
     const t = this.trace, step = this.stepAt(time);
     const share = step + 1 < t.time.length ? (time - t.time[step]) / (t.time[step + 1] - t.time[step]) : 0;
@@ -117,7 +117,7 @@ class Scene {
     on.globalAlpha = 1;
   }
 
-  // The whole way of one road user.
+  // The whole path of one road user.
   drawWay(on, user, colours, pixel) {
     const t = this.trace;
     on.beginPath();
@@ -159,7 +159,7 @@ class Scene {
     return -1;
   }
 
-  // Who is at a point (m), -1 where nobody is.
+  // The road user at a point (m), -1 where there is none.
   at(x, y, scale) {
     let best = -1, nearest = Infinity;
     for (let i = 0; i < this.count; i++) {

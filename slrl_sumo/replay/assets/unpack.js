@@ -27,17 +27,17 @@ function reader(bytes) {
 }
 
 // One typed array per column, over all rows of all runs. `last` says that a row is the last one of its run: between it
-// and the road user's next row nothing is known. `rows` lists, from `begin[step]` to `begin[step + 1]`, who is there.
+// and the road user's next row nothing is known. `rows` lists, from `begin[step]` to `begin[step + 1]`, the road users that are there.
 function readRows(head, streams) {
   const [user, first, count, dx, dy, turn, slip, state] = streams.map(reader);
   const ms = Float64Array.from(head.times);
   for (let i = 1; i < ms.length; i++) ms[i] += ms[i - 1];
   const runs = [];
-  let total = 0, who = 0;
+  let total = 0, number = 0;
   for (let at = 0; at < streams[0].length; ) {
     while (streams[0][at++] > 127);
-    who += user();
-    runs.push({ user: who, step: first(), row: total, count: count() });
+    number += user();
+    runs.push({ user: number, step: first(), row: total, count: count() });
     total += runs[runs.length - 1].count;
   }
   const out = {
