@@ -58,7 +58,14 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         region = parse_region(settings.region, simulation.network)
         takeover = Takeover(parse_shares(settings.takeover), region, settings.seed)
     selector = settings.selector or usual_selector(bundle)
-    driver = make_driver(selector, bundle, simulation.api, simulation.network, settings.seed, constraints=Constraints(guard=settings.guard))
+    driver = make_driver(
+        selector,
+        bundle,
+        simulation.api,
+        simulation.network,
+        settings.seed,
+        constraints=Constraints(guard=settings.guard),
+    )
     loop = CoSimulation(simulation, driver, takeover=takeover, yielding=settings.background_yields)
     if takeover is not None and (fast := len(fast_lanes(simulation.network, driver))):
         notices.append(

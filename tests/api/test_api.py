@@ -221,3 +221,14 @@ def test_pandas_is_asked_for_where_it_is_missing(result: slrl_sumo.RunResult, mo
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(slrl_sumo.InputError, match="pip install pandas"):
         result.trajectories.to_pandas()
+
+
+def test_the_example_runs(tmp_path: Path) -> None:
+    root = Path(slrl_sumo.__file__).parents[1]
+    command = [sys.executable, root / "docs" / "examples" / "run_and_look.py", "intersection", tmp_path]
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("1000 decisions, ")
+    assert (tmp_path / "report" / "report.html").is_file()
+    assert (tmp_path / "replay.html").is_file()
