@@ -47,6 +47,7 @@ def decision(frame: int, learned: int = 2, looped: tuple[bool, ...] = (False, Fa
     return Decision(
         steps=(Step(0.4 * frame, world(frame, learned), NOWHERE),),
         modes=np.array([3, 7])[:learned],
+        constraints={},
         surface=np.ones(learned, np.uint8),
         wrapped_around=np.array(looped[:learned]),
         lost=np.zeros(learned, np.bool_),
