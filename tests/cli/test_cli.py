@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 
-from slrl_sumo.report import run_outputs
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.simulation.run import run
 from slrl_sumo.sumo.scenario import shipped_scenarios
@@ -272,7 +271,9 @@ def test_wrong_input_gets_one_line_and_exit_code_1(cli_process: Cli, tmp_path: P
 @pytest.mark.parametrize("what", [what for what in WRONG if what not in SMOKE])
 def test_all_wrong_input_gets_one_line(cli: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, what: str) -> None:
     # Refused before SUMO starts: in this process, that saves the imports of the child of each run.
-    monkeypatch.setattr(run_outputs, "run_contained", lambda settings, views_at, with_surfaces: run(settings, views_at))
+    monkeypatch.setattr(
+        "slrl_sumo.api.run.run_isolated", lambda settings, views_at, with_surfaces: run(settings, views_at)
+    )
     refused(cli(*WRONG[what][0], cwd=tmp_path), WRONG[what][1], tmp_path)
 
 
