@@ -43,13 +43,13 @@ def world(frame: int, learned: int = 2) -> WorldState:
     )
 
 
-def decision(frame: int, learned: int = 2, looped: tuple[bool, ...] = (False, False)) -> Decision:
+def decision(frame: int, learned: int = 2, wrapped_around: tuple[bool, ...] = (False, False)) -> Decision:
     return Decision(
         steps=(Step(0.4 * frame, world(frame, learned), NOWHERE),),
         modes=np.array([3, 7])[:learned],
         constraints={},
         surface=np.ones(learned, np.uint8),
-        wrapped_around=np.array(looped[:learned]),
+        wrapped_around=np.array(wrapped_around[:learned]),
         lost=np.zeros(learned, np.bool_),
         arrived=(),
         taken_over=(),
@@ -123,7 +123,7 @@ def test_a_road_user_handed_back_goes_on_as_another_track(builder: RunRecorder) 
 def test_a_reinserted_road_user_begins_a_new_track() -> None:
     made = RunRecorder(STARTED)
     made.add(decision(1))
-    made.add(decision(2, looped=(True, False)))
+    made.add(decision(2, wrapped_around=(True, False)))
     assert sorted(made.build().tracks.ids) == ["a", "a#1", "b", "c", "d"]
 
 
