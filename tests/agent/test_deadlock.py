@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_routes, make_world
 
 from slrl_sumo.agent.deadlock import HELD, IDLE, LONG, SOON, SPREAD, DeadlockTimer, force_progress
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.capability import STOPPING, Capability
 from slrl_sumo.perception.route_context import GAP, RouteContext, route_context
-from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
@@ -24,8 +23,7 @@ def _car(time: float, speed: float = 0.0) -> WorldState:
 
 def _context(gap: float = np.inf, stop: float = np.inf, closed: bool = False) -> RouteContext:
     """A route straight ahead with a leader that stands `gap` m away."""
-    route = RouteAhead.unknown(1)
-    route.known[:], route.desired[:], route.stop[:], route.closed[:] = True, 10.0, stop, closed
+    route = make_routes(np.zeros((1, 1)), desired=10.0, stop=stop, closed=closed)
     return replace(
         route_context(route, _car(0.0)), leader_gap=np.array([gap]), follow_distance=np.array([gap - GAP[0]])
     )

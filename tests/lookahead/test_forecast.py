@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from builders import make_crowd, make_routes
+from builders import ALONG, make_crowd, make_routes
 
 from slrl_sumo.lookahead.collision import MARGIN
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
@@ -43,9 +43,8 @@ def test_vehicles_on_their_path_keep_to_it() -> None:
     car = replace(make_crowd(5, 1, 1.0), type=np.array([0, 0, 1, 2, 0], np.int8), x=np.zeros(5))
     # On it, beside it but along it, beside it and askew, on foot, without a route.
     car = replace(car, y=np.array([0.2, -3.0, 3.0, 0.0, 0.0]), heading=np.array([1.0, 0.3, -0.4, 0.0, 0.0]))
-    x = np.tile(SPACING * (np.arange(POINTS) - HERE), (5, 1))
-    known = np.array([True, True, True, True, False])
-    kept = path_following(route_context(replace(RouteAhead.unknown(5), known=known, x=x), car), car)
+    route = make_routes(np.tile(ALONG, (5, 1)), known=[True, True, True, True, False])
+    kept = path_following(route_context(route, car), car)
     assert kept.follows.tolist() == [True, True, False, False, False]
     np.testing.assert_allclose(kept.lateral_offset[:2], [0.2, -3.0])
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from builders import make_crowd, make_routes
+from builders import ALONG, make_crowd, make_routes
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Surface, SurfaceShapes
@@ -23,9 +23,7 @@ def test_places_off_the_own_surface_are_counted() -> None:
     me = world.take(rows)
     acceleration, yaw_rate = np.random.default_rng(3).normal(0.0, 1.0, (2, 30, 5))
     free = mode_paths(me, acceleration, yaw_rate, np.full(30, 12.0), halting=True)
-    along = SPACING * (np.arange(POINTS) - HERE)
-    route = replace(RouteAhead.unknown(40), x=world.x[:, None] + along, y=np.tile(world.y[:, None], POINTS))
-    route = replace(route, known=np.arange(40) % 3 != 0)
+    route = make_routes(world.x[:, None] + ALONG, world.y[:, None], known=np.arange(40) % 3 != 0)
     # Without routes all intervals count, and the ground alone.
     for known, given in ((np.zeros(40, np.bool_), None), (route.known, route)):
         found = off_surface(free, me.type, GROUND, rows, given)

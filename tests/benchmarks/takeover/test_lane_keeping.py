@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from builders import make_world
 
 from benchmarks.takeover.lane_keeping import LaneKeeping
 from slrl_sumo.scene.state import WorldState
@@ -26,13 +27,10 @@ def street(bare_network: Callable[[str], Path]) -> Network:
 
 def scene(*users: tuple[str, RoadUserType, float, float, float]) -> WorldState:
     """Road users (id, type, x, y, speed) that head along +x; cars 5 x 2 m, the others 1 x 1 m."""
-    n = len(users)
-    kinds = np.array([u[1] for u in users], np.int8)
-    none = np.zeros(n)
-    side = np.where(kinds == RoadUserType.CAR, 5.0, 1.0), np.where(kinds == RoadUserType.CAR, 2.0, 1.0)
-    x, y, speed = (np.array([u[k] for u in users], np.float64) for k in (2, 3, 4))
-    return WorldState(
-        0.0, tuple(u[0] for u in users), kinds, x, y, none, speed, none, none, *side, learned=np.ones(n, np.bool_)
+    ids, kind, x, y, speed = zip(*users, strict=True)
+    car = np.array(kind) == RoadUserType.CAR
+    return make_world(
+        x, y, speed=speed, type=kind, ids=ids, length=np.where(car, 5.0, 1.0), width=np.where(car, 2.0, 1.0)
     )
 
 

@@ -60,6 +60,7 @@ def _comparable(rows: list[dict[str, float]]) -> list[Any]:
     return [{k: repr(v) for k, v in row.items() if not k.startswith("speed/") and k[-2:] != "_s"} for row in rows]
 
 
+@pytest.mark.slow
 def test_a_stopped_training_resumes_exactly(tmp_path: Path) -> None:
     whole = _train(tmp_path / "whole")
     begun = _train(tmp_path / "parts", stop_after=4)  # the checkpoint is that of update 2: 3 and 4 are done again
