@@ -90,7 +90,8 @@ def _closing_speed(box: Floats, velocity: Floats, i: Rows, j: Rows) -> Floats:
 def _events(kind: str, rows: Floats) -> list[Conflict]:
     """One event for each encounter; `rows`: its moments as a, b, time, x, y, value."""
     rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]
-    new = new_encounters(rows[:, 0], rows[:, 1], rows[:, 2])
+    a, b = rows[:, :2].astype(np.int64).T
+    new = new_encounters(a, b, rows[:, 2])
     events = []
     for part in np.split(rows, np.flatnonzero(new)[1:]) if len(rows) else ():
         at = part[0] if kind == "collision" else part[part[:, 5].argmin()]
