@@ -17,7 +17,8 @@ from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import slrl_sumo.learning.envs
-from slrl_sumo.agent.selectors import PolicySelector, PriorSelector
+from slrl_sumo.agent.decide import choose
+from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.envs import RoadUserEnv
 from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights
@@ -199,13 +200,10 @@ def test_the_others_move_by_the_selector(others: Any, tmp_path: Path, monkeypatc
     real = arena.step
     monkeypatch.setattr(arena, "step", lambda modes: given.append(modes.copy()) or real(modes))
     seed = env._arena._seed  # type: ignore[union-attr]
-    trained = load_bundle(tmp_path / "bundle")
-    expected = (
-        PriorSelector(trained, seed) if others == "prior" else PolicySelector(trained, seed, sample=others == "sampled")
-    )
+    expected = make_selector(others, load_bundle(tmp_path / "bundle"), seed)
     rest = np.arange(16) != env._slot
     for action in (7, 11):
-        wanted = expected.choose(arena.observation, arena.world.ids[:16])
+        wanted, _ = choose(arena.situation, expected, arena.world.ids[:16])
         _, _, terminated, _, _ = env.step(np.int64(action))
         np.testing.assert_array_equal(given[-1][rest], wanted[rest])
         assert given[-1][env._slot] == action
@@ -365,7 +363,7 @@ def test_with_the_preset_extended_the_ego_knows_its_route() -> None:
     seen, _ = env.reset(seed=2)
     route = dict(zip(ROUTE_FEATURES, seen["route"].tolist(), strict=True))
     assert route["known"] == 1.0
-    assert route["aside"] == pytest.approx(0.0, abs=0.3)
+    assert route["lateral_offset"] == pytest.approx(0.0, abs=0.3)
     assert route["desired_speed"] > 0.5
     magenta = (seen["image"] == [255, 0, 255]).all(axis=-1)
     assert magenta.any()
