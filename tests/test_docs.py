@@ -136,7 +136,7 @@ def ray_head(text: str, folder: Path, environment: dict[str, str]) -> Iterator[s
     with (folder / "ray.log").open("w+") as log:
         head = subprocess.Popen(
             [*words, "--block", "--include-dashboard=false"],
-            env=environment,
+            env={**environment, "TMPDIR": short},  # what is killed leaves its files there
             stdout=log,
             stderr=log,
             start_new_session=True,
