@@ -1,10 +1,12 @@
 """Rules that are not learned, by name: which ones are on, and what they do to a motion."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.scene.advance import halting
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -30,6 +32,18 @@ class Constraints:
     """Road users that crawl and do not speed up stop: models of mean motion approach a stand for ever."""
     speed_cap: bool = True
     """No road user accelerates beyond its models' top speed; faster ones decelerate at EASING to it."""
+
+
+def constraints_of(guard: bool, without: Sequence[str]) -> Constraints:
+    """The usual constraints, with the guard or not, and those named in `without` switched off. Raises InputError for
+    unknown names."""
+    names = [field.name for field in fields(Constraints) if field.name != "guard"]
+    for name in without:
+        if name not in names:
+            raise InputError(
+                f"there is no constraint of that name; use {', '.join(names)}", argument="without", value=name
+            )
+    return Constraints(guard=guard, **dict.fromkeys(without, False))
 
 
 def stand_still(speed: Floats, acceleration: Floats, max_speed: Floats) -> tuple[Floats, NDArray[np.bool_]]:

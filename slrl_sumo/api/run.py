@@ -3,7 +3,7 @@
 import resource
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,6 +43,7 @@ def run(
     bundle: str | Path = DEFAULT_BUNDLE,
     selector: str | None = None,
     guard: bool = False,
+    without: Sequence[str] = (),
     steps: int | None = None,
     until: float | None = None,
     seed: int = 1,
@@ -66,7 +67,8 @@ def run(
     by `mix`. `takeover`: share of each type of the scenario's own road users that become learned, inside `region`
     (text as on the command line, or a JunctionRegion, EdgesRegion or BoxRegion). `bundle`: shipped name or folder.
     `selector`: prior, greedy, sampled or lane. `guard`: modes that run into a conflict are not chosen where others are
-    left. `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the scenario's end.
+    left. `without`: names of constraints to switch off (see agent.constraints).
+    `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the scenario's end.
     `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles brake for learned road users.
     `sumo_outputs`: whether the scenario writes its own outputs. `sumo_options`: options for SUMO itself.
 
@@ -86,6 +88,7 @@ def run(
         bundle=bundle,
         selector=selector,
         guard=guard,
+        without=tuple(without),
         steps=steps,
         until=until,
         seed=seed,

@@ -1,6 +1,6 @@
 """A run in the own process, decision by decision."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -39,6 +39,7 @@ class Simulation:
         bundle: str | Path = DEFAULT_BUNDLE,
         selector: str | None = None,
         guard: bool = False,
+        without: Sequence[str] = (),
         steps: int | None = None,
         until: float | None = None,
         seed: int = 1,
@@ -56,6 +57,7 @@ class Simulation:
             bundle=bundle,
             selector=selector,
             guard=guard,
+            without=tuple(without),
             steps=steps,
             until=until,
             seed=seed,

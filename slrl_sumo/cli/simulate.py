@@ -42,6 +42,10 @@ def run(
     guard: Annotated[
         bool, typer.Option("--guard", help="Do not choose modes that run into a conflict where others are left.")
     ] = False,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Switch off a rule that is not learned, e.g. deadlock_release; may be given several times."),
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s. [default: to the scenario's end]")] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the starting places and the choices.")] = 1,
@@ -74,6 +78,7 @@ def run(
         takeover=takeover,
         region=region,
         guard=guard,
+        without=tuple(without or ()),
         steps=steps,
         until=until,
         seed=seed,

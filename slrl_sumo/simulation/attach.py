@@ -1,5 +1,6 @@
 """Learned road users in a simulation that another script has started."""
 
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -79,6 +80,7 @@ def attach(
     bundle: str | Path = DEFAULT_BUNDLE,
     selector: str | None = None,
     guard: bool = False,
+    without: Sequence[str] = (),
     seed: int = 1,
     background_yields: bool = True,
 ) -> Attached:
@@ -106,6 +108,7 @@ def attach(
         bundle=bundle,
         selector=selector,
         guard=guard,
+        without=tuple(without),
         seed=seed,
         background_yields=background_yields,
     )

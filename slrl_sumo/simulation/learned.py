@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import torch
 
-from slrl_sumo.agent.constraints import Constraints
+from slrl_sumo.agent.constraints import constraints_of
 from slrl_sumo.agent.driver import SELECTORS, Driver, make_driver, unknown_selector, usual_selector
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.scene.types import RoadUserType
@@ -64,7 +64,7 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         simulation.api,
         simulation.network,
         settings.seed,
-        constraints=Constraints(guard=settings.guard),
+        constraints=constraints_of(settings.guard, settings.without),
     )
     loop = CoSimulation(simulation, driver, takeover=takeover, yielding=settings.background_yields)
     if takeover is not None and (fast := len(fast_lanes(simulation.network, driver))):

@@ -35,6 +35,8 @@ class LearnedSettings:
     """prior, greedy, sampled or lane; None: greedy where the bundle has a trained selector, else prior."""
     guard: bool = False
     """Modes that run into a conflict are not chosen where others are left (see agent.guard)."""
+    without: tuple[str, ...] = ()
+    """Constraints that are switched off, by their names in agent.constraints."""
     seed: int = 1
     """Of the places, the draw of the takeover and the choices, 0 to 2147483647."""
     background_yields: bool = True

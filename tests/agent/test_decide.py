@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from slrl_sumo.agent.constraints import Constraints, constraints_of
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.agent.driver import ModelDriver, make_driver
+from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import load_bundle
@@ -104,9 +106,13 @@ def test_road_users_that_stand_too_long_are_released_in_training_as_in_runs() ->
     assert released > 0
 
 
-def test_constraints_can_be_switched_off() -> None:
-    from slrl_sumo.agent.constraints import Constraints
+def test_constraints_are_named() -> None:
+    assert constraints_of(True, ["speed_cap"]) == Constraints(guard=True, speed_cap=False)
+    with pytest.raises(InputError, match="without='brakes': there is no constraint of that name; use path_smoothing"):
+        constraints_of(False, ["brakes"])
 
+
+def test_constraints_can_be_switched_off() -> None:
     settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, extended=True)
     off = Constraints(path_smoothing=False, deadlock_release=False, standing_still=False, speed_cap=False)
     with Arena(find_scenario("signalised"), load_bundle("intersection"), settings, 3) as arena:

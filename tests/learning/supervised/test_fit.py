@@ -132,11 +132,11 @@ def test_a_recording_that_is_turned_teaches_the_same(traffic: list[Trajectories]
 def test_closed_loop_stays_within_what_was_recorded(learned: ModelBundle, traffic: list[Trajectories]) -> None:
     world = traffic[0].world(20)
     every, recorded = np.arange(len(world)), windows(traffic)
-    selector = PriorSelector(learned, 1)
+    selector = PriorSelector(learned, np.random.default_rng(1).random)
     speeds, turns, start = [], [], world
     for _ in range(200):
         seen = Observation(features(world, every), None, world.type)
-        acceleration, yaw_rate = learned.motion(seen, selector.choose(seen))
+        acceleration, yaw_rate = learned.motion(seen, *selector.choose(seen))
         world = advance(world, acceleration, yaw_rate, learned.max_speed[world.type], DECISION_INTERVAL)
         speeds.append(world.speed)
         turns.append(np.abs(world.yaw_rate))
