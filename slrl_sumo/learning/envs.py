@@ -22,6 +22,7 @@ from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selectors import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
+from slrl_sumo.learning.rl.arena_slots import action_mask
 from slrl_sumo.learning.rl.rewards import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
@@ -52,14 +53,15 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     - Observation: `vector` (12,) float32 and `image` (40, 80, 3) uint8 as in perception.Observation, the image
       `enlarge` times as large: 2, because the CNN of Stable-Baselines3 takes none below 36 px; 1 is what selectors see.
       With `preset` "extended" it knows its route: the path in the image, and `route` (14,) float32, columns as in
-      perception.routefeatures.ROUTE_FEATURES.
+      perception.route_features.ROUTE_FEATURES.
     - Reward: the terms of learning.rl.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
-      `speed_mps`, `type` and `id`, after reset also `scenario`.
+      `speed_mps`, `type`, `id` and `action_mask` (20,) int8: 1 for modes that constraints allow next. After
+      reset it also has `scenario`.
     - Terminated: in contact with a road user, or lost. Truncated: after `episode_steps` decisions.
 
     `ego`: its type; None draws it from the `agents` learned road users, itself included. `others`: the selector
     of all but the ego, as `slrl-sumo run --selector` names them; with "sumo" the ego is the only learned one,
-    and `agents` has no say. `bundle` and `scenario` as `slrl-sumo run` names them; scenario None draws a new random
+    and `agents` has no effect. `bundle` and `scenario` as `slrl-sumo run` names them; scenario None draws a new random
     network at every reset. `options={"scenario": ...}` of a reset puts another one in its place, from then on.
 
     `reset(seed=...)` loads SUMO: same seed and actions, same episodes. Without a seed the ego begins at a new place in
@@ -246,6 +248,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             "speed_mps": float(world.speed[self._slot]),
             "type": TYPE_NAMES[world.type[self._slot]],
             "id": world.ids[self._slot],
+            "action_mask": action_mask(self._arena.situation)[self._slot],
         }
 
     def _last_seen(self, outcome: Outcome) -> Seen:

@@ -88,16 +88,22 @@ def peak_memory() -> float:
     return peak / (1024.0 if sys.platform != "darwin" else 1024.0**2)
 
 
+def action_mask(situation: Situation) -> NDArray[np.int8]:
+    """1 for the modes that each road user may choose, else 0, (n, modes)."""
+    assert situation.rollouts is not None
+    mask = situation.mask
+    return np.ones(situation.rollouts.collision.shape, np.int8) if mask is None else mask.astype(np.int8)
+
+
 def _seen(situation: Situation, features: tuple[str, ...]) -> Arrays:
     """A situation as arrays of n rows; `features`: columns of the rollouts."""
     observation, rollouts = situation.observation, situation.rollouts
     assert observation.image is not None
     assert rollouts is not None
-    mask = np.ones(rollouts.collision.shape, np.bool_) if situation.mask is None else situation.mask
     seen: Arrays = {"vector": observation.vector, "image": observation.image, "rollouts": rollouts.columns(features)}
     if observation.route is not None:
         seen["route"] = observation.route
-    return seen | {"action_mask": mask.astype(np.int8)}
+    return seen | {"action_mask": action_mask(situation)}
 
 
 def _flat(outcome: Outcome, features: tuple[str, ...]) -> Arrays:
