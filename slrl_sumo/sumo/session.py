@@ -4,6 +4,7 @@ import os
 import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,6 +48,7 @@ class SumoSession:
         self._seed = seed
         self._keep_outputs = keep_outputs
         self._scratch: Path | None = None
+        self._remove_scratch = weakref.finalize(self, lambda: None)
         self._open = False
 
     def __enter__(self) -> Self:
@@ -59,6 +61,8 @@ class SumoSession:
         self.api: SumoApi = libsumo
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+            # Also at the end of a process that does not close its simulation.
+            self._remove_scratch = weakref.finalize(self, shutil.rmtree, self._scratch, ignore_errors=True)
         command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
         self._open = True
         with _captured_output() as printed:
@@ -120,8 +124,7 @@ class SumoSession:
                 libsumo.close()
         finally:
             self._open = False
-            if self._scratch is not None:
-                shutil.rmtree(self._scratch, ignore_errors=True)
+            self._remove_scratch()
 
 
 class AttachedSession:
