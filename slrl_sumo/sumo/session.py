@@ -5,7 +5,7 @@ import shutil
 import sys
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -48,7 +48,7 @@ class SumoSession:
         self._seed = seed
         self._keep_outputs = keep_outputs
         self._scratch: Path | None = None
-        self._remove_scratch = weakref.finalize(self, lambda: None)
+        self._remove_scratch: Callable[[], object] = lambda: None
         self._open = False
 
     def __enter__(self) -> Self:
@@ -62,7 +62,7 @@ class SumoSession:
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
             # Also at the end of a process that does not close its simulation.
-            self._remove_scratch = weakref.finalize(self, shutil.rmtree, self._scratch, ignore_errors=True)
+            self._remove_scratch = weakref.finalize(self, _remove, self._scratch)
         command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
         self._open = True
         with _captured_output() as printed:
@@ -125,6 +125,10 @@ class SumoSession:
         finally:
             self._open = False
             self._remove_scratch()
+
+
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 class AttachedSession:
