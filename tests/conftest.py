@@ -49,8 +49,9 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]
     if hasattr(session.config, "workerinput"):
         return
     folder, end = Path(tempfile.gettempdir()), time.monotonic() + GRACE
-    # PyTorch's optimisers create a folder for their compiler.
-    while (left := sorted({path.name for path in folder.iterdir()} - {f"torchinductor_{getuser()}"})) and (
+    # PyTorch's optimisers create a folder for their compiler, and Chromium one that may outlive it.
+    others = (f"torchinductor_{getuser()}", "org.chromium.")
+    while (left := sorted(path.name for path in folder.iterdir() if not path.name.startswith(others))) and (
         time.monotonic() < end
     ):
         time.sleep(0.5)

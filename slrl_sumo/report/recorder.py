@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started, Views
-from slrl_sumo.simulation.record import jumped
 
 MOST_ROWS = 1_000_000
 """Positions after which no more are kept, so that a long run has bounded costs."""

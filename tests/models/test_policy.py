@@ -104,7 +104,7 @@ def test_half_a_selector_is_damage(bundle: ModelBundle, policy: Policy, tmp_path
 
 
 def test_without_a_trained_policy_it_says_so(bundle: ModelBundle) -> None:
-    with pytest.raises(InputError, match="it has no trained selector; use --selector prior"):
+    with pytest.raises(InputError, match="it has no trained selector; use `selector='prior'`"):
         PolicySelector(bundle)
 
 

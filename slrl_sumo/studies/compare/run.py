@@ -16,10 +16,10 @@ from slrl_sumo.metrics.signal_crossings import SignalCrossings
 from slrl_sumo.metrics.trips import Trips
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
-from slrl_sumo.simulation.record import jumped
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.shares import parse_shares
 from slrl_sumo.sumo.api import SumoApi

@@ -145,7 +145,7 @@ def test_same_seed_same_run_and_another_seed_another() -> None:
 
 def test_training_can_only_be_taken_up_where_simulations_begin_anew() -> None:
     agent = Agent(Policy(SMALL), Prior(MODES), PpoSettings(), torch.device("cpu"))
-    with pytest.raises(ValueError, match="begin anew"):
+    with pytest.raises(ValueError, match="where simulations restart"):
         learn(
             agent,
             _Lights(),

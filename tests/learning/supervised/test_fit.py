@@ -183,8 +183,8 @@ def without(recording: Trajectories, kind: RoadUserType, keep: int = 0) -> Traje
         recording,
         track=(np.cumsum(kept) - 1)[recording.track[rows]],
         ids=tuple(name for name, k in zip(recording.ids, kept, strict=True) if k),
-        **{name: getattr(recording, name)[rows] for name in ("frame", "x", "y", "heading")},
-        **{name: getattr(recording, name)[kept] for name in ("type", "length", "width", "parked")},
+        **{name: getattr(recording, name)[rows] for name in ("frame", "x", "y", "heading", "mode")},
+        **{name: getattr(recording, name)[kept] for name in ("type", "length", "width", "parked", "learned")},
     )
 
 

@@ -27,7 +27,7 @@ def test_steps_that_divide_the_decision_interval_are_taken(step: float) -> None:
 
 @pytest.mark.parametrize("step", [0.3, 0.0, -0.2, -0.4, 0.8, 1.0, 0.15, 0.0004, 0.4 / 3, float("nan"), float("inf")])
 def test_a_wanted_step_that_does_not_divide_it_is_an_error(step: float) -> None:
-    with pytest.raises(InputError, match=r"--step-length .*use 0\.4, 0\.2, 0\.1 or 0\.05"):
+    with pytest.raises(InputError, match=r"step_length=.*use 0\.4, 0\.2, 0\.1 or 0\.05"):
         sumo_step_length(scenario(step_length="0.2"), step)
 
 
