@@ -116,7 +116,7 @@ def _what_states_are_worth(scenario: str) -> str:
 
 
 def _traffic(session: SumoSession) -> list[tuple[str, tuple[float, float]]]:
-    """Where everybody is after 20 s."""
+    """Positions of all road users after 20 s."""
     _play(session, session.time + 20.0)
     # Not by our reader: a loaded state forgets its subscriptions.
     domains = (session.api.vehicle, session.api.person)

@@ -3,7 +3,7 @@
 python benchmarks/schedule.py study    [--cores 16,256,4096] [--jobs-per-core 64] [--mean S] [--sd S] [--driver-ms MS]
 python benchmarks/schedule.py training [--cores 16,256,4096] [--rollout S] [--sd S] [--update S] [--gbit 10]
 
-study     independent simulations: who is free takes the next; one process hands out jobs and writes down results, one
+study     independent simulations: a free core takes the next; one process hands out jobs and writes down results, one
           after the other; more jobs than cores are handed out, so that no core waits (ray_workers.QUEUED_SHARE)
 training  PPO: weights to all machines, rollouts side by side, all of them back, one update; and so on
 """
@@ -24,7 +24,7 @@ def study(durations: NDArray[np.float64], cores: int, driver: float, start: floa
     """Seconds until the last result is written down, and the share of the cores' time, from the first job on, in which
     they waited. `driver`: s for each result and the job that follows it; `start`: s until a core takes its first."""
     jobs = deque(durations.tolist())
-    waiting: deque[float] = deque()  # handed out, on nobody's core yet
+    waiting: deque[float] = deque()  # handed out, on no core yet
     events = [(start, FREE, core) for core in range(cores)]
     heapq.heapify(events)
     for _ in range(min(len(jobs), cores + int(np.ceil(ahead * cores)))):

@@ -29,8 +29,8 @@ Inputs = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
 
 
 class Dense(nn.Module):
-    """The correction of a policy with the heads of all types for everybody: no step depends on the data, which is what
-    tracing, export and compiling need."""
+    """The correction of a policy with the heads of all types for all road users. No step depends on the data, as
+    tracing, export and compiling require."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Do background vehicles brake for learned road users whom their path meets, only for those, and at what cost?
+"""Braking of background vehicles for learned road users in their path, for those beside it, and its cost.
 
     python benchmarks/yielding.py [--json FILE] [--without] [--seconds 600] [--only meet|beside|cost]
 
@@ -256,7 +256,7 @@ def _meet(
 
 
 def can_appear(snapshot: Snapshot, start: np.ndarray) -> bool:
-    """Nobody is where it will be."""
+    """No vehicle is near the place where it will appear."""
     return not (np.hypot(snapshot.x - start[0], snapshot.y - start[1])[~snapshot.person] < 6.0).any()
 
 
@@ -440,7 +440,7 @@ def one_case(arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def print_tables(rows: list[dict[str, Any]], console: Console) -> None:
-    """For people."""
+    """Print the results as tables."""
     dead = [r for r in rows if "died" in r]
     rows = [r for r in rows if "died" not in r]
     met = [r for r in rows if r["part"] == "meet"]

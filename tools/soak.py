@@ -11,8 +11,8 @@ command that repeats it. An agent-step is one learned road user in one SUMO step
 - takeover: all of the scenario's own road users, everywhere, with the lane follower;
 - takeover-random: the same on random walks without jumps, which leave their lanes, their routes and the scene.
 
-Each run ends by giving everybody back or taking them out, and 10 s more of SUMO. Exit code 1 if there was any crash,
-hang or loss.
+Each run ends by handing back or removing all learned road users, and 10 s more of SUMO. Exit code 1 if there was any
+crash, hang or loss.
 """
 
 import argparse
@@ -128,7 +128,7 @@ class LastRead(Reader):
 
 
 class Mapping:
-    """How often SUMO has a road user on the edge, and a vehicle on the lane, whose surface it is on.
+    """Agreement of SUMO's edges and lanes of road users with the surfaces under them.
 
     Counted outside junctions where its reference point (the front) is on the surface of exactly one edge, or of exactly
     one lane, which its class may use. A vehicle beside all lanes that it may use has an edge in SUMO but no lane.
@@ -221,7 +221,7 @@ class Watch:
         count["arrived"] += len(decision.arrived)
         count["wrapped_around"] += int(decision.wrapped_around.sum())
         count["returned_to_route"] += len(decision.returned_to_route)
-        # Those that had left the scene are put on their route again, wherever that is.
+        # Road users that had left the scene are put on their route again, at any distance.
         self.keep_returned(tuple(set(decision.handed_back) - set(decision.returned_to_route)))
 
     def keep_returned(self, ids: tuple[str, ...]) -> None:

@@ -17,21 +17,21 @@ TTC_LIMIT = 1.5
 PET_LIMIT = 1.0
 """s."""
 PAUSE = 2.0
-"""s; a pair that was no longer in conflict for so long has a new encounter."""
+"""s; after this time without a conflict a pair has a new encounter."""
 PET_STEP = 0.1
-"""s between the places that are compared; positions in between are interpolated."""
+"""s between compared positions, which are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Conflicts:
-    """k encounters, in the order of their tracks: each with the moment of its smallest value."""
+    """k encounters in the order of their tracks, each at the moment of its smallest value."""
 
     a: Integers
     """Index of one track, (k,)."""
     b: Integers
     """Index of the other one, larger, (k,)."""
     time: Floats
-    """When the value was smallest, s, (k,); of PET the arrival of the second one."""
+    """Time of the smallest value, s, (k,); for PET the arrival of the second road user."""
     x: Floats
     """Midway between the two centres then, m, (k,)."""
     y: Floats
@@ -50,13 +50,13 @@ class Conflicts:
         return Conflicts(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     def with_vehicles(self, trajectories: Trajectories) -> "Conflicts":
-        """Those in which not both are pedestrians: people pass each other within 1.5 s every day."""
+        """Encounters except those of two pedestrians: they pass each other within 1.5 s in everyday traffic."""
         kinds = trajectories.type
         walking = (kinds[self.a] == RoadUserType.PEDESTRIAN) & (kinds[self.b] == RoadUserType.PEDESTRIAN)
         return self.take(np.flatnonzero(~walking))
 
     def involving(self, trajectories: Trajectories, kind: RoadUserType) -> "Conflicts":
-        """Those in which at least one is of a type."""
+        """Encounters with at least one road user of a type."""
         kinds = trajectories.type
         return self.take(np.flatnonzero((kinds[self.a] == kind) | (kinds[self.b] == kind)))
 
@@ -83,7 +83,7 @@ def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Co
     """Encounters with a time to collision (see `surrogate.time_to_collision`) below `below` s, at any angle.
 
     Each is counted once, with its smallest value; 0 is an overlap. A pair that overlaps from the first moment on has
-    not driven into each other: such an encounter is left out.
+    not collided by driving: such an encounter is left out.
     """
     box, velocity = boxes(trajectories), velocities(trajectories)
     i, j, value = pairs_about_to_touch(box=box, velocity=velocity, frame=trajectories.frame, below=below)
@@ -137,8 +137,8 @@ def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
 def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Conflicts:
     """Encounters with a post-encroachment time (see `surrogate.post_encroachment_time`) below `below` s.
 
-    Only at angles of 30° and more: who follows another reaches its place all the time, and that time is the headway.
-    Each encounter is counted once; 0 is an overlap, and those that begin with one are left out.
+    Only at angles of 30° and more: for a follower this time is its headway at every moment.
+    Each encounter is counted once; 0 is an overlap; encounters that begin with one are left out.
     Positions are interpolated to 0.1 s, so that values are up to 0.2 s too long.
     """
     t, dt = trajectories, trajectories.dt
@@ -152,7 +152,7 @@ def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Co
     reach = 0.5 * np.hypot(box[begin, 3], box[begin, 4]) + 0.5 * np.hypot(move[:, 0], move[:, 1])
     parts = max(1, round(dt / PET_STEP))
     shares = np.arange(parts + 1) / parts
-    found = [_Meetings.none()]
+    found = [_PlaceConflicts.none()]
     for lag in range(int(np.ceil(below / dt)) + 1):
         for i, j in row_pairs(x=middle[:, 0], y=middle[:, 1], frame=t.frame[begin], reach=reach, lag=lag):
             other = t.track[begin[i]] != t.track[begin[j]]
@@ -171,8 +171,8 @@ def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Co
                 arrival = t.frame[begin[i[here]]] * dt + max(share_i, lag + share_j) * dt
                 place = 0.5 * (at_i[here, :2] + at_j[here, :2])
                 value = np.full(len(here), 0.0 if abs(apart) < 1e-9 else abs(apart))
-                found.append(_Meetings(i[here], j[here], value, arrival, place, angle[here]))
-    met = _Meetings(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Meetings)))
+                found.append(_PlaceConflicts(i[here], j[here], value, arrival, place, angle[here]))
+    met = _PlaceConflicts(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_PlaceConflicts)))
     a, b = t.track[begin[met.i]], t.track[begin[met.j]]
     moments = Conflicts(
         a=np.minimum(a, b),
@@ -188,8 +188,8 @@ def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Co
 
 
 @dataclass(frozen=True, eq=False)
-class _Meetings:
-    """Places that two road users were at within a short time: their intervals, times (s), place (m) and angle (rad)."""
+class _PlaceConflicts:
+    """Places occupied by two road users within a short time: intervals, times (s), place (m) and angle (rad)."""
 
     i: Rows
     j: Rows
@@ -199,9 +199,9 @@ class _Meetings:
     angle: Floats
 
     @staticmethod
-    def none() -> "_Meetings":
-        nobody, nothing = np.zeros(0, np.intp), np.zeros(0)
-        return _Meetings(nobody, nobody, nothing, nothing, np.zeros((0, 2)), nothing)
+    def none() -> "_PlaceConflicts":
+        no_rows, empty = np.zeros(0, np.intp), np.zeros(0)
+        return _PlaceConflicts(no_rows, no_rows, empty, empty, np.zeros((0, 2)), empty)
 
 
 def _moved(box: Floats, move: Floats, turn: Floats, share: float) -> Floats:
@@ -213,7 +213,7 @@ def _moved(box: Floats, move: Floats, turn: Floats, share: float) -> Floats:
 
 
 def _encounters(moments: Conflicts, t: Trajectories) -> Conflicts:
-    """One of the moments of each encounter: that with the smallest value, the first of several."""
+    """The moment of each encounter with the smallest value, the first of several."""
     m = moments.take(np.lexsort((moments.time, moments.b, moments.a)))
     if not len(m):
         return m

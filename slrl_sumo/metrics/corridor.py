@@ -1,4 +1,4 @@
-"""The most used way through a scene, and who is where along it."""
+"""The busiest corridor of a scene, and the positions of road users along it."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
 CELL = 20.0
-"""m; ways that begin in one square of this size and end in one belong together."""
+"""m; paths that begin in the same square of this size and end in the same square belong together."""
 SPACING = 1.0
 """m between points of a corridor."""
 ASIDE = 5.0
-"""m from its middle within which somebody is in it."""
+"""m from its middle within which a road user is in it."""
 ALIGNED = np.radians(45.0)
 """rad between its direction and a heading, at most."""
 SHORTEST = 20.0
@@ -24,16 +24,16 @@ SHORTEST = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Corridor:
-    """A way as points (k, 2), m, `SPACING` apart, with its direction at each, rad, (k,)."""
+    """A path as points (k, 2), m, `SPACING` apart, with its direction at each, rad, (k,)."""
 
     points: Floats
     direction: Floats
 
 
 def busiest(trajectories: Trajectories) -> Corridor | None:
-    """The longest way of the pair of places between which the most metres were travelled; None where all are short.
+    """The longest path between the two places with the most metres travelled between them; None where all are short.
 
-    Ways of vehicles count; those of pedestrians where there are none.
+    Paths of vehicles count; without vehicles those of pedestrians.
     """
     t = trajectories
     walking = t.type == RoadUserType.PEDESTRIAN
@@ -60,12 +60,12 @@ def busiest(trajectories: Trajectories) -> Corridor | None:
 
 
 def along(corridor: Corridor, trajectories: Trajectories) -> Floats:
-    """m along the corridor of each row, (R,); nan where it is not in it, or goes in another direction."""
+    """m along the corridor of each row, (R,); nan outside the corridor and in other directions."""
     t = trajectories
     apart, nearest = cKDTree(corridor.points).query(np.column_stack([t.x, t.y]))
     turned = np.abs(wrap_angle(t.heading - corridor.direction[nearest]))
     dx, dy = t.x - corridor.points[nearest, 0], t.y - corridor.points[nearest, 1]
     beyond = dx * np.cos(corridor.direction[nearest]) + dy * np.sin(corridor.direction[nearest])
-    # Before the begin and behind the end the nearest point is the first or the last one.
+    # Before the beginning and beyond the end the nearest point is the first or the last one.
     inside = (apart < ASIDE) & (turned < ALIGNED) & (np.abs(beyond) <= SPACING)
     return np.where(inside, nearest * SPACING + beyond, np.nan)

@@ -1,4 +1,4 @@
-"""Distributions of motion, by road user type, and how far apart two of them are."""
+"""Distributions of motion by road user type, and distances between them."""
 
 import math
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
 QUANTITIES = {"speed": "m/s", "acceleration": "m/s²", "yaw_rate": "rad/s"}
-"""What is compared, with its unit."""
+"""Compared quantities and their units."""
 EDGES: Mapping[str, tuple[Floats, ...]] = {
     "speed": (np.linspace(0.0, 20.0, 41), np.linspace(0.0, 10.0, 41), np.linspace(0.0, 3.0, 31)),
     "acceleration": (np.linspace(-6.0, 6.0, 50),) * 2 + (np.linspace(-3.0, 3.0, 32),),
@@ -47,19 +47,19 @@ def kinematics(trajectories: Trajectories, tracks: NDArray[np.bool_] | None = No
 
 
 def jensen_shannon_distance(*, a: Floats, b: Floats, edges: Floats) -> float:
-    """How far two samples are apart as histograms over `edges`: the root of the Jensen-Shannon divergence to base 2.
+    """Distance of two samples as histograms over `edges`: the root of the Jensen-Shannon divergence to base 2.
 
     0 where the histograms are the same, 1 where they have no bin in common; no unit; a metric (Endres and Schindelin
     2003; divergence: Lin 1991). `a` (n,), `b` (m,) and `edges` (k + 1,) in one unit; values beyond the edges count in
     the outer bins. It depends on the bins: compare only figures of the same. Raises ValueError for an empty sample.
     """
     if not len(a) or not len(b):
-        raise ValueError("a distribution of nothing has no distance")
+        raise ValueError("an empty sample has no distribution")
     return math.sqrt(divergence(histogram(a, edges), histogram(b, edges)))
 
 
 def kinematic_distances(ours: Kinematics, theirs: Kinematics) -> dict[str, dict[str, float | None]]:
-    """Jensen-Shannon distances over EDGES by type name and quantity; None where one of the two has nobody of a type."""
+    """Jensen-Shannon distances over EDGES by type name and quantity; None for types that one of them lacks."""
     return {
         name: {
             quantity: jensen_shannon_distance(a=ours[quantity][k], b=theirs[quantity][k], edges=EDGES[quantity][k])

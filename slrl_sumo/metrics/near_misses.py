@@ -1,4 +1,4 @@
-"""Collisions and near misses in a trace: pairs of road users, when and where."""
+"""Collisions and near misses in a trace: pairs of road users, times and places."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Who is near whom in a table of positions over time."""
+"""Pairs of nearby road users in a table of positions over time."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -11,16 +11,16 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats
 
 CHUNK = 5000
-"""Rows that are searched at once: what bounds the memory."""
+"""Rows searched at once; bounds the memory."""
 
 Rows = NDArray[np.intp]
 
 
 def row_pairs(*, x: Floats, y: Floats, frame: Integers, reach: Floats, lag: int = 0) -> Iterator[tuple[Rows, Rows]]:
-    """Pairs of rows (i, j) with frame[j] = frame[i] + `lag` that are closer than reach[i] + reach[j], part by part.
+    """Pairs of rows (i, j) with frame[j] = frame[i] + `lag` that are closer than reach[i] + reach[j], chunk by chunk.
 
     `x`, `y`, `reach`: m, (R,); `frame`: (R,), in any order; `lag`: 0 or more. With lag 0 each pair comes once, and no
-    row with itself; with a lag the rows of one road user do come with each other.
+    row is paired with itself; with a lag, rows of the same road user are paired.
     """
     order = np.argsort(frame, kind="stable")
     frames = frame[order]
@@ -37,7 +37,7 @@ def row_pairs(*, x: Floats, y: Floats, frame: Integers, reach: Floats, lag: int 
         if not len(there):
             continue
         radius = float(reach[here].max() + reach[there].max())
-        # Frames lie so far apart in the third dimension that they do not see each other.
+        # In the third dimension frames are farther apart than the search radius.
         apart = 2.0 * radius + 1.0
         base = int(frame[here[0]])
         points = np.column_stack([x[here], y[here], (frame[here] - base) * apart])

@@ -1,4 +1,4 @@
-"""How realistic simulated road users are: a score in the manner of the Waymo Open Sim Agents Challenge."""
+"""Realism of simulated road users: a score modelled on the Waymo Open Sim Agents Challenge."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ LONGEST_TTC = 5.0
 FARTHEST = 40.0
 """m; neighbours farther away, and none, count as this far."""
 NEIGHBOURS = 6
-"""So many others, the nearest by their centres, are asked for the nearest box."""
+"""Number of road users, the nearest by their centres, among which the nearest box is searched."""
 SMOOTHING = 0.1
-"""Added to the count of each bin, so that what was never simulated is unlikely, not impossible."""
+"""Added to the count of each bin, so that values that were never simulated are unlikely, not impossible."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,8 @@ def realism(
     takes a weighted mean. So does this, with three differences: the distributions are those of all road users of a type
     at all times, not of one road user in 32 rollouts of one scene; the likelihood is divided by that of the reference
     under its own distribution, so that 1 can be reached: it is exp(-KL(reference || simulated)); and the time to
-    collision is that of boxes in the plane, towards whomever. They do not compare with the challenge's figures.
+    collision is that of boxes in the plane, towards any road user. The scores are not
+    comparable with those of the challenge.
 
     With `tracks` and `reference_tracks`, (T,), only those road users count; the others are still seen by them.
 
@@ -90,7 +91,7 @@ def realism(
     """
     grounds = (None, None) if shapes is None else (shapes, reference_shapes or shapes)
     own = _by_row(simulated, grounds[0])
-    # Two parties of one run are looked at once.
+    # Two groups of one run share their features.
     same = reference is simulated and grounds[1] is grounds[0]
     other = own if same else _by_row(reference, grounds[1])
     ours, theirs = _by_type(simulated, own, tracks), _by_type(reference, other, reference_tracks)
@@ -170,7 +171,7 @@ def nearest_distance(trajectories: Trajectories) -> Floats:
 
 
 def shortest_ttc(trajectories: Trajectories) -> Floats:
-    """Shortest time to collision with anybody, s, (R,), at most LONGEST_TTC."""
+    """Shortest time to collision with any road user, s, (R,), at most LONGEST_TTC."""
     t = trajectories
     box, velocity = boxes(t), velocities(t)
     shortest = np.full(len(t), LONGEST_TTC)

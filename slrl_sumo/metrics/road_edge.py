@@ -1,4 +1,4 @@
-"""How far road users are from the edge of what they may be on."""
+"""Distances of road users from the edge of their own surfaces."""
 
 import cv2
 import numpy as np
@@ -12,13 +12,13 @@ FINEST = 4.0
 """px/m."""
 MOST_PIXELS = 16 * 2**20
 AROUND = 10.0
-"""m of ground that is looked at around the positions; edges farther away count as that far."""
+"""m of ground around the positions; edges farther away count as this far."""
 
 
 def edge_distance(*, shapes: SurfaceShapes, x: Floats, y: Floats, kind: NDArray[np.int8]) -> Floats:
     """Signed distance of centres to the nearest edge of their type's own surfaces, m, (n,): negative on them.
 
-    `x`, `y`: m; `kind`: RoadUserType, (n,). Own surfaces: see `metrics.counters.OWN_SURFACE`; road and crossings for
+    `x`, `y`: m; `kind`: RoadUserType, (n,). Own surfaces: see `ground.surfaces.OWN_SURFACE`; road and crossings for
     cars, all surfaces for others. The sign is that of the Waymo Sim Agents' distance to the road edge. Exact to
     about a pixel: 0.25 m, more where the positions span more than 1 km².
     """
@@ -42,7 +42,7 @@ def edge_distance(*, shapes: SurfaceShapes, x: Floats, y: Floats, kind: NDArray[
 
 def _outside(mask: NDArray[np.uint8]) -> Floats:
     """Distance of the centre of each pixel of `mask` to the border of the others, px; 0 outside of it."""
-    if mask.all():  # no border at all: as far as one looks
+    if mask.all():  # no border: the largest distance
         return np.full(mask.shape, AROUND * FINEST)
     apart = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
     return np.where(mask > 0, apart - 0.5, 0.0)

@@ -1,4 +1,4 @@
-"""How near two road users came to a crash: time to collision, post-encroachment time, deceleration to avoid a crash.
+"""Surrogate safety measures: time to collision, post-encroachment time, deceleration to avoid a crash.
 
 Boxes are rows of centre x, centre y (m), heading (rad counter-clockwise from +x), length and width (m), as in
 `slrl_sumo.scene.geometry.boxes_overlap`. The measures are those of the Surrogate Safety Assessment Model (SSAM; Gettman
@@ -38,7 +38,7 @@ def time_to_collision(*, a: Floats, b: Floats, velocity_a: Floats, velocity_b: F
 
 
 def deceleration_to_avoid_crash(*, ttc: Floats, closing: Floats) -> Floats:
-    """The constant deceleration of the motion towards each other that just avoids the crash (DRAC), m/s², (n,).
+    """The constant deceleration of the closing motion that just avoids the crash (DRAC), m/s², (n,).
 
     `ttc`: s, inf for never; `closing`: relative speed |velocity_a - velocity_b| in m/s. closing / (2 ttc): until the
     contact they cover closing x ttc relative to each other, a stop within a distance d takes closing² / (2 d). For a

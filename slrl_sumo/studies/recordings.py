@@ -21,7 +21,7 @@ from slrl_sumo.version import __version__
 
 @dataclass(frozen=True)
 class Recordings:
-    """What to record; the words are those of `slrl-sumo record`."""
+    """Settings of recordings, named as the options of `slrl-sumo record`."""
 
     scenario: str
     seeds: range
@@ -30,10 +30,10 @@ class Recordings:
 
 
 def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
-    """Record every seed that `folder` does not hold yet, with a progress bar, as seed-N.npz.
+    """Record every seed that `folder` does not contain yet, with a progress bar, as seed-N.npz.
 
-    Returns 0, or the number of the signal that interrupted it; what was finished by then is there. Raises InputError
-    where the input is wrong or the folder is of other recordings, SumoError where seeds failed.
+    Returns 0, or the number of the signal that interrupted it; the recordings finished by then are kept. Raises
+    InputError where the input is wrong or the folder is of other recordings, SumoError where seeds failed.
     """
     if not wanted.seeds:
         raise InputError(f"--seeds {len(wanted.seeds)}: give a whole number, 1 or more")
@@ -56,7 +56,7 @@ def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
                     bar.update(task, advance=1, rate=number / (time.perf_counter() - begin))
         except KeyboardInterrupt:
             bar.stop()
-            print("interrupted: the same command goes on from the recordings that are finished", file=sys.stderr)
+            print("interrupted: the same command continues after the finished recordings", file=sys.stderr)
             return caught[0]
     for each in failed:
         print(
@@ -75,7 +75,7 @@ def _file(folder: Path, seed: int) -> Path:
 
 
 def _save(trajectories: Trajectories, file: Path) -> None:
-    """All or nothing: a file that is there is whole."""
+    """Write a complete file or none."""
     half = file.with_name(f"half-{file.name}")
     try:
         trajectories.save(half)
@@ -85,7 +85,7 @@ def _save(trajectories: Trajectories, file: Path) -> None:
 
 
 def _check_folder(wanted: Recordings, name: str, folder: Path) -> None:
-    """Make the folder, or see that what it holds was recorded in the same way."""
+    """Make the folder, or check that its recordings have the same settings."""
     header = {"version": __version__, "scenario": name, "seconds": wanted.seconds, "step_length": wanted.step_length}
     file = folder / "recordings.json"
     try:

@@ -32,7 +32,7 @@ def test_values_beyond_the_edges_count_in_the_outer_bins() -> None:
 
 
 def test_nothing_has_no_distribution() -> None:
-    with pytest.raises(ValueError, match="nothing"):
+    with pytest.raises(ValueError, match="an empty sample has no distribution"):
         jensen_shannon_distance(a=np.zeros(0), b=np.ones(1), edges=EDGES)
 
 

@@ -1,4 +1,4 @@
-"""What a comparison leaves behind: results.json, results.csv, conflicts.csv, comparison.png and a table for people."""
+"""Outputs of a comparison: results.json, results.csv, conflicts.csv, comparison.png and a printed table."""
 
 import csv
 import math
@@ -33,7 +33,7 @@ CONFLICT_COLUMNS = (
     "angle_deg",
     "drac_mps2",
 )
-"""Of conflicts.csv: see `conflicts.Conflicts`; drac only of TTC conflicts, not of those that touch."""
+"""Of conflicts.csv: see `conflicts.Conflicts`; drac only for TTC conflicts without contact."""
 
 
 def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""What the runs of a comparison say: measures by arm, and the difference with its confidence interval over seeds."""
+"""Tables of a comparison: measures by arm, and their difference with its confidence interval over seeds."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""One episode of an evaluation: learned road users, SUMO's own or recorded ones, from the start to what happened."""
+"""One episode of an evaluation: learned road users, SUMO's own or recorded ones, from the start to its outcome."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,10 +25,10 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
 SUMO = "sumo"
-"""The selector that stands for SUMO's own models: nobody is learned, and the scenario's road users are counted."""
+"""The selector of SUMO's own models: no road user is learned, and the scenario's road users are counted."""
 
 WARM_UP = 60.0
-"""s of plain SUMO before an episode, so that the scenario's traffic is there from the first decision on."""
+"""s of plain SUMO before an episode, so that the scenario's traffic is present from the first decision on."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class EpisodeSettings:
 
 @dataclass(frozen=True, order=True)
 class Episode:
-    """One episode. Those of the same seed and number have the same background, whoever is learned."""
+    """One episode. Episodes of the same seed and number have the same background traffic."""
 
     selector: str
     agents: int
@@ -74,7 +74,7 @@ def play(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...]
 
 
 def recorded(recording: Trajectories, steps: int) -> Iterator[tuple[TypeOutcome, ...]]:
-    """The road users of a recording, in one span of `steps` intervals after the other; what is left over is left out.
+    """The road users of a recording, in successive spans of `steps` intervals; an incomplete last span is left out.
 
     Parked ones are not counted. Raises InputError where the recording holds no whole span.
     """
@@ -134,7 +134,7 @@ def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, 
     rng = np.random.default_rng(episode.draw)
     try:
         starts = draw_starts(counts, _clear(points, background), rng)
-    except InputError:  # too full for that: who starts in contact with somebody has not collided by driving
+    except InputError:  # too full for that; contacts at the start do not count as collisions
         starts = draw_starts(counts, points, rng)
     kinds, x, y, heading, limit = starts
     speed = starting_speed(bundle.max_speed[kinds], limit, rng.random(len(kinds)))
@@ -142,7 +142,7 @@ def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, 
 
 
 def _clear(points: tuple[LanePoints, ...], others: WorldState) -> tuple[LanePoints, ...]:
-    """Those places from which each type has room to stop before any of `others`, as for those that come back."""
+    """Places from which each type has room to stop before any of `others`, as for a wrap-around."""
     radii = 0.5 * np.hypot(others.length, others.width)
     clear = []
     for kind, places in enumerate(points):

@@ -1,4 +1,4 @@
-"""Which episodes an evaluation consists of, without a list of them: there may be millions."""
+"""The episodes of an evaluation, without a list of them: there may be millions."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What an evaluation in a scenario leaves behind: results.json, results.csv and tables for people."""
+"""Outputs of an evaluation in a scenario: results.json, results.csv and printed tables."""
 
 import csv
 from pathlib import Path

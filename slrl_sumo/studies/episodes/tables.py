@@ -1,7 +1,7 @@
-"""From the outcomes of many episodes to the rows of a table, as they come: none of them is kept.
+"""The rows of a table from the outcomes of many episodes, added up as they come; no outcome is kept.
 
-Sums of floats depend on the order in which they are added up, so these are exact (fractions): whoever finishes first,
-the table is the same.
+Sums of floats depend on their order, so these sums are exact (fractions): the table does not depend on the order in
+which episodes finish.
 """
 
 import math
@@ -74,7 +74,7 @@ class EpisodeTables:
         self._ended(episode, seed)
 
     def leave_out(self, episode: Episode) -> None:
-        """There is nothing to count of an episode, and there will be nothing."""
+        """An episode has failed: it has no outcome, and will have none."""
         self._ended(episode, self._seed(episode))
 
     def rows(self) -> list[dict[str, Any]]:

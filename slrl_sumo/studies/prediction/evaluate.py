@@ -41,12 +41,12 @@ BATCH = 16
 """Start frames that are simulated at once; with 20 samples of each, arrays stay small enough for the cache."""
 
 BEND = np.radians(20.0)
-"""A road user whose recorded heading differs by more than this after 6.4 s has gone round a bend."""
+"""A road user whose recorded heading differs by more than this after 6.4 s is in a bend."""
 
 
 @dataclass(frozen=True, eq=False)
 class Rollouts:
-    """What one selector made of all road users that were simulated."""
+    """Rollouts of all simulated road users by one selector."""
 
     type: NDArray[np.int8]
     """RoadUserType, (U,)."""
@@ -85,9 +85,9 @@ def evaluate(
 
     `rows`: selector, type, step, ade_m (mean error over the steps so far), fde_m (error after this step), min_ade_m
     and min_fde_m (the same of the best of SAMPLES rollouts per road user; equal where nothing is drawn), n (road users
-    behind it). A road user's steps count from its own entry. `bends`: the same at the last step, of those who went
-    round a bend. `reversing`: road users left out, in all rollouts together, because they are cars that reverse then.
-    `driving`: how the prior drives if all are left alone for 64 steps (see slrl_sumo.studies.prediction.long_rollout).
+    behind it). A road user's steps count from its own entry. `bends`: the same at the last step, of road users in
+    bends. `reversing`: road users left out, in all rollouts together, because they are cars that reverse then.
+    `driving`: long rollouts of the prior over 64 steps (see slrl_sumo.studies.prediction.long_rollout).
     `roadmap` is the ground, `surface` says where it comes from; with it there is `off_surface`: per selector and type
     the share of steps that end off the own surface, also of what was recorded. Without it everything is road.
     `selectors`: of selectors_of(bundle), which is the default.
@@ -163,7 +163,7 @@ def _rollouts(
         one = rollout(recording, cast, policy_chosen(bundle, ground, None), ground)
         samples = one.error[None]
     else:
-        # Nothing is central about a draw: the one prediction is the first sample.
+        # Draws have no central one: the one prediction is the first sample.
         first = _draws(cast, starts, seed, 1, STEPS)[0, :, :, 0]
         one = rollout(recording, cast, policy_chosen(bundle, ground, first), ground)
         samples = many(lambda draws: policy_chosen(bundle, ground, draws[..., 0]))
@@ -228,16 +228,16 @@ def _off_surface(recording: Trajectories, parts: dict[str, list[Rollouts]], road
     return rows
 
 
-def _table(name: str, kind: int, step: int, rollouts: Rollouts, who: NDArray[np.bool_]) -> dict[str, Any]:
+def _table(name: str, kind: int, step: int, rollouts: Rollouts, chosen: NDArray[np.bool_]) -> dict[str, Any]:
     return {
         "selector": name,
         "type": TYPE_NAMES[kind],
         "step": step,
-        "ade_m": float(_so_far(rollouts.error[who])[:, step - 1].mean()),
-        "fde_m": float(rollouts.error[who, step - 1].mean()),
-        "min_ade_m": float(rollouts.best_mean[who, step - 1].mean()),
-        "min_fde_m": float(rollouts.best[who, step - 1].mean()),
-        "n": int(who.sum()),
+        "ade_m": float(_so_far(rollouts.error[chosen])[:, step - 1].mean()),
+        "fde_m": float(rollouts.error[chosen, step - 1].mean()),
+        "min_ade_m": float(rollouts.best_mean[chosen, step - 1].mean()),
+        "min_fde_m": float(rollouts.best[chosen, step - 1].mean()),
+        "n": int(chosen.sum()),
     }
 
 
@@ -250,9 +250,9 @@ def _rows(name: str, parts: Sequence[Rollouts]) -> list[dict[str, Any]]:
     every, rows = _joined(parts), []
     for kind in range(len(TYPE_NAMES)):
         for step in range(1, STEPS + 1):
-            who = (every.type == kind) & (every.steps >= step)
-            if who.any():
-                rows.append(_table(name, kind, step, every, who))
+            chosen = (every.type == kind) & (every.steps >= step)
+            if chosen.any():
+                rows.append(_table(name, kind, step, every, chosen))
     return rows
 
 

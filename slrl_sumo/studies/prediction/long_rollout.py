@@ -1,4 +1,4 @@
-"""Whether rollouts stay sound: road users of a recording that are left to their models for a long time."""
+"""Long rollouts: whether road users of a recording still move plausibly after a long time of simulation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ STEPS = 64
 """Intervals: 25.6 s, four times as long as a prediction."""
 
 SLOW = 0.3
-"""m/s; who is slower should hardly turn."""
+"""m/s; slower road users should hardly turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +39,9 @@ class LongRollout:
 
 
 def long_rollout(recording: Trajectories, starts: Integers, make: Callable[[Cast], Move]) -> LongRollout:
-    """Let all who are there and in motion at the frames `starts` go on for STEPS, alone with each other.
+    """Simulate all road users present and in motion at the frames `starts` for STEPS, without the recording.
 
-    Nobody enters or leaves, and nothing of the recording is seen after the start. `make` gives the way to move.
+    No road user enters or leaves. `make` gives the motion.
     """
     every = cast_of(recording, starts)
     cast = every.take(np.flatnonzero((every.enters == 0) & (every.leaves > 0)))
@@ -60,12 +60,12 @@ def long_rollout(recording: Trajectories, starts: Integers, make: Callable[[Cast
         width=recording.width[track],
         learned=np.ones(len(row), np.bool_),
     )
-    everybody = np.arange(len(row))
+    every_row = np.arange(len(row))
     begin, move = world, make(cast)
     kept: list[Floats] = []
     for step in range(STEPS):
-        # There is no truth here; where everybody is now stands in for it.
-        moment = Moment(world, cast.scene, everybody, everybody, step, world.x, world.y)
+        # There is no recorded truth here; the present positions take its place.
+        moment = Moment(world, cast.scene, every_row, every_row, step, world.x, world.y)
         then = advance(world, *move(moment), recording.dt)
         dx, dy = then.x - world.x, then.y - world.y
         slip = np.where(np.hypot(dx, dy) > 1e-6, np.abs(wrap_angle(np.arctan2(dy, dx) - then.heading)), 0.0)
@@ -80,16 +80,16 @@ def long_rollout_figures(name: str, drives: Sequence[LongRollout], bundle: Model
     """Per type: extremes of motion, and the share of steps within the 1st to 99th percentile of the training data.
 
     `slow_yaw_rate_first` and `_last`: 99th percentile of the absolute yaw rate below SLOW, in the first and the last
-    quarter of the steps: the second must not be the greater one by much. None where nobody was slow, or the bundle
-    does not say what was recorded.
+    quarter of the steps: the second must not be the greater one by much. None where no road user was slow, or the
+    bundle does not say what was recorded.
     """
     rows = []
     for kind, type_name in enumerate(TYPE_NAMES):
         mine = [(drive, drive.type == kind) for drive in drives]
-        if not any(who.any() for _, who in mine):
+        if not any(chosen.any() for _, chosen in mine):
             continue
         speed, acceleration, yaw_rate, sideslip = (
-            np.concatenate([getattr(drive, field)[who] for drive, who in mine])
+            np.concatenate([getattr(drive, field)[chosen] for drive, chosen in mine])
             for field in ("speed", "acceleration", "yaw_rate", "sideslip")
         )
         slow = speed < SLOW
@@ -101,7 +101,7 @@ def long_rollout_figures(name: str, drives: Sequence[LongRollout], bundle: Model
                 "type": type_name,
                 "n": len(speed),
                 "steps": STEPS,
-                "farthest_m": float(np.concatenate([drive.distance[who] for drive, who in mine]).max()),
+                "farthest_m": float(np.concatenate([drive.distance[chosen] for drive, chosen in mine]).max()),
                 "yaw_rate_p99_radps": float(np.percentile(np.abs(yaw_rate), 99)),
                 "sideslip_p99_rad": float(np.percentile(sideslip, 99)),
                 "slow_yaw_rate_first_radps": _p99(np.abs(yaw_rate[:, :quarter])[slow[:, :quarter]]),

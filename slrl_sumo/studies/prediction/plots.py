@@ -16,11 +16,11 @@ SELECTOR_COLOURS = {"constant-velocity": "#555555", "prior": "#0072B2", "oracle"
 """Okabe and Ito's palette, which the colour-blind can tell apart."""
 
 PATHS = 1000
-"""Trajectories in a picture of modes; more would only be ink."""
+"""Trajectories in a picture of modes; more add nothing."""
 
 
 def draw_errors(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Mean displacement error over the steps, per type and selector, in the manner of the paper's Fig. 4 and 5.
+    """Mean displacement error over the steps, per type and selector, as in the paper's Fig. 4 and 5.
 
     Dashed: the best of the samples, where a selector draws.
     """
@@ -54,7 +54,7 @@ def draw_modes(windows: Windows, modes: dict[str, NDArray[np.int64]], count: int
     random = np.random.default_rng(seed)
     some = random.permutation(len(windows))[:PATHS]
     paths = np.concatenate([np.zeros((len(some), 1, 2)), windows.path[some]], axis=1)
-    # One in a hundred may lie outside: a cyclist taken for a walker would squeeze everybody else into a corner.
+    # One in a hundred may lie outside: one mislabelled cyclist would compress the picture of all pedestrians.
     low, high = np.percentile(paths.reshape(-1, 2), (0.5, 99.5), axis=0)
     margin = 0.05 * (high - low).max() + 0.5
     figure = Figure(figsize=(5.6 * len(modes), 5.6), layout="constrained")

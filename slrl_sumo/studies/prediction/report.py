@@ -1,4 +1,4 @@
-"""What an evaluation on a recording leaves behind: results.json, results.csv, errors.png and a table."""
+"""Outputs of an evaluation on a recording: results.json, results.csv, errors.png and a table."""
 
 import csv
 from pathlib import Path
@@ -32,7 +32,7 @@ def print_evaluation(result: dict[str, Any]) -> None:
     last = {(row["type"], row["selector"]): row for row in result["rows"]}  # rows come in the order of steps
     for title, rows in (
         (f"{result['recording']}: errors after the last step, {result['starts']} starts", list(last.values())),
-        ("of those who went round a bend", result["bends"]),
+        ("of road users in bends", result["bends"]),
     ):
         table = Table(title=title, title_justify="left")
         for heading in ("type", "selector", "step"):
@@ -45,7 +45,7 @@ def print_evaluation(result: dict[str, Any]) -> None:
         if rows:
             console.print(table)
     if result["driving"]:
-        table = Table(title="the prior left alone for 25.6 s", title_justify="left")
+        table = Table(title="long rollouts of the prior, 25.6 s", title_justify="left")
         table.add_column("type")
         for heading in ("yaw rate 99 % (rad/s)", "sideslip 99 % (rad)", "slow yaw rate, first / last quarter"):
             table.add_column(heading, justify="right")

@@ -1,7 +1,7 @@
-"""Prediction error: recorded road users, simulated from their true state and compared with what they did.
+"""Prediction error: recorded road users, simulated from their true state and compared with their recorded motion.
 
 All road users of a start frame are simulated together (paper, section 3.5). Many start frames are run as one batch:
-each is a scene of its own, whose road users see nobody of another scene.
+each is a scene of its own, whose road users do not see other scenes.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ STEPS = 16
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """U road users of the rollouts from some start frames: who takes part in which scene, and from when to when.
+    """U road users of the rollouts from some start frames: their scenes, and the intervals in which they take part.
 
     A road user is there as recorded until its motion is known (PAST intervals, as in training), then it is simulated,
     to the end of its track or of the rollout. Parked ones are there as recorded all the time, and so are cars that
@@ -35,7 +35,7 @@ class Cast:
     """Index of the start frame, (U,)."""
     track: Integers
     row: Integers
-    """Row of the recording at the start frame, (U,); beyond the track's rows for those that come later."""
+    """Row of the recording at the start frame, (U,); beyond the track's rows where it appears later."""
     appears: Integers
     """First interval in which it is seen, (U,)."""
     enters: Integers
@@ -55,10 +55,10 @@ class Cast:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What there is to decide from in one interval of all scenes."""
+    """The input of the decisions of one interval of all scenes."""
 
     world: WorldState
-    """Everybody that is seen, of all scenes."""
+    """All visible road users of all scenes."""
     scene: Integers
     """Scene of each road user of `world`."""
     rows: NDArray[np.intp]
@@ -75,7 +75,7 @@ Motion = tuple[Floats, Floats, Floats]
 """Acceleration (m/s²), yaw rate (rad/s) and top speed (m/s), each (m,)."""
 
 Move = Callable[[Moment], Motion]
-"""How those who are to be moved in a moment move."""
+"""Motion of the road users to be moved in a moment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Errors:
 
 
 def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Cast:
-    """Who takes part in the rollouts that begin at the frames `starts` (S,), scene by scene, in the order of tracks."""
+    """The cast of the rollouts that begin at the frames `starts` (S,), scene by scene, in the order of tracks."""
     first_row = recording.starts[:-1]
     first, last = recording.frame[first_row], recording.frame[recording.starts[1:] - 1]
     scene, track = np.nonzero((first <= starts[:, None] + steps) & (last >= starts[:, None]))
@@ -116,9 +116,9 @@ def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Ca
 
 
 def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | None = None) -> Errors:
-    """Simulate the cast: every interval `move` says how the road users move, and `advance` moves them.
+    """Simulate the cast: in each interval `move` gives the motion, and `advance` applies it.
 
-    With a map it is counted how often they are off their own surface.
+    With a map, intervals that end off the own surface are counted.
     """
     steps = STEPS
     users, kind = len(cast), recording.type[cast.track]
@@ -154,5 +154,5 @@ def _world(
 ) -> WorldState:
     # Picked columns lie across their rows; compiled functions would be compiled once more for that.
     x, y, heading, speed, acceleration, yaw_rate = np.ascontiguousarray(state)
-    names = ("",) * len(x)  # nobody asks for them
+    names = ("",) * len(x)  # not used
     return WorldState(0.0, names, kind, x, y, heading, speed, acceleration, yaw_rate, length, width, moving)
