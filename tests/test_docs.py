@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -18,6 +18,8 @@ import pytest
 import sumo
 
 from slrl_sumo.studies.compare.measures import MEASURES
+
+Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 
 ROOT = Path(__file__).parent.parent
 DATA = ROOT.parent / "shared" / "data"
@@ -47,21 +49,21 @@ PRINTED = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", GUIDES)
-def test_commands_and_scripts_of_a_guide_run_in_their_order(page: str, tmp_path: Path) -> None:
-    printed = run(page, [block for block in blocks(page) if not needs(block[1])], tmp_path)
+def test_commands_and_scripts_of_a_guide_run_in_their_order(page: str, tmp_path: Path, cli: Cli) -> None:
+    printed = run(page, [block for block in blocks(page) if not needs(block[1])], tmp_path, cli)
     assert re.search(PRINTED.get(page, ""), printed), printed
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hc", "sdd"])
-def test_commands_for_recordings_run_where_the_recordings_are(name: str, tmp_path: Path) -> None:
+def test_commands_for_recordings_run_where_the_recordings_are(name: str, tmp_path: Path, cli: Cli) -> None:
     page = "docs/tutorials/learn-from-recordings.md"
     (block,) = (block for block in blocks(page) if needs(block[1]) == name)
     assert [shlex.split(line)[1] for line in block[1].splitlines()] == ["import", "fit", "evaluate"]
     if not (DATA / name).is_dir():
         pytest.skip(f"{DATA / name} is not there")
     (tmp_path / "out").mkdir()
-    run(page, [block], tmp_path)
+    run(page, [block], tmp_path, cli)
 
 
 def blocks(page: str) -> list[tuple[str, str]]:
@@ -74,11 +76,12 @@ def needs(code: str) -> str | None:
     return next((name for name in ("hc", "sdd") if f"path/to/{name}" in code), None)
 
 
-def run(page: str, code: list[tuple[str, str]], folder: Path) -> str:
+def run(page: str, code: list[tuple[str, str]], folder: Path, cli: Cli) -> str:
     """Run blocks one after another in `folder`; returns what the Python ones print.
 
     A block of TOML is written to the file that its first line names. Each file in out/ that a command names must exist
-    in the end.
+    in the end. Each line of a guide is a command of its own: slrl-sumo runs inside this process, except on a cluster.
+    The README's commands run as a user's shell does.
     """
     if page == "README.md":
         (folder / "out").mkdir()  # `make demo` has made it
@@ -104,8 +107,15 @@ def run(page: str, code: list[tuple[str, str]], folder: Path) -> str:
         elif "ray start" in text:
             with ray_head(text, folder, environment) as rest:
                 call(["bash", "-ec", commands(rest)], folder, environment)
-        else:
+        elif page == "README.md":
             call(["bash", "-ec", commands(text)], folder, environment)
+        else:
+            for line in text.replace("\\\n", " ").splitlines():
+                if re.fullmatch(r"slrl-sumo [^|&;<>$*`#]+", line) and "--ray" not in line:
+                    done = cli(*shlex.split(line)[1:], cwd=folder)
+                    assert done.returncode == 0, f"{line}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+                else:
+                    call(["bash", "-ec", commands(line)], folder, environment)
     for name in re.findall(r"\bout/[\w./-]+", "".join(text for kind, text in code if kind == "sh")):
         assert (folder / name).exists(), f"{page}: no command wrote {name}"
     return printed
