@@ -233,6 +233,17 @@ def test_a_trained_selector_sees_the_ground_and_its_own_scene(bundle: ModelBundl
     assert all(row["min_ade_m"] < row["ade_m"] for row in drawn)
 
 
+@pytest.mark.parametrize("preset", ["paper", "extended"])
+@pytest.mark.parametrize("lookahead", [True, False])
+def test_policies_of_every_preset_predict_recordings(bundle: ModelBundle, preset: str, lookahead: bool) -> None:
+    """A recording has no routes: what a policy of the preset `extended` reads of them is zero."""
+    trained = replace(bundle, policy=Policy(PolicyConfig(preset=preset, lookahead=lookahead)))
+    made = recording([circle(30, 4.0, 0.2), straight(30, 1.0, -6)], [1, 2])
+    rows = evaluate(made, trained, selectors=["greedy", "sampled"], starts_every=10)["rows"]
+    assert {row["selector"] for row in rows} == {"greedy", "sampled"}
+    assert all(np.isfinite(row["ade_m"]) for row in rows)
+
+
 def test_steps_off_the_road_are_counted_with_a_map_only(bundle: ModelBundle) -> None:
     # A bicycle goes 1.6 m per step along +x; the road ends at 20 m.
     made = recording([straight(30, 4.0)], [1])
