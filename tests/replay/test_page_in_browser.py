@@ -44,7 +44,7 @@ def programme(name: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Driver]:
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Driver]:
     options = Options()
     options.binary_location = programme("chromium")
     for word in (
@@ -53,6 +53,7 @@ def browser() -> Iterator[Driver]:
         "--disable-dev-shm-usage",
         "--disable-gpu",
         "--window-size=1200,800",
+        f"--user-data-dir={tmp_path_factory.mktemp('profile')}",
     ):
         options.add_argument(word)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
