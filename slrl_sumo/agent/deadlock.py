@@ -19,9 +19,9 @@ FREE = 1.0
 """m/s: a road user that may go faster than this has no reason to stand."""
 IDLE = 2.0
 """s for which a road user may stand without a reason."""
-HELD, SPREAD = 12.0, 8.0
-"""s for which a road user stands before others without a line or a signal, at least, and a spread by its id: of road
-users that wait for each other one goes first."""
+BLOCKED, SPREAD = 12.0, 8.0
+"""s for which a road user that is blocked by others stands at least, and a spread by its id, so that of road users that
+block each other one goes first."""
 FORCED = 2.0
 """s for which a road user is forced to go on."""
 WAITING = 5.0
@@ -31,7 +31,7 @@ LONG = 45.0
 SOON = 0.6
 """Collision score of a collision after 1.6 s."""
 MOVING = 0.5
-"""m/s after HELD intervals of modes that go on."""
+"""m/s: modes whose rollout is faster (ModeRollouts.speed) go on."""
 
 
 class DeadlockTimer:
@@ -77,7 +77,7 @@ class DeadlockTimer:
 @lru_cache(100_000)
 def _limit(name: str) -> float:
     """s for which a road user of this id stands before others."""
-    return HELD + SPREAD * random.Random(name).random()
+    return BLOCKED + SPREAD * random.Random(name).random()
 
 
 def force_progress(

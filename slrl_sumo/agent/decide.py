@@ -1,7 +1,8 @@
 """The one decision: from a scene to the motion of its road users in the next 0.4 s.
 
 `consider` looks and rolls out all modes; `decide` chooses one of them and returns its motion. Runs, `attach`, training,
-the environments, evaluations on scenarios and recordings and the benchmarks call these two and nothing else.
+the environments, evaluations on scenarios and recordings and the benchmarks call these two and nothing else; only
+`RoadUserEnv`, whose ego is controlled from outside, uses `choose` for the other road users.
 """
 
 from collections.abc import Hashable, Sequence

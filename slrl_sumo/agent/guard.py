@@ -1,4 +1,4 @@
-"""Constraint `guard`: no modes that lead into a conflict, whatever the selector prefers."""
+"""Constraint `guard`: excludes modes that lead into a conflict (before the deadlock release, which may override it)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +25,8 @@ def guard(rollouts: ModeRollouts, kind: NDArray[np.int8], route: RouteAhead) -> 
 
     `rollouts` along their routes, with `collision_off_route`; `kind`: their types. Not allowed are modes that collide
     within 2 s along the route or within 1.2 s on their own path, that leave the own surface within 1.2 s, or after
-    which it is too late to stop at a closed signal or behind the leader. Where no mode remains, those with the latest
-    conflict are allowed.
+    which it is too late to stop at a closed signal or behind the leader. Where no mode remains, those with the least
+    severe conflict are allowed.
     """
     assert rollouts.route is not None
     assert rollouts.collision_off_route is not None

@@ -3,9 +3,9 @@
 from time import perf_counter
 
 PARTS = ("read", "observe", "decide", "advance", "apply", "sumo", "record")
-"""`read`: SUMO's road users into arrays, arrivals and takeovers; `observe`: routes, features, images, lookahead;
-`decide`: the selector; `advance`: displacement models and motion; `apply`: yielding and moves sent to SUMO; `sumo`:
-SUMO's own steps; `record`: summary and trace."""
+"""`read`: SUMO's road users into arrays, arrivals and takeovers; `observe`: routes, features, images, rollouts of all
+modes; `decide`: the selector; `advance`: motion; `apply`: yielding and moves sent to SUMO; `sumo`: SUMO's own steps;
+`record`: summary and trace."""
 
 
 class Stopwatch:

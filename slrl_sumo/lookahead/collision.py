@@ -98,8 +98,8 @@ def _collision_scores(
                     if not _near(dx, dy, touching) or first[mode] <= step:
                         continue
                     c, s = cos[i, step, mode], sin[i, step, mode]
-                    # A vehicle that stands by then is run into, and could not help it by driving on. Nor can it help
-                    # a road user that comes from behind, or that stands beside the rear that swings out in a turn.
+                    # A vehicle that stands by then is hit by the other one, and could not avoid that by driving on.
+                    # Nor can it avoid one that comes from behind, or one beside its rear, which swings out in a turn.
                     if excused[i] and (speed[i, step, mode] <= STANDING or c * dx + s * dy <= 0.0):
                         continue
                     mine = Box(c, s, size[me, 0], size[me, 1])

@@ -49,7 +49,7 @@ def path_following(context: RouteContext | None, world: WorldState) -> PathFollo
     """Which of the first road users of `world`, those of `context`, will be found along their paths."""
     if context is None:
         none = RouteAhead.unknown(0)
-        return PathFollowing(none.known, none.left, none.stop, none.x, none.y)
+        return PathFollowing(none.known, np.zeros(0), none.stop, none.x, none.y)
     n, route = len(context), context.route
     heading_error = np.abs(wrap_angle(world.heading[:n] - context.direction))
     follows = route.known & (world.type[:n] != RoadUserType.PEDESTRIAN)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from slrl_sumo.scene.geometry import Floats
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import make_routes, make_world
 
-from slrl_sumo.agent.deadlock import HELD, IDLE, LONG, SOON, SPREAD, DeadlockTimer, force_progress
+from slrl_sumo.agent.deadlock import BLOCKED, IDLE, LONG, SOON, SPREAD, DeadlockTimer, force_progress
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.capability import STOPPING, Capability
@@ -52,7 +52,7 @@ def test_a_road_user_without_a_reason_to_stand_goes_on_soon() -> None:
 
 def test_a_road_user_that_stands_before_others_goes_on_later() -> None:
     after, _ = _first(_context(gap=1.0), 60.0)
-    assert HELD <= after <= HELD + SPREAD + DECISION_INTERVAL
+    assert BLOCKED <= after <= BLOCKED + SPREAD + DECISION_INTERVAL
 
 
 @pytest.mark.parametrize("waits", [_context(stop=2.0), _context(stop=2.0, closed=True), _context(closed=True)])
