@@ -72,7 +72,7 @@ class Region:
     def inside(self, x: Floats, y: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
         """Whether positions (m, (n,)) are inside the region or at most `margin` m outside of it, (n,).
 
-        Enter with margin 0 and leave with more, so that nobody is taken and given back in turn at the rim.
+        Enter with margin 0 and leave with more, so that no road user is taken over and handed back in turn at the rim.
         """
         if self.disc is not None:
             centre_x, centre_y, radius = self.disc

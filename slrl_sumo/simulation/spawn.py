@@ -29,21 +29,21 @@ STRIP = np.array([3.0, 1.2, 0.9])
 """m of a lane's width that a road user takes: on the wide lanes of a shared space several start side by side."""
 
 POINT_SPACING = SPACING / 4
-"""m between the places that are looked at."""
+"""m between the places that are tried."""
 
 MOST_POINTS = 200_000
 """Of one type: without a limit a city of 10 km x 10 km had 7.6 million for pedestrians, in 1 GB."""
 
 SHARED_SPEED = 8.4
 """m/s (30 km/h). A carriageway that also admits pedestrians is a place for them up to this limit; SUMO's networks
-without sidewalks admit everybody everywhere, which says nothing about walking on a fast road."""
+without sidewalks admit all road users everywhere, which says nothing about walking on a fast road."""
 
 CYCLING_SPEED = 20.0
 """m/s (72 km/h). The same for bicycles."""
 
 
 def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
-    """Lanes outside junctions on which a road user of this type may be, as a resident would say."""
+    """Lanes outside junctions on which a road user of this type may be, in the ordinary sense."""
     lanes = [lane for lane in network.lanes if not lane.internal]
     if kind == RoadUserType.CAR:
         return [lane for lane in lanes if "passenger" in lane.allowed]
@@ -134,7 +134,7 @@ def draw_starts(
 
 
 def starting_speed(max_speed: Any, limit: Any, draw: Any) -> Any:
-    """Speed (m/s) at the start: everybody is under way already, between slow and usual for the type, and no faster
+    """Speed (m/s) at the start: road users are under way already, between slow and usual for the type, and no faster
     than the lane allows. `max_speed` of the type and the lane's `limit` in m/s, `draw` from [0, 1); scalars or (n,)."""
     return np.minimum(0.5 * max_speed, limit) * (0.5 + 0.5 * draw)
 
@@ -144,8 +144,8 @@ def _choose(
 ) -> list[NDArray[np.intp]]:
     """For each type the first points in its order that keep their distance, as many as wanted or as there are.
 
-    Everybody claims a box along the lane, as long as the type's spacing and a little wider than itself; no two claims
-    overlap. The largest type first: a car needs a place of its own, a pedestrian fits in between.
+    Each road user claims a box along the lane, as long as the type's spacing and a little wider than itself; no two
+    claims overlap. The largest type first: a car needs a place of its own, a pedestrian fits in between.
     """
     taken = np.zeros((0, 5))
     chosen = []
