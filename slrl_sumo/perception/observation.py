@@ -39,10 +39,12 @@ def observe(scene: Scene, *, with_image: bool = True, context: RouteContext | No
     mine = None if context is None else context.take(rows)
     image = None
     if with_image:
-        image = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
-        for part, places in scene.groups():
-            route = None if mine is None else mine.route.take(places)
-            image[places] = ego_images(part.world, part.rows, scene.road_map, route)
+        if scene.group is None:
+            image = ego_images(world, rows, scene.road_map, None if mine is None else mine.route)
+        else:  # a recording, which has no routes
+            image = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
+            for part, places in scene.groups():
+                image[places] = ego_images(part.world, part.rows, scene.road_map)
     return Observation(
         vector=features(world, rows, scene.group),
         image=image,
