@@ -95,6 +95,7 @@ def run(page: str, code: list[tuple[str, str]], folder: Path, cli: Cli) -> str:
         "SUMO_HOME": sumo.SUMO_HOME,
         "MPLBACKEND": "agg",
         "RAY_USAGE_STATS_ENABLED": "0",
+        "SB3_LOGDIR": str(folder),  # else Stable-Baselines3 leaves a folder in the temporary one
     }
     printed = ""
     for kind, text in code:

@@ -16,6 +16,7 @@ from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.output_files import check_writable, write_json
 from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
+from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.report.recorder import RunRecorder
@@ -217,5 +218,4 @@ def _loaded(file: Path) -> Trajectories:
 
 def _peak_memory_mib() -> int:
     """Of this process and of the largest one that it has waited for (the one with SUMO), added up."""
-    processes = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return round(sum(resource.getrusage(process).ru_maxrss for process in processes) / 1024)
+    return round(peak_memory_mib() + resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)

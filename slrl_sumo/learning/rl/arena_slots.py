@@ -1,7 +1,5 @@
 """The learned road users of one simulation as slots, in arrays as a vector environment gives them."""
 
-import resource
-import sys
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
@@ -80,12 +78,6 @@ def stepped(every: Arrays) -> Stepped:
     for name, values in infos["final_obs"].items():
         values[ended] = every[f"final_{name}"]
     return observation, every["reward"], every["terminated"], every["truncated"], infos
-
-
-def peak_memory() -> float:
-    """Greatest resident memory of this process so far, MiB."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1024.0 if sys.platform != "darwin" else 1024.0**2)
 
 
 def action_mask(situation: Situation) -> NDArray[np.int8]:

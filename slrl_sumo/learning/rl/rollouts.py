@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from safetensors.torch import load, save
 
 from slrl_sumo.errors import SumoError
+from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.pool import Backend, Failures, ask_all
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.ray_workers import RayActors
 from slrl_sumo.jobs.workers import LocalWorkers, MachineLostError
-from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource, peak_memory
+from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource
 from slrl_sumo.learning.rl.ppo import Actor, Agent, Batch, joined, rollout
 from slrl_sumo.learning.rl.vector_env import ATTEMPTS, MEMORY_LIMIT, TIMEOUT
 from slrl_sumo.models.bundle import load_bundle
@@ -84,7 +85,7 @@ class RolloutWorker:
         )
         self._seen = observation, teacher_costs
         self._at = request.draw, len(request.past) + request.num_steps
-        return Result(batch, infos, peak_memory())
+        return Result(batch, infos, peak_memory_mib())
 
 
 class WorkerRollouts:

@@ -14,9 +14,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import SumoError
+from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.pool import Failures, ask_all
 from slrl_sumo.jobs.workers import LocalWorkers
-from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource, Arrays, peak_memory, stepped
+from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource, Arrays, stepped
 from slrl_sumo.learning.rl.rewards import TERMS
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PolicyConfig
@@ -144,7 +145,7 @@ class ArenaWorker:
         torch.set_num_threads(1)
         word, value = message
         reply = self._slots.reset(value) if word == "reset" else self._slots.flat_step(value)
-        return peak_memory(), reply
+        return peak_memory_mib(), reply
 
 
 def _cut_off(restarted: Arrays, last: Arrays) -> Arrays:

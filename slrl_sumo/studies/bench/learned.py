@@ -1,6 +1,5 @@
 """Cost of learned road users in a scenario, and of the bare library calls that they need."""
 
-import resource
 import statistics
 import tempfile
 from collections.abc import Callable, Generator
@@ -17,6 +16,7 @@ from slrl_sumo.agent.driver import make_driver, usual_selector
 from slrl_sumo.agent.stopwatch import PARTS, Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter
+from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, FINE
@@ -88,7 +88,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                 stopwatch.lap("record")
                 if number >= WARM_UP:
                     seconds.append(stopwatch.take())
-        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        memory = peak_memory_mib()
         floor_s = _floor(session, simulation, bundle, work.steps)
     return LearnedCost(selector, session.substeps, typical(seconds), floor_s, memory)
 
