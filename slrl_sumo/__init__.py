@@ -19,7 +19,7 @@ libsumo and matplotlib are imported where they are used.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from slrl_sumo.errors import InputError, SlrlError, SumoError
+from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
 from slrl_sumo.version import __version__
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BoxRegion",
+    "DefectError",
     "EdgesRegion",
     "InputError",
     "JunctionRegion",

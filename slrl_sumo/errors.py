@@ -2,10 +2,12 @@
 
 SlrlError
 ├── InputError      an input is wrong: one line says what, where and how to correct it (exit code 1)
-└── SumoError       SUMO itself failed while a simulation was running (exit code 3)
+├── SumoError       SUMO itself failed while a simulation was running (exit code 3)
+└── DefectError     the package failed by a defect of its own (exit code 4)
 """
 
 import re
+import traceback
 from typing import Any
 
 
@@ -45,6 +47,29 @@ class InputError(SlrlError):
 
 class SumoError(SlrlError):
     """SUMO refused to continue, or died while a simulation was running."""
+
+
+class DefectError(SlrlError):
+    """A defect of this package: an exception for which it has no message.
+
+    `details`: the traceback, perhaps of another process. Python prints it below the message.
+    """
+
+    def __init__(self, message: str, details: str = "") -> None:
+        super().__init__(message, details)
+        self.details = details
+        self.add_note(details)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+    @classmethod
+    def of(cls, error: Exception) -> "DefectError":
+        """The defect that `error` shows; a DefectError is one already."""
+        if isinstance(error, cls):
+            return error
+        what = " ".join(f"{type(error).__name__}: {error}".split())[:200].rstrip(": ")
+        return cls(f"a defect of slrl_sumo ({what})", "".join(traceback.format_exception(error)))
 
 
 def check_whole_number(argument: str, value: int, least: int, most: int) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from slrl_sumo.api.summary import RunSummary
-from slrl_sumo.errors import InputError, SlrlError
+from slrl_sumo.errors import DefectError, InputError, SlrlError
 from slrl_sumo.formats.output_files import check_writable
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.report.recorder import RunRecord
@@ -74,7 +74,9 @@ class RunResult:
     def raise_failures(self) -> None:
         """Raise what went wrong: the first failure, with the others behind it in its message; an interrupt."""
         if self.failures:
-            raise type(self.failures[0])("; ".join(map(str, self.failures)))
+            message = "; ".join(map(str, self.failures))
+            defects = [failure for failure in self.failures if isinstance(failure, DefectError)]
+            raise DefectError(message, defects[0].details) if defects else type(self.failures[0])(message)
         if self.interrupted_by:
             raise KeyboardInterrupt(self.interrupted_by)
 

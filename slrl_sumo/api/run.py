@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from slrl_sumo.api.result import RunResult
 from slrl_sumo.api.summary import RunSummary
-from slrl_sumo.errors import InputError, SlrlError
+from slrl_sumo.errors import DefectError, InputError, SlrlError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.output_files import check_writable, write_json
@@ -77,8 +77,8 @@ def run(
     trajectories file `recording`). `keep_trajectories`: whether the result holds trajectories (at most a million
     positions). `progress`: a progress bar and notices on stderr.
 
-    Raises InputError where an argument is wrong or an output cannot be written, SumoError where SUMO dies, and
-    KeyboardInterrupt; outputs are complete up to the last whole step.
+    Raises InputError where an argument is wrong or an output cannot be written, SumoError where SUMO dies, DefectError
+    where this package fails, and KeyboardInterrupt; outputs are complete up to the last whole step.
     """
     settings = RunSettings(
         scenario,
@@ -128,8 +128,9 @@ def write_run(
     to stderr.
 
     Outputs are checked before SUMO starts, and none is touched before all road users are at their starting places. An
-    interrupt (SIGINT, SIGTERM), a full disk or the death of SUMO ends the run after a whole step; the outputs that can
-    still be written are, and the result lists the failures. A second interrupt does not wait for the end of a step.
+    interrupt (SIGINT, SIGTERM), a full disk, the death of SUMO or a defect ends the run after a whole step; the outputs
+    that can still be written are, and the result lists the failures. A second interrupt does not wait for the end of a
+    step.
     Raises InputError where the settings are wrong, and KeyboardInterrupt with the number of the signal where one came
     before the start.
     """
@@ -202,6 +203,8 @@ def _collected(failures: list[SlrlError]) -> Iterator[None]:
         yield
     except SlrlError as error:
         failures.append(error)
+    except Exception as error:  # a defect here is none either
+        failures.append(DefectError.of(error))
 
 
 def _loaded(file: Path) -> Trajectories:

@@ -81,8 +81,8 @@ def run_jobs(
 
     A job whose process dies is repeated in a fresh process, ATTEMPTS attempts in all; a job in which SUMO fails is not,
     because it would fail again. A job whose machine is lost is repeated on another one. Raises InputError for wrong
-    input, SumoError if the first MAX_FIRST_FAILURES jobs all fail, RuntimeError with the traceback of a bug. Closing
-    the generator ends the processes, and so does the death of this process.
+    input, SumoError if the first MAX_FIRST_FAILURES jobs all fail, DefectError with the traceback of a defect.
+    Closing the generator ends the processes, and so does the death of this process.
     """
     with closing(_workers(work, backend)) as workers:
         fresh, again = iter(jobs), deque[Job]()

@@ -11,7 +11,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import traceback
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
 from multiprocessing import resource_tracker
@@ -20,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from slrl_sumo.errors import InputError, SlrlError, SumoError
+from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
 
 PRINTED = "printed"
 """File in the folder of a process that collects its output."""
@@ -42,7 +41,7 @@ class WorkerDiedError(SumoError):
 class WorkerProcess:
     """A fresh process that applies `work`, a pickled callable of one argument, to pickled requests.
 
-    A request has one pickled answer: the return value, the SlrlError that was raised, or a RuntimeError with the
+    A request has one pickled answer: the return value, the SlrlError that was raised, or a DefectError with the
     traceback of any other exception. If `work` returns a generator, each of its items is an answer, and then None. The
     process serves many requests because torch loads slowly; it ends with its parent. It ignores SIGINT, keeps its
     temporary files in a folder that is removed with it, and collects its output there. Raises InputError if that folder
@@ -190,5 +189,5 @@ def _answers(work: bytes, perform: list[Callable[[Any], Any]], request: bytes) -
         yield pickle.dumps(answer)
     except SlrlError as error:
         yield pickle.dumps(error)
-    except Exception:
-        yield pickle.dumps(RuntimeError(f"a simulation failed by a bug:\n{traceback.format_exc()}"))
+    except Exception as error:
+        yield pickle.dumps(DefectError.of(error))

@@ -20,8 +20,8 @@ def run_isolated(
     `with_surfaces`: those of a city take 80 MiB in each of the two processes.
 
     Raises the errors of `run`, InputError if SUMO crashes on loading, SumoError if the child dies later (segmentation
-    fault, kill), with the cause and the simulation time, and RuntimeError with the child's traceback if it fails by a
-    bug. Closing the generator ends the child, and so does the death of this process.
+    fault, kill), with the cause and the simulation time, and DefectError with the child's traceback if it fails by
+    a defect of this package. Closing the generator ends the child, and so does the death of this process.
     """
     process = WorkerProcess(pickle.dumps(_events))
     process.send(pickle.dumps((settings, views_at, with_surfaces)))

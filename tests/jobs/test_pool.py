@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.errors import DefectError, InputError, SumoError
 from slrl_sumo.jobs import pool
 from slrl_sumo.jobs.pool import ATTEMPTS, Backend, Finished, run_jobs
 from slrl_sumo.jobs.workers import MachineLostError
@@ -161,8 +161,10 @@ def test_a_job_that_always_dies_is_left_out_with_the_signal_and_the_others_are_d
 
 
 def test_a_bug_is_told_with_its_traceback() -> None:
-    with pytest.raises(RuntimeError, match=r"in half_or_die[^$]*ZeroDivisionError: five"):
+    with pytest.raises(DefectError, match=r"^a defect of slrl_sumo \(ZeroDivisionError: five\)") as caught:
         list(run_jobs(half_or_die, [5], Backend(1)))
+    assert "in half_or_die" in caught.value.details
+    assert "".join(caught.value.__notes__) == caught.value.details
 
 
 class _UnluckyWorkers:

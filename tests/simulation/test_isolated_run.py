@@ -18,6 +18,7 @@ import sumo
 from lxml import etree
 
 import slrl_sumo.simulation.run
+from slrl_sumo.errors import DefectError
 from slrl_sumo.ground.road_map import RoadMap, Surface
 from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
@@ -199,11 +200,11 @@ def test_a_fatal_error_of_sumo_gives_its_reason(cli_process: Cli, copy_scenario:
 
 def test_a_bug_of_ours_is_not_dressed_up_as_sumos_death() -> None:
     # Refused by no check: the child fails by a bug.
-    settings = RunSettings("intersection", agents=2, sumo_options=3)  # type: ignore[arg-type]
-    with pytest.raises(RuntimeError) as error:
+    settings = RunSettings("intersection", agents=2)
+    object.__setattr__(settings, "sumo_options", 3)
+    with pytest.raises(DefectError, match=r"^a defect of slrl_sumo \(AttributeError") as error:
         list(run_isolated(settings))
-    assert "Traceback" in str(error.value)
-    assert "AttributeError" in str(error.value)
+    assert "Traceback" in error.value.details
 
 
 def test_a_slow_reader_misses_nothing() -> None:

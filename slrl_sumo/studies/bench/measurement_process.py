@@ -42,7 +42,7 @@ def measured(measure: Measurement[Result], workload: Workload) -> list[Result]:
     """Results of `measure`, a function of a module, in `workload.cores` fresh processes side by side.
 
     All processes finish their preparations before the first one goes on. Raises the errors of `measure`, SumoError if a
-    process dies, RuntimeError with the traceback of a bug. All processes end with this call.
+    process dies, DefectError with the traceback of a defect. All processes end with this call.
     """
     results: list[Any] = []
     with closing(LocalWorkers(pickle.dumps(_TwoPhases(measure, workload)), workload.cores)) as workers:
