@@ -27,6 +27,7 @@ from slrl_sumo.learning.rl.rewards import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PRESETS
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_picture
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
@@ -72,6 +73,9 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     libsumo holds one simulation per process. Of several environments in one process the one that was reset last has
     it, and the others raise InputError from `step` until they are reset. Side by side they run in processes of their
     own: gymnasium.make_vec(..., vectorization_mode="async").
+
+    From its first reset to `close` torch computes in one thread in this process, as in a run: the models are so small
+    that more threads only wait for each other. `close` sets the number of threads that was there before.
 
     Raises InputError for what cannot be used, SumoError when SUMO gives up; then a reset begins anew.
     """
@@ -208,6 +212,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             kind = TYPE_NAMES.index(self._ego) if self._ego else int(self.np_random.choice(3, p=DEFAULT_MIX))
             settings = replace(settings, mix=(float(kind == 0), float(kind == 1), float(kind == 2)))
         with ExitStack() as opened:
+            opened.enter_context(one_thread())
             scenario = self._scenario
             if scenario is None:
                 folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="slrl_sumo_")))

@@ -7,9 +7,10 @@ from types import TracebackType
 from typing import Self
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.learned import add_learned, load_models, one_thread
+from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.region import RegionSpec
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings
 from slrl_sumo.simulation.shares import Shares

@@ -1,10 +1,6 @@
 """Learned road users in a running simulation: what `run` and `attach` have in common."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
-
-import torch
 
 from slrl_sumo.agent.constraints import constraints_of
 from slrl_sumo.agent.driver import SELECTORS, Driver, make_driver, unknown_selector, usual_selector
@@ -15,17 +11,6 @@ from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.settings import LearnedSettings
 from slrl_sumo.simulation.shares import parse_mix, parse_shares
 from slrl_sumo.simulation.spawn import type_counts
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """PyTorch computes in one thread meanwhile: the models are so small that more threads only wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def load_models(settings: LearnedSettings) -> ModelBundle:

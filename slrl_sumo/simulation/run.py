@@ -9,6 +9,7 @@ import numpy as np
 
 from slrl_sumo.agent.driver import Driver, ModelDriver
 from slrl_sumo.errors import InputError
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.compiled import what_to_expect
@@ -16,7 +17,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import Event, Started, Views
-from slrl_sumo.simulation.learned import add_learned, load_models, one_thread
+from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.scenario.options import with_options

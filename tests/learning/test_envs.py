@@ -303,6 +303,27 @@ def test_the_environment_that_was_reset_last_has_sumo() -> None:
         second.step(np.int64(0))
 
 
+def test_torch_computes_in_one_thread_while_an_environment_is_open() -> None:
+    torch.set_num_threads(2)
+    try:
+        first, second = make(agents=2, others="greedy", preset="extended"), make(agents=2)
+        first.reset(seed=1)
+        first.step(np.int64(0))
+        assert torch.get_num_threads() == 1
+        second.reset(seed=1)  # ends the simulation of the first
+        assert torch.get_num_threads() == 1
+        first.close()
+        assert torch.get_num_threads() == 1
+        second.close()
+        assert torch.get_num_threads() == 2
+        second.close()
+        with pytest.raises(InputError):
+            second.reset(seed=1, options={"scenario": "nowhere"})
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(1)
+
+
 def test_a_simulation_of_the_users_own_is_left_alone(copy_scenario: Any) -> None:
     libsumo.start(["sumo", "-c", str(copy_scenario("intersection")), "--no-step-log"])
     try:

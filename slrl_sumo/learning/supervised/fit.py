@@ -1,7 +1,6 @@
 """Supervised fit: recordings -> modes, displacement models and prior (paper, sections 3.1, 3.2 and 4.1)."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from slrl_sumo.models.bundle import BundleConfig, ModelBundle
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.models.stacked_networks import StackedNetworks
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.version import __version__
@@ -86,17 +86,6 @@ def fit(
         raise InputError(f"--modes {modes}: there is no such clustering; use {', '.join(MODES_BY)}")
     with one_thread():
         return _fit(recordings, tests, name, seed, epochs, stride, modes, notice, mirror, forget)
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Restrict torch to one thread: with networks this small, threads mostly wait for each other."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def _fit(

@@ -13,8 +13,8 @@ from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.learning.supervised.fit import one_thread
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.studies.prediction.long_rollout import STEPS as DRIVE_STEPS
