@@ -30,7 +30,6 @@ RUNS: dict[str, str] = {
         for bundle in bundles
         for selector in ("prior", "greedy", "sampled")
     },
-    "campus": "shared-space --bundle campus --selector prior --agents 30 --steps 80",
     "district": "district --agents 64 --steps 150",
     "district-guard": "district --agents 64 --guard --steps 150",
     "district-takeover-guard": "district --takeover car=0.6,bicycle=1,pedestrian=1 --guard --steps 200",

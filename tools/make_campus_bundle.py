@@ -1,6 +1,6 @@
 """The recipe of the bundle `campus`: the Stanford Drone Dataset, then a supervised fit. Non-commercial use only.
 
-    python tools/make_campus_bundle.py PATH/TO/sdd --out slrl_sumo/bundles/campus
+    python tools/make_campus_bundle.py PATH/TO/sdd --out campus
 
 PATH/TO/sdd holds estimated_scales.yaml and SCENE/VIDEO/annotations.txt. Learned from all videos but TESTS, on which
 it is measured, and MOVING, in which the camera moves. Takes half a minute.

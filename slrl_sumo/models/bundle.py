@@ -4,6 +4,7 @@ config.json           what it is and its shapes (BundleConfig)
 weights.safetensors   all weights, bounds, normalisation and mode centres
 training.json         how it was made and what was measured then
 MODEL_CARD.md         the same for people, with the licence of the data
+NOTICE                the notice that this licence requires, where it does
 selector.*            the trained selector, where there is one (see slrl_sumo.models.policy)
 """
 
@@ -33,6 +34,7 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 FORMAT_VERSION = 1
 SHIPPED = Path(__file__).parent.parent / "bundles"
 FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
+NOTICE = "NOTICE"
 
 
 @dataclass(frozen=True)
@@ -144,6 +146,8 @@ class ModelBundle:
         (folder / "config.json").write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
         (folder / "training.json").write_text(json.dumps(self.training, indent=2) + "\n", encoding="utf-8")
         (folder / "MODEL_CARD.md").write_text(self.card, encoding="utf-8")
+        if self.training.get("notice"):
+            (folder / NOTICE).write_text(str(self.training["notice"]).strip() + "\n", encoding="utf-8")
         # Not save_file: that makes a file which only its owner may read.
         (folder / "weights.safetensors").write_bytes(save({k: v.contiguous() for k, v in state.items()}))
         if self.policy is not None:
@@ -238,4 +242,4 @@ def _replaceable(target: Path) -> bool:
     if not target.is_dir():
         return False
     names = {path.name for path in target.iterdir()}
-    return not names or (names <= {*FILES, *POLICY_FILES} and "config.json" in names)
+    return not names or (names <= {*FILES, NOTICE, *POLICY_FILES} and "config.json" in names)

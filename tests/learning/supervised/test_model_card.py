@@ -27,7 +27,7 @@ def test_card_says_where_the_licence_is_not_known(learned: ModelBundle) -> None:
     assert "| not stated | not stated | 1 | 3 |" in model_card("x", training)
 
 
-@pytest.mark.parametrize("name", ["campus", "intersection", "shared-space"])
+@pytest.mark.parametrize("name", ["intersection", "shared-space"])
 def test_cards_of_shipped_bundles_are_those_of_their_records(name: str) -> None:
     bundle = load_bundle(name)
     made = replace(bundle, card=model_card(name, bundle.training))

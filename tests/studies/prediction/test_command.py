@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from builders import make_recording
+from builders import make_bundle, make_recording
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -60,10 +60,12 @@ def _by_selector(results: Path) -> dict[str, list[str]]:
 def test_wrong_input_gets_one_line(cli: Cli, file: Path, tmp_path: Path) -> None:
     (tmp_path / "broken.npz").write_bytes(file.read_bytes()[:500])
     given = ("--bundle", "shared-space", "--out", tmp_path / "out")
+    untrained = tmp_path / "untrained"
+    make_bundle().save(untrained)
     for words, message in (
         ((tmp_path / "none.npz", *given), "cannot read"),
         ((tmp_path / "broken.npz", *given), "is not a trajectories file or is damaged"),
-        ((file, *given, "--bundle", "campus", "--selectors", "greedy"), "bundle campus has no trained selector"),
+        ((file, *given, "--bundle", untrained, "--selectors", "greedy"), "bundle random has no trained selector"),
         ((file, *given, "--mask", tmp_path / "m.png"), "--mask and --metres-per-pixel belong together"),
         ((file, *given, "--episodes", 3), "--episodes 3: belongs to a scenario"),
     ):
