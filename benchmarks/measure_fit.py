@@ -11,7 +11,7 @@ import resource
 import time
 from pathlib import Path
 
-from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.learning.supervised.fit import MODES_BY, fit
 
 

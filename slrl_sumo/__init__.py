@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from slrl_sumo.api.simulation import Simulation
     from slrl_sumo.api.summary import RunSummary, TypeSummary
     from slrl_sumo.formats.fcd.read import read_fcd
-    from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
+    from slrl_sumo.formats.trajectories import Trajectories
+    from slrl_sumo.formats.trajectory_file import load_trajectories
     from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.simulation.attach import attach
     from slrl_sumo.simulation.region import BoxRegion, EdgesRegion, JunctionRegion
@@ -64,7 +65,8 @@ _HOME = {
     "api.simulation": ("Simulation",),
     "api.summary": ("RunSummary", "TypeSummary"),
     "formats.fcd.read": ("read_fcd",),
-    "formats.trajectories": ("Trajectories", "load_trajectories"),
+    "formats.trajectories": ("Trajectories",),
+    "formats.trajectory_file": ("load_trajectories",),
     "models.bundle": ("load_bundle",),
     "simulation.attach": ("attach",),
     "simulation.region": ("BoxRegion", "EdgesRegion", "JunctionRegion"),

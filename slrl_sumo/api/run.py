@@ -14,7 +14,8 @@ from slrl_sumo.errors import DefectError, InputError, SlrlError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.output_files import check_writable, write_json
-from slrl_sumo.formats.trajectories import Trajectories, load_trajectories
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.progress import progress as progress_bar

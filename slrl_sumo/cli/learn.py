@@ -78,7 +78,7 @@ def fit(
     report: Annotated[Path | None, typer.Option(help="Folder for figures of the modes.")] = None,
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
-    from slrl_sumo.formats.trajectories import load_trajectories
+    from slrl_sumo.formats.trajectory_file import load_trajectories
     from slrl_sumo.learning.supervised.fit import fit as learn
 
     if report is not None:

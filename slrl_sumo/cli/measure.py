@@ -150,7 +150,7 @@ def _evaluate_recording(
     seed: int,
     ground: tuple[Path | None, Path | None, float | None],
 ) -> None:
-    from slrl_sumo.formats.trajectories import load_trajectories
+    from slrl_sumo.formats.trajectory_file import load_trajectories
     from slrl_sumo.jobs.progress import progress
     from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.studies.prediction.evaluate import evaluate as measure

@@ -1,9 +1,7 @@
-"""Tracks of road users over time, their file, and their collection from a running simulation."""
+"""Tracks of road users over time."""
 
 import os
-import zipfile
-import zlib
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +20,13 @@ Integers = NDArray[np.int64]
 FILE_KIND = "slrl_sumo trajectories"
 FILE_VERSION = 2
 """Version 1 had no `parked`."""
+
+MAX_FRAME = 10_000_000
+"""Highest number of a frame, also below 0: 46 days of 0.4 s. Some figures need memory for every frame."""
+MAX_POSITION = 1e8
+"""m; map projections stay below 1e7."""
+MAX_SIZE = 1000.0
+"""m; longest box."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +83,21 @@ class Trajectories:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, but there are {tracks} ids")
         if len(set(self.ids)) != tracks:
             raise ValueError("ids of tracks are not unique")
-        if not self.dt > 0:
-            raise ValueError(f"dt must be positive, it is {self.dt}")
-        for name in ("x", "y", "heading"):
-            if not np.isfinite(getattr(self, name)).all():
+        if not 0.001 <= self.dt <= 3600.0:
+            raise ValueError(f"dt must lie between 0.001 and 3600 s, it is {self.dt}")
+        if not abs(self.t0) < 1e12:  # also where it is NaN
+            raise ValueError(f"t0 must be a time in s, it is {self.t0}")
+        for name, least, most in (
+            *(("x", -MAX_POSITION, MAX_POSITION), ("y", -MAX_POSITION, MAX_POSITION), ("heading", -1e4, 1e4)),
+            *(("length", 0.0, MAX_SIZE), ("width", 0.0, MAX_SIZE), ("type", 0, len(TYPE_NAMES) - 1)),
+            *(("mode", -1, 127), ("frame", -MAX_FRAME, MAX_FRAME)),
+        ):
+            values = getattr(self, name)
+            if not np.isfinite(values).all():
                 raise ValueError(f"{name} holds values that are not finite")
+            if len(values) and not (least <= values.min() and values.max() <= most):
+                odd = values.min() if values.min() < least else values.max()
+                raise ValueError(f"{name} holds {odd:g}; possible are {least:g} to {most:g}")
         step = np.diff(self.track, prepend=-1, append=tracks)
         if step[0] != 1 or step[-1] != 1 or not np.isin(step, (0, 1)).all():
             raise ValueError("rows are not sorted by track, or a track has no row")
@@ -209,7 +224,7 @@ class Trajectories:
                     t0=np.array(self.t0),
                     source=np.array(self.source),
                     licence=np.array(self.licence),
-                    **{name: getattr(self, name) for name in _DTYPES},
+                    **{name: getattr(self, name) for name in DTYPES},
                 )
             os.replace(part, path)
         except OSError as e:
@@ -218,7 +233,7 @@ class Trajectories:
             part.unlink(missing_ok=True)
 
 
-_DTYPES: dict[str, type[np.generic]] = {
+DTYPES: dict[str, type[np.generic]] = {
     "track": np.int64,
     "frame": np.int64,
     "x": np.float64,
@@ -231,39 +246,8 @@ _DTYPES: dict[str, type[np.generic]] = {
     "learned": np.bool_,
     "mode": np.int8,
 }
-_OPTIONAL = ("parked", "learned", "mode")
+OPTIONAL = ("parked", "learned", "mode")
 """Files of older versions lack them."""
-
-
-def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
-    """Read what `Trajectories.save` wrote. Raises InputError if the file is missing, damaged or of another kind."""
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            if not isinstance(data, np.lib.npyio.NpzFile) or "kind" not in data or str(data["kind"]) != FILE_KIND:
-                raise InputError(f"{os.fspath(path)} is not a trajectories file; make one with `slrl-sumo import`")
-            if not 1 <= int(data["version"]) <= FILE_VERSION:
-                raise InputError(
-                    f"{os.fspath(path)} has trajectories format {int(data['version'])}, this version reads "
-                    f"1 to {FILE_VERSION}; make the file anew with `slrl-sumo import` or `slrl-sumo record`"
-                )
-            return Trajectories(
-                ids=tuple(data["ids"].tolist()),
-                dt=float(data["dt"]),
-                t0=float(data["t0"]),
-                source=str(data["source"]),
-                licence=str(data["licence"]),
-                **{
-                    name: data[name].astype(dtype, casting="safe")
-                    for name, dtype in _DTYPES.items()
-                    if name in data or name not in _OPTIONAL
-                },
-            )
-    except OSError as e:
-        raise InputError(f"cannot read {os.fspath(path)}: {e.strerror or e}") from e
-    except (ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as e:
-        raise InputError(
-            f"{os.fspath(path)} is not a trajectories file or is damaged: {' '.join(str(e).split())}"
-        ) from e
 
 
 def track_names(ids: Iterable[str]) -> tuple[str, ...]:
@@ -287,88 +271,3 @@ def track_names(ids: Iterable[str]) -> tuple[str, ...]:
         taken.add(new)
         names.append(new)
     return tuple(names)
-
-
-class TrajectoryBuilder:
-    """Collects the worlds of a running simulation, one per interval, as Trajectories.
-
-    A road user that was absent for a frame, or that jumped, continues in a new track: `id`, `id#1`, …
-    """
-
-    def __init__(self, dt: float = DECISION_INTERVAL, source: str = "", licence: str = "") -> None:
-        self.dt, self.source, self.licence = dt, source, licence
-        self._t0: float | None = None
-        self._last_frame = -1
-        self._track_of: dict[str, int] = {}
-        """Track of each road user of the last frame."""
-        self._ids: list[str] = []
-        self._type: list[int] = []
-        self._length: list[float] = []
-        self._width: list[float] = []
-        self._frames: list[int] = []
-        self._tracks: list[Integers] = []
-        self._learned: list[bool] = []
-        self._poses: list[Floats] = []
-        self._modes: list[NDArray[np.int8]] = []
-
-    def append(
-        self, world: WorldState, new_track_ids: Collection[str] = (), modes: NDArray[np.integer] | None = None
-    ) -> None:
-        """Add the road users of one frame; those of `new_track_ids` go on in a new track.
-
-        Type, size and `learned` of a track are those of its first row; `modes` are those of the first road users, None
-        where there are none. Raises ValueError where the world is not later than the last one or lies between two
-        frames.
-        """
-        if self._t0 is None:
-            self._t0 = world.time
-        frame = round((world.time - self._t0) / self.dt)
-        if frame <= self._last_frame or abs(self._t0 + frame * self.dt - world.time) > 0.01 * self.dt:
-            raise ValueError(
-                f"a world at {world.time} s is not the next of a series from {self._t0} s each {self.dt} s"
-            )
-        before = self._track_of if frame == self._last_frame + 1 else {}
-        tracks = [-1 if name in new_track_ids else before.get(name, -1) for name in world.ids]
-        for row, name in enumerate(world.ids):
-            if tracks[row] < 0:
-                tracks[row] = len(self._ids)
-                self._ids.append(name)
-                self._type.append(int(world.type[row]))
-                self._learned.append(bool(world.learned[row]))
-                self._length.append(float(world.length[row]))
-                self._width.append(float(world.width[row]))
-        self._track_of = dict(zip(world.ids, tracks, strict=True))
-        self._last_frame = frame
-        self._frames.append(frame)
-        self._tracks.append(np.array(tracks, np.int64))
-        self._poses.append(np.stack([world.x, world.y, world.heading]))
-        mode = np.full(len(world), -1, np.int8)
-        if modes is not None:
-            mode[: len(modes)] = modes
-        self._modes.append(mode)
-
-    def build(self) -> Trajectories:
-        """The tracks collected so far."""
-        track = np.concatenate([np.zeros(0, np.int64), *self._tracks])
-        poses = np.concatenate([np.zeros((3, 0)), *self._poses], axis=1)
-        frame = np.repeat(np.array(self._frames, np.int64), [len(t) for t in self._tracks])
-        order = np.argsort(track, kind="stable")  # frames came in order
-        x, y, heading = poses[:, order]
-        mode = np.concatenate([np.zeros(0, np.int8), *self._modes])[order]
-        return Trajectories(
-            track=track[order],
-            frame=frame[order],
-            x=x,
-            y=y,
-            heading=heading,
-            ids=track_names(self._ids),
-            type=np.array(self._type, np.int8),
-            length=np.array(self._length, np.float64),
-            width=np.array(self._width, np.float64),
-            dt=self.dt,
-            t0=0.0 if self._t0 is None else self._t0,
-            source=self.source,
-            licence=self.licence,
-            learned=np.array(self._learned, np.bool_),
-            mode=mode,
-        )

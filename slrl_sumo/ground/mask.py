@@ -1,18 +1,27 @@
 """The ground of recordings without a network: a mask painted by hand (as in the paper), or road everywhere."""
 
+import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
+from slrl_sumo.input_files import check_content, open_input
 from slrl_sumo.scene.geometry import Floats
 
 COLOURS = {(255, 255, 255): Surface.ROAD, (255, 255, 0): Surface.SIDEWALK, (0, 0, 0): Surface.NONE}
 """RGB of the surfaces in a mask, as in ego images; a channel counts as 255 from 128 on."""
+
+PICTURES = ("PNG", "BMP", "TIFF", "WEBP", "JPEG")
+BYTES_PER_PIXEL = 32
+"""Memory that a mask takes while its regions are searched, measured."""
+MAX_REGIONS = 100_000
+"""Regions of one colour; in a scanned or noisy picture each speck is one."""
 
 AROUND = 60.0
 """m of road around the outermost positions: more than an ego image shows."""
@@ -33,21 +42,20 @@ def ground_of_mask(mask: Path, metres_per_pixel: float) -> RoadMap:
     """
     if not 1e-4 < metres_per_pixel < 100:
         raise InputError(f"--metres-per-pixel {metres_per_pixel:g}: give the side of a pixel in metres, e.g. 0.05")
-    data = np.fromfile(mask, np.uint8) if mask.is_file() else np.zeros(0, np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
-    if picture is None:
-        raise InputError(f"--mask {mask}: cannot be read as a picture; give a PNG")
-    rgb = np.where(picture[:, :, ::-1] >= 128, 255, 0)
-    known = np.zeros(rgb.shape[:2], np.bool_)
+    picture = _read_picture(mask)
+    bright = picture >= 128
+    known = np.zeros(picture.shape[:2], np.bool_)
     regions: list[tuple[float, Area]] = []
     for colour, surface in COLOURS.items():
-        mine = (rgb == colour).all(-1)
+        mine = (bright == (np.array(colour) >= 128)).all(-1)
         known |= mine
+        if cv2.connectedComponents(mine.astype(np.uint8))[0] > MAX_REGIONS:
+            raise InputError(f"--mask {mask}: it has more than {MAX_REGIONS} separate spots; paint areas of one colour")
         regions += _regions(mine, surface, metres_per_pixel)
     if not known.all():
         row, col = np.argwhere(~known)[0].tolist()
         raise InputError(
-            f"--mask {mask}: pixel (column {col}, row {row}) is {tuple(picture[row, col, ::-1].tolist())}; "
+            f"--mask {mask}: pixel (column {col}, row {row}) is {tuple(picture[row, col].tolist())}; "
             "paint white for road, yellow for sidewalk and black for anything else"
         )
     if not any(area.surface == Surface.ROAD for _, area in regions):
@@ -55,6 +63,23 @@ def ground_of_mask(mask: Path, metres_per_pixel: float) -> RoadMap:
     # A region in a hole is smaller than the region around it: painted later it stays visible, also without a surface.
     regions.sort(key=lambda region: -region[0])
     return RoadMap(SurfaceShapes(tuple(area for _, area in regions)))
+
+
+def _read_picture(mask: Path) -> NDArray[np.uint8]:
+    """RGB of a picture, (rows, columns, 3). Raises InputError; its size is checked before it is unpacked."""
+    try:
+        with open_input(mask) as file, warnings.catch_warnings():
+            # Pillow warns above 89 million pixels and refuses twice as many.
+            warnings.simplefilter("ignore")
+            with Image.open(file, formats=PICTURES) as picture:
+                check_content(picture.width * picture.height * BYTES_PER_PIXEL)
+                return np.asarray(picture.convert("RGB"))
+    except OSError as error:
+        reason = error.strerror or "it is damaged or no picture"
+    except Exception as error:
+        # Decoders raise many kinds of errors where a picture is damaged.
+        reason = " ".join(str(error).split())
+    raise InputError(f"--mask {mask}: cannot be read as a picture ({reason}); give a PNG")
 
 
 def _regions(mine: NDArray[np.bool_], surface: Surface, metres_per_pixel: float) -> list[tuple[float, Area]]:

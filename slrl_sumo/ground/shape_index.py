@@ -6,8 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Area, Ribbon, Shape
 from slrl_sumo.scene.geometry import Floats
+
+MAX_POSITION = 1e8
+"""m; map projections stay below 1e7."""
+MAX_PIECES = 1_000_000
+"""Shapes times tiles in which they show; a city of 20 by 30 km covers 36,600 tiles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +46,8 @@ def piece_boxes(shapes: Sequence[Shape], longest: float) -> PieceBoxes:
     if not kept:
         return PieceBoxes(np.zeros(0, np.intp), np.zeros((0, 2)), np.zeros((0, 2)))
     points = np.concatenate([shapes[k].points for k in kept])
+    if not np.abs(points).max() <= MAX_POSITION:  # also where it is NaN
+        raise InputError(f"the ground has points farther than {MAX_POSITION:g} m from the origin, or without position")
     size = np.array([len(shapes[k].points) for k in kept])
     start = np.cumsum(size) - size
     half = np.array([shape.width / 2 if isinstance(shape, Ribbon) else 0.0 for shape in shapes])
@@ -49,6 +57,7 @@ def piece_boxes(shapes: Sequence[Shape], longest: float) -> PieceBoxes:
     segment = np.flatnonzero((owner[1:] == owner[:-1]) & ~is_area[owner[1:]])
     a, b = points[segment], points[segment + 1]
     count = np.maximum(1, np.ceil(np.abs(b - a).max(axis=1, initial=0.0) / longest)).astype(np.intp)
+    _check_count(float(count.sum()))
     which, nth = _repeated(count)
     step = (b - a)[which] / count[which, None]
     p, q = a[which] + step * nth[:, None], a[which] + step * (nth[:, None] + 1)
@@ -61,6 +70,14 @@ def piece_boxes(shapes: Sequence[Shape], longest: float) -> PieceBoxes:
     high = np.concatenate([np.maximum(p, q) + reach, np.maximum.reduceat(points, start)[areas]])
     order = np.argsort(shape, kind="stable")
     return PieceBoxes(shape[order], low[order], high[order])
+
+
+def _check_count(pieces: float) -> None:
+    if pieces > MAX_PIECES:
+        raise InputError(
+            f"the ground is so large that it needs {pieces:.1e} tiles, {MAX_PIECES:.0e} are possible; check "
+            "coordinates and widths"
+        )
 
 
 def _repeated(count: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -79,6 +96,7 @@ def index_by_tile(boxes: PieceBoxes, core: float, margin: float) -> dict[tuple[i
     reach = margin + 1.0  # a little more than the tile shows, for OpenCV's borders
     first = np.floor((boxes.low - reach) / core).astype(np.int64)
     span = np.floor((boxes.high + reach) / core).astype(np.int64) - first + 1
+    _check_count(float(span.prod(axis=1, dtype=np.float64).sum()))
     which, nth = _repeated(span.prod(axis=1))
     column, row = first[which, 0] + nth % span[which, 0], first[which, 1] + nth // span[which, 0]
     order = np.lexsort((column, row))  # stable: shapes stay in ascending order

@@ -23,6 +23,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import read_json, read_text
 from slrl_sumo.models.displacement import MODES, DisplacementModels
 from slrl_sumo.models.policy import POLICY_FILES, Policy, read_policy, write_policy
 from slrl_sumo.models.prior import Prior
@@ -33,6 +34,14 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 FORMAT_VERSION = 1
 SHIPPED = Path(__file__).parent.parent / "bundles"
+BOUNDS = {
+    "displacement.acceleration_bounds": 100.0,
+    "displacement.yaw_rate_bounds": 100.0,
+    "displacement.max_curvature": 100.0,
+    "displacement.max_speed": 200.0,
+    "mode_centres": 1e4,
+}
+"""Highest possible absolute values of tensors with units: m/s², rad/s, 1/m, m/s, m."""
 FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
 NOTICE = "NOTICE"
 
@@ -74,7 +83,7 @@ class BundleConfig:
         layers = (config.displacement_hidden, config.prior_hidden)
         sizes = [config.modes, *(size for hidden in layers if isinstance(hidden, tuple) for size in hidden)]
         whole = all(isinstance(hidden, tuple) for hidden in layers)
-        if not whole or not all(isinstance(size, int) and 0 < size <= 4096 for size in sizes):
+        if not whole or len(sizes) > 64 or not all(type(size) is int and 0 < size <= 4096 for size in sizes):
             raise InputError(f"bundle {where}: config.json is damaged (sizes of networks); copy the bundle again")
         return config
 
@@ -181,10 +190,10 @@ def load_bundle(name_or_folder: str | Path) -> ModelBundle:
     values = _read_json(folder / "config.json")
     bundle_name = values.pop("name", None)
     config = BundleConfig.read(values, folder)
+    state = _read_weights(folder, config)
     displacement = DisplacementModels(config.modes, config.displacement_hidden)
     prior = Prior(config.modes, config.prior_hidden)
-    state = _read_weights(folder, config, displacement, prior)
-    policy = read_policy(folder)
+    policy = read_policy(folder, config.modes)
     displacement.load_state_dict({k.removeprefix("displacement."): v for k, v in state.items() if k[0] == "d"})
     prior.load_state_dict({k.removeprefix("prior."): v for k, v in state.items() if k[0] == "p"})
     return ModelBundle(
@@ -195,27 +204,38 @@ def load_bundle(name_or_folder: str | Path) -> ModelBundle:
         displacement=displacement.requires_grad_(False).eval(),
         prior=prior.requires_grad_(False).eval(),
         training=_read_json(folder / "training.json"),
-        card=(folder / "MODEL_CARD.md").read_text(encoding="utf-8", errors="replace"),
+        card=_read_card(folder / "MODEL_CARD.md"),
         policy=policy[0] if policy else None,
         policy_training=policy[1] if policy else None,
     )
 
 
+def _read_card(file: Path) -> str:
+    try:
+        return read_text(file)
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise InputError(f"bundle {file.parent}: {file.name} is damaged ({reason}); copy the bundle again") from error
+
+
 def _read_json(file: Path) -> dict[str, Any]:
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = read_json(file)
     except (OSError, ValueError) as error:
-        raise InputError(f"bundle {file.parent}: {file.name} is damaged ({error}); copy the bundle again") from error
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise InputError(f"bundle {file.parent}: {file.name} is damaged ({reason}); copy the bundle again") from error
     if not isinstance(values, dict):
         raise InputError(f"bundle {file.parent}: {file.name} is damaged (no JSON object); copy the bundle again")
     return values
 
 
-def _read_weights(
-    folder: Path, config: BundleConfig, displacement: DisplacementModels, prior: Prior
-) -> dict[str, Tensor]:
-    """All tensors of the bundle, checked: the expected names, shapes and kinds, and finite."""
+def _read_weights(folder: Path, config: BundleConfig) -> dict[str, Tensor]:
+    """All tensors of the bundle, checked: the expected names, shapes and kinds, and finite and possible values."""
     types = len(RoadUserType)
+    # On the meta device nothing is allocated: a configuration can ask for gigabytes that the file does not have.
+    with torch.device("meta"):
+        displacement = DisplacementModels(config.modes, config.displacement_hidden)
+        prior = Prior(config.modes, config.prior_hidden)
     expected = {f"displacement.{k}": v for k, v in displacement.state_dict().items()}
     expected |= {f"prior.{k}": v for k, v in prior.state_dict().items()}
     expected["mode_centres"] = torch.zeros(types, config.modes, 2, dtype=torch.float64)
@@ -234,6 +254,8 @@ def _read_weights(
             raise InputError(f"{damaged} ({key} is {found} instead of {due}); copy the bundle again")
         if not bool(torch.isfinite(value).all()):
             raise InputError(f"{damaged} ({key} is not finite); copy the bundle again")
+        if key in BOUNDS and float(value.abs().max()) > BOUNDS[key]:
+            raise InputError(f"{damaged} ({key} is above {BOUNDS[key]:g}); copy the bundle again")
     return state
 
 

@@ -16,6 +16,7 @@ from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import read_json
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
@@ -258,6 +259,12 @@ def _scaled(layer: Layer, gain: float = 2**0.5) -> Layer:
     return layer
 
 
+def _check_sizes(config: PolicyConfig) -> None:
+    sizes = [config.hidden, config.head, *config.channels]
+    if len(sizes) > 16 or not all(type(size) is int and 0 < size <= 65536 for size in sizes):
+        raise ValueError("its sizes are impossible")
+
+
 def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None:
     """Write the policy's files into a bundle's folder; `training` says how it was made, plain JSON values."""
     values = {**asdict(policy.config), "training": training}
@@ -266,8 +273,10 @@ def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None
     (folder / POLICY_FILES[1]).write_bytes(save(state))
 
 
-def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
+def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | None:
     """The policy of a bundle's folder, frozen, and how it was trained; None where the bundle has none.
+
+    `modes`: those of the bundle.
 
     Raises InputError where its files are damaged or not for this version.
     """
@@ -278,8 +287,8 @@ def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
     if not all(there):
         raise InputError(f"{damaged} ({POLICY_FILES[there.index(False)]} missing); copy the bundle again")
     try:
-        values = json.loads((folder / POLICY_FILES[0]).read_text(encoding="utf-8"))
-        training = values.pop("training")
+        values = read_json(folder / POLICY_FILES[0])
+        training = dict(values.pop("training"))
         shapes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         config = PolicyConfig(**shapes)
         if config.preset not in PRESETS:
@@ -287,11 +296,17 @@ def read_policy(folder: Path) -> tuple[Policy, dict[str, Any]] | None:
             raise InputError(
                 f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs {runs}"
             )
-        policy = Policy(config)
+        if config.modes != modes:
+            raise ValueError(f"it chooses among {config.modes} modes, the bundle has {modes}")
+        _check_sizes(config)
         state = load_file(folder / POLICY_FILES[1])
+        # Nothing is allocated on the meta device, and the sizes are compared.
+        with torch.device("meta"):
+            Policy(config).load_state_dict(state, assign=True)
+        policy = Policy(config)
         policy.load_state_dict(state)
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RuntimeError, SafetensorError) as error:
-        reason = " ".join(str(error).split())
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split())[:300]
         raise InputError(f"{damaged} ({reason}); copy the bundle again, or train it anew") from error
     if not all(bool(torch.isfinite(value).all()) for value in state.values()):
         raise InputError(f"{damaged} (weights that are not finite); copy the bundle again, or train it anew")

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started, Views

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 
-from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import open_input, parse_json
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.options import input_files
@@ -15,6 +16,8 @@ from slrl_sumo.version import __version__
 
 Entry = TypeVar("Entry")
 
+LINE = 64 << 20
+"""Bytes: longest line that is read; one of 10,000 road users has less than 10 MB."""
 BLOCK = 65536
 """Bytes read at once from the end of the file."""
 
@@ -41,12 +44,14 @@ class StudyLog:
     def __init__(self, file: Path, header: dict[str, Any], jobs: str) -> None:
         self.file = file
         try:
+            if file.exists():
+                open_input(file).close()
             if not file.exists() or self._remove_incomplete_line() == 0:
                 file.write_text(json.dumps(header) + "\n", encoding="utf-8")
             with open(file, "rb") as stream:
-                found = self._parsed(stream.readline())
+                found = self._parsed(stream.readline(LINE))
         except OSError as error:
-            raise InputError(f"{file}: cannot be written ({error.strerror}); name another --out") from None
+            raise InputError(f"{file}: cannot be used ({error.strerror}); name another --out") from None
         other = next((name for name in header if found.get(name) != header[name]), None)
         if other is not None:
             raise InputError(
@@ -58,8 +63,8 @@ class StudyLog:
         """`parse` of each finished job in the file, in order; its ValueErrors, TypeErrors and KeyErrors say that the
         file is damaged."""
         with open(self.file, "rb") as stream:
-            stream.readline()
-            for line in stream:
+            stream.readline(LINE)
+            while line := stream.readline(LINE):
                 values = self._parsed(line)
                 try:
                     entry = parse(values)
@@ -93,7 +98,7 @@ class StudyLog:
 
     def _parsed(self, line: bytes) -> dict[str, Any]:
         try:
-            values = json.loads(line.decode("utf-8"))
+            values = parse_json(line.decode("utf-8"))
         except ValueError:
             raise self._damaged() from None
         if not isinstance(values, dict):
@@ -111,7 +116,9 @@ def _scenario_hash(scenario: Scenario) -> str:
         files += input_files(scenario, option)
     for file in files:
         if file.is_file():  # SUMO reports files that are missing
-            digest.update(file.read_bytes())
+            with open_input(file) as stream:
+                while block := stream.read(1 << 20):
+                    digest.update(block)
     return digest.hexdigest()
 
 

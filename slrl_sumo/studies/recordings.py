@@ -11,6 +11,7 @@ from pathlib import Path
 
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.input_files import read_json
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
@@ -92,7 +93,7 @@ def _check_folder(wanted: Recordings, name: str, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         if not file.exists():
             file.write_text(json.dumps(header) + "\n", encoding="utf-8")
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = read_json(file)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); name another --out") from None
     except ValueError:

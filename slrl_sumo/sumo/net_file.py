@@ -13,7 +13,7 @@ from slrl_sumo.sumo.session import SumoSession
 
 def read_net_file(net: Path) -> Network:
     """The network of a .net.xml or .net.xml.gz. Raises InputError (about --net) where SUMO cannot read it."""
-    if not net.is_file():
+    if not net.exists():
         raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         config = Path(folder) / "net.sumocfg"

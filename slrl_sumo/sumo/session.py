@@ -18,6 +18,7 @@ from slrl_sumo.sumo.network import Network, read_network
 from slrl_sumo.sumo.reader import Reader
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import divides_interval, notices, start_command, sumo_step_length
+from slrl_sumo.sumo.scenario.input_check import check_inputs
 from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
 
 ATTACHED = "slrl_sumo.attached"
@@ -58,6 +59,7 @@ class SumoSession:
             raise InputError(
                 "a SUMO simulation is already open in this process; close it first (libsumo holds only one)"
             )
+        check_inputs(self.scenario)
         self.api: SumoApi = libsumo
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))

@@ -1,4 +1,7 @@
 import dataclasses
+import io
+import os
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +10,9 @@ import pytest
 from builders import make_world
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder, load_trajectories, track_names
+from slrl_sumo.formats.trajectories import Trajectories, track_names
+from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
+from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.state import WorldState, empty_world
 
@@ -243,3 +248,81 @@ def test_files_of_version_1_have_no_parked_tracks(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "later.npz", **(fields | {"version": np.array(3)}))
     with pytest.raises(InputError, match="has trajectories format 3, this version reads 1 to 2"):
         load_trajectories(tmp_path / "later.npz")
+
+
+def entries(file: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(file) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def pack(file: Path, members: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"'shape': (6,)", b"'shape': (10**12,)"),  # no literal
+        (b"'shape': (6,), }" + b" " * 12, b"'shape': (1000000000000,), }"),
+        (b"'shape': (6,)", b"'shape': (-5,)"),
+        (b"'<f8'", b"'|O8'"),
+        (b"'<f8'", b"'<f4'"),
+        (b"'<f8'", b"((((("),
+        (b"'<f8'", b"'<M8'"),
+        (b"{'descr'", b'"""escr\''),
+        (b"NUMPY", b"PICKL"),
+    ],
+)
+def test_damaged_headers_of_arrays_are_reported(tmp_path: Path, old: bytes, new: bytes) -> None:
+    file = tmp_path / "a.npz"
+    make().save(file)
+    members = entries(file)
+    assert old in members["x.npy"]
+    pack(file, members | {"x.npy": members["x.npy"].replace(old, new, 1)})
+    with pytest.raises(InputError, match=r"a\.npz is not a trajectories file or is damaged"):
+        load_trajectories(file)
+
+
+def test_arrays_that_unpack_to_more_than_the_limit_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SLRL_SUMO_INPUT_MIB", "1")
+    file = tmp_path / "a.npz"
+    make().save(file)
+    zeros = io.BytesIO()
+    np.save(zeros, np.zeros(1 << 20))
+    pack(file, entries(file) | {"x.npy": zeros.getvalue()})
+    with pytest.raises(InputError, match="more than 1 MiB and 100 times its size; set SLRL_SUMO_INPUT_MIB"):
+        load_trajectories(file)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"type": np.array([7, 0], np.int8)}, "type holds 7; possible are 0 to 2"),
+        ({"t0": np.array(np.nan)}, "t0 must be a time in s"),
+        ({"dt": np.array(1e-300)}, "dt must lie between"),
+        ({"frame": np.array([2, 3, 4, 5, 10**12, 10**12 + 1])}, r"frame holds 1e\+12; possible are"),
+        ({"x": np.array([0.0, 1.0, 3.0, 1e30, 5.0, 5.0])}, r"x holds 1e\+30; possible are"),
+        ({"length": np.array([4.0, np.inf])}, "length holds values that are not finite"),
+        ({"width": np.array([-1.0, 1.0])}, "width holds -1; possible are 0 to 1000"),
+        ({"mode": np.array([-7, 0, 0, 0, 0, 0], np.int8)}, "mode holds -7"),
+        ({"ids": np.array(5)}, "a.npz"),
+    ],
+)
+def test_impossible_values_are_reported(tmp_path: Path, change: dict[str, Any], reason: str) -> None:
+    file = tmp_path / "a.npz"
+    make().save(file)
+    with np.load(file) as data:
+        np.savez(file, **{**data, **change})
+    with pytest.raises(InputError, match=reason):
+        load_trajectories(file)
+
+
+def test_pipes_and_folders_are_no_trajectories(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    for file in (tmp_path / "pipe.npz", tmp_path):
+        with pytest.raises(InputError, match="cannot read"):
+            load_trajectories(file)

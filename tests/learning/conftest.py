@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.advance import advance

@@ -1,6 +1,8 @@
 import json
 import os
+import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from safetensors.torch import load_file, save_file
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models import bundle as module
-from slrl_sumo.models.bundle import FILES, ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.models.bundle import FILES, SHIPPED, ModelBundle, load_bundle, shipped_bundles
 from slrl_sumo.perception.observation import Observation
 
 
@@ -185,3 +187,62 @@ def test_bundles_of_the_paper_stay_beside_those_that_know_routes() -> None:
         ]
         assert all(same) == (name == "shared-space")
         assert usual.training["modes_by"] == ("curved" if name == "intersection" else paper.training["modes_by"])
+
+
+def test_nothing_is_allocated_before_the_sizes_are_those_of_the_weights(
+    bundle: ModelBundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bundle.save(tmp_path / "a")
+    config = tmp_path / "a" / "config.json"
+    # 3 types x 20 modes x 4096 x 4096 x 4 bytes: 4 GB for each layer.
+    config.write_text(json.dumps(json.loads(config.read_text()) | {"displacement_hidden": [4096] * 3}))
+    devices = []
+    networks = module.DisplacementModels
+
+    def watched(*sizes: Any) -> Any:
+        devices.append(torch.empty(0).device.type)
+        return networks(*sizes)
+
+    monkeypatch.setattr(module, "DisplacementModels", watched)
+    with pytest.raises(InputError, match=r"weights\.safetensors is damaged"):
+        load_bundle(tmp_path / "a")
+    assert devices == ["meta"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("hidden", 60_000),
+        ("hidden", 10**12),
+        ("hidden", "128"),
+        ("channels", [16] * 1000),
+        ("channels", 5),
+        ("modes", 21),
+        ("preset", 3),
+        ("training", [1]),
+    ],
+)
+def test_a_selector_of_impossible_sizes_is_refused(tmp_path: Path, key: str, value: object) -> None:
+    shutil.copytree(SHIPPED / "intersection", tmp_path / "a")
+    file = tmp_path / "a" / "selector.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {key: value}))
+    with pytest.raises(InputError, match="selector") as error:
+        load_bundle(tmp_path / "a")
+    assert "\n" not in str(error.value)
+
+
+def test_bounds_that_no_road_user_has_are_refused(bundle: ModelBundle, tmp_path: Path) -> None:
+    bundle.save(tmp_path / "a")
+    file = tmp_path / "a" / "weights.safetensors"
+    state = load_file(file)
+    save_file(state | {"displacement.max_speed": torch.full((3,), 1e30)}, file)
+    with pytest.raises(InputError, match="max_speed is above 200"):
+        load_bundle(tmp_path / "a")
+
+
+@pytest.mark.parametrize("file", ["config.json", "training.json"])
+def test_deep_brackets_in_a_bundle_are_damage(bundle: ModelBundle, tmp_path: Path, file: str) -> None:
+    bundle.save(tmp_path / "a")
+    (tmp_path / "a" / file).write_text('{"a":' * 50_000)
+    with pytest.raises(InputError, match="nested too deeply"):
+        load_bundle(tmp_path / "a")

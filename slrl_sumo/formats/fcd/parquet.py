@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS, Places, figures, learned_modes
 from slrl_sumo.formats.fcd.steps import FcdStep, is_fcd, steps_of_rows
+from slrl_sumo.input_files import check_content
 from slrl_sumo.scene.state import WorldState
 
 _DOUBLES = ("timestep_time", "vehicle_x", "vehicle_y")
@@ -27,6 +28,8 @@ _TYPES = (
 SCHEMA = pa.schema([(name, _TYPES[name]) for name in CSV_COLUMNS + OWN_COLUMNS])
 """Types are those of SUMO's Parquet; missing values are null."""
 
+BYTES_PER_ROW = 50
+"""Memory of a row that was read (FcdTable)."""
 ROW_GROUP = 1 << 16
 """Rows that are collected before they are written."""
 
@@ -131,20 +134,23 @@ class ParquetWriter:
         ) from error
 
 
-def parquet_steps(name: str) -> Iterator[FcdStep]:
-    """The time steps of the Parquet file `name`, ours or SUMO's; memory holds a batch of rows.
+def parquet_steps(name: str, source: IO[bytes]) -> Iterator[FcdStep]:
+    """The time steps of the Parquet file `source`, called `name` in messages, ours or SUMO's; memory holds a batch of
+    rows.
 
     Persons are distinguished as in CSV. Raises InputError at the first error; lines in messages are rows, from 1.
     """
     try:
-        with pq.ParquetFile(name) as file:
+        with pq.ParquetFile(source) as file:
             columns = file.schema_arrow.names
+            # A few bytes can stand for any number of equal rows.
+            check_content(file.metadata.num_rows * BYTES_PER_ROW, os.fstat(source.fileno()).st_size)
             if not is_fcd(columns):
                 wanted = ", ".join(CSV_COLUMNS[:5])
                 raise InputError(f"{name}: an FCD file in Parquet has at least the columns {wanted}, this one has not")
             yield from steps_of_rows(columns, _rows(file))
-    except (pa.ArrowException, OSError) as e:
-        first = str(e).splitlines()[0].rstrip(".")
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as e:
+        first = str(getattr(e, "strerror", None) or e).splitlines()[0].rstrip(".")
         raise InputError(f"{name}: is no Parquet file, or cut off: then nothing of it can be read ({first})") from e
 
 

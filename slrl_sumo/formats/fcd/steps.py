@@ -1,9 +1,7 @@
 """The time steps of FCD files in XML and CSV, and of tables like the CSV, one after the other."""
 
 import csv
-import gzip
 import re
-import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +9,7 @@ from lxml import etree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import OWN_COLUMNS
+from slrl_sumo.input_files import BLOCK, open_xml, text_lines
 
 if TYPE_CHECKING:
     import _csv
@@ -41,7 +40,7 @@ class FcdStep(NamedTuple):
     rows: list[FcdRow]
 
 
-def xml_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
+def xml_steps(name: str, file: IO[bytes]) -> Iterator[FcdStep]:
     """The time steps of the XML text of `file`, called `name` in messages; memory holds one step at a time.
 
     Containers and persons marked as riding in a vehicle are left out. Raises InputError at the first error.
@@ -69,9 +68,8 @@ def xml_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
     except etree.XMLSyntaxError as e:
         what = "is cut off" if _is_cut_off(name) else f"is not well-formed XML ({(e.msg or '').split(', line')[0]})"
         raise InputError(f"{name}, line {e.lineno}: {what}; {complete} complete time steps could be read") from e
-    except (EOFError, gzip.BadGzipFile, zlib.error) as e:
-        what = "is cut off" if isinstance(e, EOFError) else f"is not a sound gzip file ({e})"
-        raise InputError(f"{name} {what}; {complete} complete time steps could be read") from e
+    except OSError as e:
+        raise InputError(f"{name}: {e.strerror or e}; {complete} complete time steps could be read") from e
 
 
 def _check_root(name: str, root: etree._Element) -> None:
@@ -86,10 +84,10 @@ def _is_cut_off(name: str) -> bool:
     """Whether the text ends before its root element does (checked only after reading has failed)."""
     end = b""
     try:
-        with gzip.open(name) if name.lower().endswith(".gz") else open(name, "rb") as file:
-            while chunk := file.read(1 << 20):
+        with open_xml(name) as file:
+            while chunk := file.read(BLOCK):
                 end = (end + chunk)[-64:]
-    except EOFError:
+    except OSError:
         return True
     return not end.rstrip().endswith(b"</fcd-export>")
 
@@ -98,13 +96,13 @@ class _RaggedError(ValueError):
     """A line of CSV with too many or too few fields."""
 
 
-def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
+def csv_steps(name: str, file: IO[bytes]) -> Iterator[FcdStep]:
     """The time steps of the CSV text of `file`, called `name` in messages; memory holds one step at a time.
 
     `person` of a row is certain only in files of xml2csv.py; in others, rows with an edge and no lane are persons.
     Raises InputError at the first error.
     """
-    lines = csv.reader((line.decode() for line in file), delimiter=";", strict=True)
+    lines = csv.reader(text_lines(file), delimiter=";", strict=True)
     complete = 0
     try:
         columns = next(lines, [])
@@ -118,9 +116,10 @@ def csv_steps(name: str, file: IO[bytes] | gzip.GzipFile) -> Iterator[FcdStep]:
         raise InputError(
             f"{name}, line {lines.line_num}: {e}; is the file cut off? {complete} complete time steps could be read"
         ) from None
-    except (csv.Error, UnicodeDecodeError) as e:
+    except (csv.Error, UnicodeDecodeError, OSError) as e:
+        reason = e.strerror if isinstance(e, OSError) else e
         raise InputError(
-            f"{name}, line {lines.line_num + 1}: not CSV text ({e}); {complete} complete time steps could be read"
+            f"{name}, line {lines.line_num + 1}: not CSV text ({reason}); {complete} complete time steps could be read"
         ) from e
 
 

@@ -1,10 +1,8 @@
 """All rows of an FCD file as compact columns."""
 
-import gzip
 import math
 import os
 import re
-import zlib
 from array import array
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +14,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.steps import FcdRow, FcdStep, csv_steps, xml_steps
 from slrl_sumo.formats.sumo_time import parse_time
+from slrl_sumo.input_files import open_input, plain_xml
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
 _BICYCLE = re.compile("bike|cycl")
@@ -72,21 +71,20 @@ def read_table(
     suffix = check_fcd_path(path)
     table = FcdTable(untagged=suffix in (".csv", ".parquet"))
     try:
-        size = os.path.getsize(name)
-        if size == 0:
-            raise InputError(f"{name} is empty; give it a whole FCD file")
-        with open(name, "rb") as raw:
-            file = gzip.GzipFile(fileobj=raw) if suffix == ".xml.gz" else raw
+        with open_input(name) as raw:
+            size = os.fstat(raw.fileno()).st_size
+            if size == 0:
+                raise InputError(f"{name} is empty; give it a whole FCD file")
             if suffix == ".parquet":
                 from slrl_sumo.formats.fcd.parquet import parquet_steps  # pyarrow is an extra
 
-                steps = parquet_steps(name)
+                steps = parquet_steps(name, raw)
             else:
-                steps = csv_steps(name, file) if suffix == ".csv" else xml_steps(name, file)
+                steps = csv_steps(name, raw) if suffix == ".csv" else xml_steps(name, plain_xml(raw))
             for _ in _collect(name, steps, table):
                 progress(raw.tell() / size)
-    except (OSError, EOFError, zlib.error) as e:
-        raise InputError(f"cannot read {name}: {getattr(e, 'strerror', None) or e}") from e
+    except OSError as e:
+        raise InputError(f"cannot read {name}: {e.strerror or e}") from e
     except InputError as flaw:
         if not table.key:
             raise

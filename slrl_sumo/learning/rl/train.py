@@ -22,7 +22,7 @@ import torch
 from netgen.errors import NetgenError
 from netgen.families import Family, generate
 from slrl_sumo.errors import InputError, check_whole_number
-from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
 from slrl_sumo.learning.rl.arena_slots import ArenaSource

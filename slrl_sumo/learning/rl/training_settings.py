@@ -1,12 +1,12 @@
 """The settings of a training, and the TOML file that changes them."""
 
 import difflib
-import tomllib
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import read_toml
 from slrl_sumo.learning.rl.arena import ArenaSettings
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
@@ -76,10 +76,10 @@ def read_settings(file: Path | None) -> TrainSettings:
     if file is None:
         return settings
     try:
-        values = tomllib.loads(file.read_text(encoding="utf-8"))
+        values = read_toml(file)
     except OSError as error:
-        raise InputError(f"{file}: cannot be read ({error.strerror}); name another `config`") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror or error}); name another `config`") from None
+    except ValueError as error:
         raise InputError(f"{file}: is no TOML ({error})") from None
     sections = [f.name for f in fields(TrainSettings)]
     for name, given in values.items():

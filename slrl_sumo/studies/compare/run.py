@@ -8,7 +8,8 @@ import torch
 
 from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import make_driver
-from slrl_sumo.formats.trajectories import Trajectories, TrajectoryBuilder
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.metrics.conflicts import Conflicts, pet_conflicts, ttc_conflicts
 from slrl_sumo.metrics.distributions import EDGES, QUANTITIES, histogram, kinematics
 from slrl_sumo.metrics.driving_stats import DrivingStats

@@ -86,7 +86,12 @@ def recorded(recording: Trajectories, steps: int) -> Iterator[tuple[TypeOutcome,
             f"--recording: it has {max(len(frames) - 1, 0)} intervals, an episode {steps}; give --steps or a longer one"
         )
     parked = frozenset(name for name, still in zip(recording.ids, recording.parked.tolist(), strict=True) if still)
-    for first in range(frames.start, frames.stop - steps, steps):
+    # Joined recordings have pauses without road users. A span has the frames at both of its ends.
+    after = recording.frame - frames.start
+    for span in np.union1d(after // steps, (after - 1) // steps).tolist():
+        first = frames.start + span * steps
+        if span < 0 or first + steps >= frames.stop:
+            continue
         outcomes = Outcomes(recording.world(first))
         for frame in range(first + 1, first + steps + 1):
             world = recording.world(frame)

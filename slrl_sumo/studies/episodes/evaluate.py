@@ -13,7 +13,7 @@ from typing import Any
 from slrl_sumo.agent.driver import GUARDED, SELECTORS
 from slrl_sumo.agent.selectors import PolicySelector
 from slrl_sumo.errors import InputError, SumoError
-from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar

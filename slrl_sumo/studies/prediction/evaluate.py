@@ -106,6 +106,10 @@ def evaluate(
     if starts_every < 1:
         raise InputError(f"--starts {starts_every}: give a number of frames, 1 or more")
     starts = np.arange(recording.frames.start, recording.frames.stop, starts_every)
+    # Joined recordings have pauses without road users.
+    present = np.unique(recording.frame)
+    if len(starts):
+        starts = starts[present[np.searchsorted(present, starts)] <= starts + STEPS]
     parts: dict[str, list[Rollouts]] = {name: [] for name in selectors}
     ground = everywhere_road(recording.x, recording.y) if roadmap is None else roadmap
     drives: list[LongRollout] = []

@@ -9,6 +9,7 @@ from lxml import etree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.sumo_time import parse_time
+from slrl_sumo.input_files import open_xml
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ def find_scenario(text: str) -> Scenario:
 def read_scenario(config: Path, name: str | None = None) -> Scenario:
     """Read the options of a SUMO configuration file. Raises InputError for any other file."""
     try:
-        root = etree.parse(str(config)).getroot()
+        with open_xml(config) as file:
+            root = etree.parse(file).getroot()
     except OSError as error:
         raise InputError(f"{config}: cannot be read ({error.strerror or error})") from None
     except etree.XMLSyntaxError as error:

@@ -1,17 +1,17 @@
 """The demand in a scenario's route and additional files, read in one pass with bounded memory."""
 
-import gzip
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, cast
 
 from lxml import etree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.sumo_time import parse_time
+from slrl_sumo.input_files import open_xml
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.scenario.configuration import Scenario
+from slrl_sumo.sumo.scenario.input_check import unusable_inputs
 from slrl_sumo.sumo.scenario.options import input_files
 
 VEHICLES = frozenset({"vehicle", "trip", "flow"})
@@ -61,11 +61,13 @@ class Demand:
 def read_demand(scenario: Scenario) -> Demand:
     """Read all route and additional files, plain or gzipped, and the files that they include, if they exist."""
     demand = Demand()
+    demand.unreadable.update(unusable_inputs(scenario))
     stopping_routes: set[str] = set()
     # In SUMO's order: additional files define types and routes that route files use.
     for name in ("additional-files", "route-files"):
         for path in input_files(scenario, name):
-            _read_file(path, demand, stopping_routes, name == "route-files")
+            if path not in demand.unreadable:
+                _read_file(path, demand, stopping_routes, name == "route-files")
     return demand
 
 
@@ -85,15 +87,13 @@ def _read_file(path: Path, demand: Demand, stopping_routes: set[str], in_order: 
                 last = max(last, depart)
     except FileNotFoundError:
         return
-    except (etree.XMLSyntaxError, OSError, EOFError) as error:
-        demand.unreadable[path] = str(getattr(error, "msg", None) or error)
+    except (etree.XMLSyntaxError, OSError) as error:
+        demand.unreadable[path] = reason(error)
 
 
 def elements(path: Path) -> Iterator[etree._Element]:
     """The elements below the root of an XML file, plain or gzipped; each is freed before the next one."""
-    with path.open("rb") as probe:
-        zipped = probe.read(2) == b"\x1f\x8b"
-    with cast(IO[bytes], gzip.open(path)) if zipped else path.open("rb") as stream:
+    with open_xml(path) as stream:
         depth = 0
         for event, element in etree.iterparse(stream, events=("start", "end"), remove_comments=True, huge_tree=True):
             depth += 1 if event == "start" else -1
@@ -105,11 +105,14 @@ def elements(path: Path) -> Iterator[etree._Element]:
                     del parent[0]
 
 
+def reason(error: etree.XMLSyntaxError | OSError) -> str:
+    """Why a file could not be read."""
+    return str((error.strerror if isinstance(error, OSError) else error.msg) or error)
+
+
 def net_attributes(path: Path) -> dict[str, str]:
     """The attributes of the root of a network file."""
-    with path.open("rb") as probe:
-        zipped = probe.read(2) == b"\x1f\x8b"
-    with cast(IO[bytes], gzip.open(path)) if zipped else path.open("rb") as stream:
+    with open_xml(path) as stream:
         for _, root in etree.iterparse(stream, events=("start",)):
             if root.tag != "net":
                 raise InputError(f"{path}: this is a <{root.tag}> file, not a SUMO network; give a .net.xml")

@@ -13,7 +13,8 @@ from lxml import etree
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH
 from slrl_sumo.sumo.scenario.configuration import Scenario, find_scenario
-from slrl_sumo.sumo.scenario.demand import elements
+from slrl_sumo.sumo.scenario.demand import elements, reason
+from slrl_sumo.sumo.scenario.input_check import check_inputs
 from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
@@ -29,6 +30,7 @@ def trace_types(scenario: Scenario) -> etree._Element:
     for kind, name in enumerate(LEARNED_TYPES):
         size = {"length": f"{DEFAULT_LENGTH[kind]:g}", "width": f"{DEFAULT_WIDTH[kind]:g}"}
         etree.SubElement(root, "vType", {"id": name, "vClass": CLASSES[kind], "guiShape": SHAPES[kind], **size})
+    check_inputs(scenario)
     known = set(LEARNED_TYPES)
     for option in ("additional-files", "route-files"):
         for path in input_files(scenario, option):
@@ -49,8 +51,8 @@ def _vtypes(path: Path) -> Iterator[etree._Element]:
             # Also inside distributions: in a trace, road users have these types.
             for vtype in element.iter("vType"):
                 yield copy.deepcopy(vtype)
-    except (etree.XMLSyntaxError, OSError, EOFError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'msg', None) or error})") from None
+    except (etree.XMLSyntaxError, OSError) as error:
+        raise InputError(f"{path}: cannot be read ({reason(error)})") from None
 
 
 def main(words: list[str]) -> None:

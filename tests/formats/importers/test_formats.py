@@ -8,7 +8,7 @@ from slrl_sumo import cli
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.formats import PAUSE, find_recordings, join
 from slrl_sumo.formats.importers.hc import read_hc
-from slrl_sumo.formats.trajectories import load_trajectories
+from slrl_sumo.formats.trajectory_file import load_trajectories
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ def test_a_folder_needs_exactly_one_config(tmp_path: Path) -> None:
 def test_a_file_that_is_no_xml_is_refused(tmp_path: Path, content: str) -> None:
     file = tmp_path / "a.sumocfg"
     file.write_text(content)
-    with pytest.raises(InputError, match=r"a\.sumocfg: not a SUMO configuration") as caught:
+    with pytest.raises(InputError, match=r"a\.sumocfg: (not a SUMO configuration|cannot be read)") as caught:
         find_scenario(str(file))
     assert "\n" not in str(caught.value)
 
