@@ -95,6 +95,10 @@ class LanePoints:
         _, rows = self._tree.query(np.column_stack([x, y]), k=np.arange(1, count + 1))
         return np.asarray(rows, np.intp)
 
+    def nearest_point(self, x: Floats, y: Floats) -> NDArray[np.intp]:
+        """Index of the point nearest to each of n positions, (n,). ValueError where there is none for a position."""
+        return self.nearest(x, y).reshape(len(x))
+
     def max_speed(self, rows: NDArray[np.intp]) -> Floats:
         """Speed limit (m/s) of the lanes of the points `rows`."""
         return self._max_speed[self.lane[rows]]

@@ -12,6 +12,11 @@ from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import ALL_CLASSES, MOTOR_CLASSES, Lane, LanePoints
 
+LANE_WIDTH = 3.2
+"""m: SUMO's default, which stands for widths that no lane has."""
+WIDEST = 200.0
+"""m."""
+
 _WALKING_AREA = re.compile(r"^:.+_w\d+_\d+$")
 _CROSSING = re.compile(r"^:.+_c\d+_\d+$")
 
@@ -26,6 +31,8 @@ class Network:
     """Lane ends where the network ends: x, y (m), heading outwards (rad), half the lane's width (m), (e, 4)."""
     junction_positions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """x, y (m) of each junction by its id."""
+    without_width: tuple[str, ...] = ()
+    """Lanes whose width in SUMO is not above 0 and up to WIDEST: they have LANE_WIDTH here."""
 
     @cached_property
     def walks(self) -> LanePoints:
@@ -62,7 +69,7 @@ def is_walking_area(lane_id: str) -> bool:
 
 def read_network(api: SumoApi) -> Network:
     """Read the loaded network: about 4 us a lane and call with libsumo."""
-    lanes = []
+    lanes, without_width = [], []
     # Lanes share their sets of classes and the names of their edges, to save memory.
     known: dict[frozenset[str], frozenset[str]] = {}
     edges: dict[str, str] = {}
@@ -70,13 +77,16 @@ def read_network(api: SumoApi) -> Network:
         allowed, disallowed = api.lane.getAllowed(lane_id), api.lane.getDisallowed(lane_id)
         # An empty list means "all" or "none", depending on the other list.
         classes = frozenset(allowed) if allowed or disallowed else ALL_CLASSES
-        edge = api.lane.getEdgeID(lane_id)
+        edge, width = api.lane.getEdgeID(lane_id), api.lane.getWidth(lane_id)
+        if not 0.0 < width <= WIDEST:
+            without_width.append(lane_id)
+            width = LANE_WIDTH
         lanes.append(
             Lane(
                 id=lane_id,
                 edge=edges.setdefault(edge, edge),
                 shape=np.array(api.lane.getShape(lane_id), np.float64).reshape(-1, 2),
-                width=api.lane.getWidth(lane_id),
+                width=width,
                 length=api.lane.getLength(lane_id),
                 max_speed=api.lane.getMaxSpeed(lane_id),
                 allowed=known.setdefault(classes, classes),
@@ -99,7 +109,7 @@ def read_network(api: SumoApi) -> Network:
         for junction in api.junction.getIDList()
         if not junction.startswith(":")
     }
-    return Network(tuple(lanes), tuple(junctions), _exits(api, lanes), positions)
+    return Network(tuple(lanes), tuple(junctions), _exits(api, lanes), positions, tuple(without_width))
 
 
 def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:

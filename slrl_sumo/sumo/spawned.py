@@ -21,7 +21,7 @@ from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.road_users import loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
@@ -36,6 +36,9 @@ MATCH_THRESHOLD = 5.0
 MATCH_THRESHOLD_PERSON = 0.1
 """m; with 5 m SUMO moves about 1 % of the persons by up to 8 m, to the edge of another lane."""
 
+SHORT = 1.0
+"""m: lanes up to this length are used only where a network has no others."""
+
 
 class SpawnedControl:
     """Adds, moves and removes learned road users."""
@@ -45,13 +48,13 @@ class SpawnedControl:
         self._edge_of_person: dict[str, str] = {}
         self._staged: set[str] = set()
         self._routes: set[str] = set(api.route.getIDList())
-        lanes = [lane for lane in network.lanes if not lane.internal and lane.length > 1.0]
+        lanes = [lane for lane in network.lanes if not lane.internal]
         # In networks without lanes for cars (cycle paths), bicycles are of class "bicycle".
         self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
-        self._staging = LanePoints([lane for lane in lanes if self._vehicle_class in lane.allowed], spacing=2.0)
+        self._staging = _staging_points(lanes, self._vehicle_class)
         self._walks = network.walks
-        if any(lane.length <= 1.0 for lane in self._walks.lanes):
-            self._walks = LanePoints([lane for lane in lanes if "pedestrian" in lane.allowed], spacing=2.0)
+        if any(lane.length <= SHORT for lane in self._walks.lanes):
+            self._walks = _staging_points(lanes, "pedestrian")
         self._sublanes = Sublanes(api, network)
         self._define_types()
 
@@ -76,16 +79,17 @@ class SpawnedControl:
         """
         walking = kinds == RoadUserType.PEDESTRIAN
         for road_user, point in zip(
-            _pick(ids, walking), self._walks.nearest(x[walking], y[walking])[:, 0], strict=True
+            _pick(ids, walking), self._walks.nearest_point(x[walking], y[walking]), strict=True
         ):
-            edge = self._walks.lanes[self._walks.lane[point]].edge
+            lane = self._walks.lanes[self._walks.lane[point]]
+            edge = lane.edge
             self._api.person.add(
                 road_user, edge, float(self._walks.offset[point]), typeID=LEARNED_TYPES[RoadUserType.PEDESTRIAN]
             )
-            self._api.person.appendWalkingStage(road_user, [edge], 1.0)
+            self._api.person.appendWalkingStage(road_user, [edge], arrival_on(lane))
             self._edge_of_person[road_user] = edge
             self._staged.add(road_user)
-        points = self._staging.nearest(x[~walking], y[~walking])[:, 0]
+        points = self._staging.nearest_point(x[~walking], y[~walking])
         for road_user, kind, point in zip(_pick(ids, ~walking), kinds[~walking].tolist(), points, strict=True):
             lane = self._staging.lanes[self._staging.lane[point]]
             route = f"{SPAWNED_PREFIX}{lane.edge}"
@@ -163,9 +167,20 @@ class SpawnedControl:
             return
         edge = self._walks.lanes[lane].edge
         if edge != self._edge_of_person[road_user]:
-            self._api.person.appendWalkingStage(road_user, [edge], 1.0)
+            self._api.person.appendWalkingStage(road_user, [edge], arrival_on(self._walks.lanes[lane]))
             self._api.person.removeStage(road_user, 0)
             self._edge_of_person[road_user] = edge
+
+
+def _staging_points(lanes: list[Lane], vehicle_class: str) -> LanePoints:
+    """Points on the lanes for a class: on short ones only where there are no others (grids with streets of 8 m)."""
+    admitting = [lane for lane in lanes if vehicle_class in lane.allowed]
+    return LanePoints([lane for lane in admitting if lane.length > SHORT] or admitting, spacing=2.0)
+
+
+def arrival_on(lane: Lane) -> float:
+    """Where the walk of a person that is moved ends (m along the lane): SUMO refuses places beyond the lane's end."""
+    return min(1.0, 0.5 * lane.length)
 
 
 def bare_moves(api: SumoApi, learned: WorldState) -> Callable[[], None]:
