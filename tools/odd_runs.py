@@ -110,7 +110,7 @@ def draw_others(random: Random, scenario: Scenario, out: Path) -> list[list[str]
     """The words of further commands on the same scenario: always `doctor`, of the others one in some runs."""
     config = str(scenario.config)
     few = ["--seed", str(random.randrange(1000))]
-    few += ["--bundle", "campus"]
+    few += ["--bundle", "intersection"]
     episodes = ["--agents", "4", "--episodes", "2", "--steps", "10"]
     others = (
         ["record", config, "--out", str(out / "recording.npz"), "--seconds", "20", *few[:2]],
