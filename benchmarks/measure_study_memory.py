@@ -32,7 +32,7 @@ def made_up(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, .
         survived = tuple(random.integers(0, settings.steps + 1, count).tolist())
         speed = float(random.lognormal(2.0, 0.5)) * settings.steps * count
         hits = int(random.integers(0, 5))
-        parts.append(TypeOutcome(kind, present, survived, speed, speed, hits, hits, hits, hits))
+        parts.append(TypeOutcome(kind, present, survived, count - hits, speed, speed, *[hits] * 5))
     return tuple(parts)
 
 

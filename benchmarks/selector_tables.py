@@ -22,9 +22,9 @@ def main() -> None:
 def scenario_table(rows: list[dict[str, Any]]) -> list[str]:
     """Selectors in a scenario: one line per type, selector and number of learned road users."""
     lines = [
-        "| type | selector | agents | success | survival (steps) | speed (m/s) | standing | collisions /1000 | "
-        "overlaps /1000 | off surface |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| type | selector | agents | success | speed (m/s) | standing | collisions /1000 | near misses /1000 | "
+        "off surface | paper: success | survival (steps) | collisions /1000 |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for kind in TYPES:
         for row in (row for row in rows if row["type"] == kind and row["success_rate"] is not None):
@@ -32,10 +32,12 @@ def scenario_table(rows: list[dict[str, Any]]) -> list[str]:
             lines.append(
                 f"| {kind} | {row['selector']} | {row['agents'] or '-'} | "
                 f"{row['success_rate']:.0%} ± {row['success_rate_std'] or 0:.0%} | "
-                f"{row['survival_steps']:.0f} ± {row['survival_steps_std'] or 0:.0f} | "
                 f"{row['mean_speed_mps']:.2f} | {row['standing_share']:.1%} | "
-                f"{row['collisions_per_1000_steps']:.2f} | {row['overlaps_per_1000_steps']:.2f} | "
-                f"{'-' if share is None else f'{share:.1%}'} |"
+                f"{row['collisions_per_1000_steps']:.2f} | {row['near_misses_per_1000_steps']:.2f} | "
+                f"{'-' if share is None else f'{share:.1%}'} | "
+                f"{row['paper_success_rate']:.0%} ± {row['paper_success_rate_std'] or 0:.0%} | "
+                f"{row['paper_survival_steps']:.0f} ± {row['paper_survival_steps_std'] or 0:.0f} | "
+                f"{row['paper_collisions_per_1000_steps']:.2f} |"
             )
     return lines
 

@@ -60,8 +60,8 @@ def crossings_at(kinds: Sequence[str], aspect: str) -> Value:
     return value
 
 
-def overlaps(kind: str, key: str = "overlaps") -> Value:
-    """Overlaps of a type, or "all", per 1,000 of it taken."""
+def collisions(kind: str, key: str = "collisions") -> Value:
+    """Collisions of a type, or "all", per 1,000 of it taken."""
     return lambda row: _ratio(1000.0 * row["driving_stats"][kind][key], row["trip_outcomes"][kind]["taken"])
 
 
@@ -140,12 +140,11 @@ TABLES: dict[str, list[tuple[str, Value, int]]] = {
         ("pedestrians that stepped on", lambda row: float(row["signal_crossings"]["pedestrian"]["all"]), 0),
         ("at red per 1,000 of them", crossings_at(["pedestrian"], "red"), 1),
     ],
-    "Overlaps per 1,000 taken": [
-        ("all", overlaps("all"), 1),
-        *[(kind, overlaps(kind), 1) for kind in TYPES],
-        ("with background", overlaps("all", "overlaps_background"), 1),
-        ("all, boxes 10 cm smaller", overlaps("all", "overlaps_shrunk"), 1),
-        *[(f"{kind}, smaller", overlaps(kind, "overlaps_shrunk"), 1) for kind in TYPES],
+    "Collisions per 1,000 taken": [
+        ("all", collisions("all"), 1),
+        *[(kind, collisions(kind), 1) for kind in TYPES],
+        ("with background", collisions("all", "collisions_with_background"), 1),
+        ("near misses, all", collisions("all", "near_misses"), 1),
     ],
     "Driving and walking": [
         *_each("speed", "m/s", lambda kind: driving(kind, "mean_speed_mps"), 1),

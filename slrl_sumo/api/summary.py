@@ -12,13 +12,18 @@ from slrl_sumo.simulation.settings import RunSettings
 
 @dataclass(frozen=True)
 class TypeSummary:
-    """Learned road users of one type; means and shares are None where there was none."""
+    """Learned road users of one type; means and shares are None where there was none.
+
+    A collision or near miss (metrics.encounters) of two of them counts once. `survival_steps`: mean number of decisions
+    before the first collision. `success_rate`: share that came to the end of its trip, of its takeover or of the run
+    without a collision, without leaving its own surface by more than 1 m and without being lost.
+    """
 
     count: int
     mean_speed_mps: float | None
     standing_share: float | None
     collisions: int
-    overlaps: int
+    near_misses: int
     survival_steps: float | None
     success_rate: float | None
     off_surface_share: float | None
@@ -46,6 +51,11 @@ class RunSummary:
     handed_back: int
     returned_to_route: int
     arrived: int
+    """Road users of the scenario that reached their destination while learned, or after they were handed back."""
+    under_way: int
+    """Road users that are or were learned and are in the network at the end."""
+    collisions: int
+    near_misses: int
     yield_interventions: int
     constraints: dict[str, int]
     per_type: dict[str, TypeSummary]
@@ -71,7 +81,7 @@ class RunSummary:
             **counted,
             per_type=per_type,
             peak_memory_mib=peak_memory_mib,
-            notices=list(started.notices),
+            notices=[*started.notices, *([counters.jam] if counters.jam else [])],
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -83,8 +93,15 @@ class RunSummary:
         """The run in one line."""
         return (
             f"{self.scenario}: {self.agent_steps} agent-steps in {self.wall_s:.1f} s "
-            f"({self.real_time_factor or 0:.1f}x real time), {self.wrapped_around} wrapped around, {self.lost} lost"
+            f"({self.real_time_factor or 0:.1f}x real time), {self.ends}, {self.lost} lost"
         )
+
+    @property
+    def ends(self) -> str:
+        """Where the learned road users have come to, in words."""
+        if self.taken_over:
+            return f"{self.taken_over} taken over, {self.arrived} arrived, {self.under_way} under way"
+        return f"{self.wrapped_around} wrapped around"
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """Headings and rows of a table for people: a row for each type with learned road users."""
@@ -105,7 +122,7 @@ COLUMNS = {
     "mean speed (m/s)": "mean_speed_mps",
     "standing": "standing_share",
     "collisions": "collisions",
-    "overlaps": "overlaps",
+    "near misses": "near_misses",
     "survival (steps)": "survival_steps",
     "success": "success_rate",
     "off surface": "off_surface_share",

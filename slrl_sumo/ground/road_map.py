@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.shape_index import index_by_tile, piece_boxes
-from slrl_sumo.ground.surfaces import Area, Ribbon, Shape, Surface, SurfaceShapes, paint
+from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Ribbon, Shape, Surface, SurfaceShapes, paint
 from slrl_sumo.ground.tiles import Ids, Tiles
 from slrl_sumo.scene.geometry import Floats
 
@@ -20,6 +20,8 @@ MARGIN = 48.0
 """m painted around the core of a tile: the ego view (33.5 m) of any position in the core lies within one tile."""
 MEMORY_LIMIT = 128 * 2**20
 """Bytes: 334 tiles."""
+CIRCLE = np.arange(16) * (np.pi / 8.0)
+"""rad; the directions in which a surface near a point is looked for."""
 NEAR = 10.0
 """m from every surface; road users farther away have left the scene."""
 NEAR_CELL = 2.0
@@ -75,6 +77,20 @@ class RoadMap:
     def surface_at(self, x: Floats, y: Floats) -> Ids:
         """Surface under each point (m), (n,); NONE outside everything."""
         return self._tiles.at(x, y)
+
+    def beyond_own_surface(self, kind: NDArray[np.int8], x: Floats, y: Floats, margin: float) -> NDArray[np.bool_]:
+        """Which points (m) are more than `margin` m off the own surfaces of road users of these types, (n,).
+
+        `kind`: RoadUserType, (n,). The own surface is looked for at the point and on a circle of that radius.
+        """
+        beyond = ~OWN_SURFACE[kind, self.surface_at(x, y)]
+        for angle in CIRCLE:
+            rows = np.flatnonzero(beyond)
+            if not len(rows):
+                break
+            found = self.surface_at(x[rows] + margin * np.cos(angle), y[rows] + margin * np.sin(angle))
+            beyond[rows] = ~OWN_SURFACE[kind[rows], found]
+        return beyond
 
     def near_surface(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
         """Whether any surface lies near each point (m), (n,): True up to 10 m, False beyond 20 m.

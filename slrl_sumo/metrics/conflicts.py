@@ -7,17 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
+from slrl_sumo.metrics.encounters import PAUSE, TTC_LIMIT, touching_soon
 from slrl_sumo.metrics.neighbours import Rows, row_pairs
-from slrl_sumo.metrics.surrogate_safety import REAR_END, crossing_angle, time_to_collision
+from slrl_sumo.metrics.surrogate_safety import REAR_END, crossing_angle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
-TTC_LIMIT = 1.5
-"""s; SSAM's usual limit (FHWA-HRT-08-051), after Hydén (1987) and van der Horst (1990)."""
 PET_LIMIT = 1.0
 """s."""
-PAUSE = 2.0
-"""s; after this time without a conflict a pair has a new encounter."""
 PET_STEP = 0.1
 """s between compared positions, which are interpolated."""
 
@@ -108,21 +105,11 @@ def pairs_about_to_touch(
 
     `box`: (R, 5), see `boxes`; `velocity`: m/s, (R, 2); `frame`: (R,), in any order. 0 s is an overlap.
     """
-    radius = 0.5 * np.hypot(box[:, 3], box[:, 4])
-    reach = radius + below * np.hypot(velocity[:, 0], velocity[:, 1])
+    reach = 0.5 * np.hypot(box[:, 3], box[:, 4]) + below * np.hypot(velocity[:, 0], velocity[:, 1])
     no_rows = np.zeros(0, np.intp)
     found: list[tuple[Rows, Rows, Floats]] = [(no_rows, no_rows, np.zeros(0))]
     for i, j in row_pairs(x=box[:, 0], y=box[:, 1], frame=frame, reach=reach):
-        # Few pairs are left whose bounding circles touch in time.
-        offset, speed = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
-        squared = np.maximum((speed**2).sum(axis=1), 1e-12)
-        nearest = np.clip(-(offset * speed).sum(axis=1) / squared, 0.0, below)
-        distance = np.hypot(*(offset + nearest[:, None] * speed).T)
-        touching = distance <= radius[i] + radius[j] + 1e-6
-        i, j = i[touching], j[touching]
-        ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
-        near = ttc < below
-        found.append((i[near], j[near], ttc[near]))
+        found.append(touching_soon(box=box, velocity=velocity, i=i, j=j, below=below))
     i, j, value = (np.concatenate(column) for column in zip(*found, strict=True))
     return i, j, value
 

@@ -7,18 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.scene.contacts import Pairs, contact_pairs
+from slrl_sumo.metrics.density import Density
+from slrl_sumo.metrics.encounters import ALL, EncounterCounts, per_road_user
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.simulation.events import Decision
 
-STANDING_SPEED = 0.1
-"""m/s; slower counts as standing."""
-
-SUMS = ("steps", "speed", "moving_speed", "standing", "off_surface", "collisions", "overlaps", "survived")
+SUMS = ("steps", "speed", "moving_speed", "standing", "off_surface", "left_surface", "collisions", "survived")
 """Sums of each road user over the decisions in which it is counted; speeds in m/s. `moving_speed`: without the
-decisions in which it stands. `survived`: decisions before its first collision."""
+decisions in which it stands. `left_surface`: more than 1 m off its own surface. `survived`: decisions before its first
+collision."""
 
 
 class UserSums:
@@ -51,16 +50,21 @@ class UserSums:
         users: WorldState,
         *,
         off_surface: NDArray[np.bool_],
+        left_surface: NDArray[np.bool_],
         collisions: NDArray[np.int64],
-        overlaps: NDArray[np.int64],
     ) -> None:
-        """Count one decision of n road users; the arrays, (n,): off its own surface at the end, contacts that began."""
+        """Count one decision of n road users; the arrays, (n,): off its own surface at the end, more than 1 m off it,
+        collisions that began."""
         columns = self.columns(users.ids, users.type)
         standing = users.speed < STANDING_SPEED
         no_collision = self._sums[SUMS.index("collisions"), columns] + collisions == 0
         moving_speed = np.where(standing, 0.0, users.speed)
-        motion = np.ones(len(users)), users.speed, moving_speed, standing, off_surface
-        self._sums[:, columns] += np.array([*motion, collisions, overlaps, no_collision], np.float64)
+        motion = np.ones(len(users)), users.speed, moving_speed, standing
+        self._sums[:, columns] += np.array([*motion, off_surface, left_surface, collisions, no_collision], np.float64)
+
+    def ids_of_type(self, kind: int) -> list[str]:
+        """The road users of a type, (m,), in the order in which they came."""
+        return [user for user, column in self._column.items() if self._type[column] == kind]
 
     def of_type(self, kind: int) -> dict[str, Floats]:
         """SUMS of the m road users of a type by name, (m,) each, in the order in which they came."""
@@ -68,48 +72,13 @@ class UserSums:
         return dict(zip(SUMS, self._sums[:, :count][:, self._type[:count] == kind], strict=True))
 
 
-class NewContacts:
-    """Finds contacts that begin: pairs in contact after a decision that were not in contact before it.
-
-    `start`: the state before the first decision; None: whatever is in contact after the first decision has begun.
-    """
-
-    def __init__(self, start: WorldState | None = None) -> None:
-        self._before: list[set[tuple[str, str]]] = [set(), set()]
-        self._present: frozenset[str] = frozenset()
-        if start is not None:
-            self.begun(start)
-
-    def begun(self, world: WorldState, *, newcomers: bool = True) -> tuple[Pairs, Pairs]:
-        """Rows of the pairs whose collision began, and of those whose overlap began, (p, 2) each; see
-        `contact_pairs`. `newcomers`: also pairs of which one was not there before the decision."""
-        result = []
-        for kind, pairs in enumerate(contact_pairs(world)):
-            ids = [id_pair(world, i, j) for i, j in pairs.tolist()]
-            began = [pair not in self._before[kind] and (newcomers or self._present.issuperset(pair)) for pair in ids]
-            self._before[kind] = set(ids)
-            result.append(pairs[np.array(began, np.bool_)])
-        self._present = frozenset(world.ids)
-        return result[0], result[1]
-
-
-def id_pair(world: WorldState, i: int, j: int) -> tuple[str, str]:
-    """The ids of two rows, sorted."""
-    a, b = world.ids[i], world.ids[j]
-    return (a, b) if a < b else (b, a)
-
-
-def per_road_user(pairs: Pairs, n: int) -> NDArray[np.int64]:
-    """How many of the pairs (p, 2) each of the first n rows is in, (n,)."""
-    return np.bincount(pairs[pairs < n], minlength=n)
-
-
 class RunCounters:
     """Counts what happens to learned road users, decision by decision.
 
-    A collision (centres closer than 0.5 m) or an overlap (boxes intersect) with any road user, learned or background,
-    counts once when it begins, for each learned road user in it. Survival is the number of decisions before the first
-    collision, up to the end of the run or of the takeover.
+    Collisions and near misses with any road user, learned or background: see metrics.encounters. Survival is the number
+    of decisions before the first collision, up to the end of the run or of the takeover. A success is a learned road
+    user that came to the end of its trip, of its takeover or of the run without a collision, without leaving its own
+    surface by more than 1 m, and without being lost.
     """
 
     def __init__(self, start: WorldState) -> None:
@@ -118,11 +87,12 @@ class RunCounters:
         self.wraparounds: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
         self.taken_over = self.handed_back = self.returned_to_route = self.arrived = self.interventions = 0
+        self.under_way = 0
         self._sums = UserSums()
         learned = start.take(np.flatnonzero(start.learned))
         self._sums.columns(learned.ids, learned.type)
-        # Road users that start in contact with each other have not collided by driving.
-        self._contacts = NewContacts(start)
+        self._encounters = EncounterCounts(start)
+        self._density = Density(start)
 
     def add(self, decision: Decision) -> None:
         """Count one decision interval."""
@@ -138,32 +108,37 @@ class RunCounters:
         self.handed_back += len(decision.handed_back)
         self.returned_to_route += len(decision.returned_to_route)
         self.arrived += len(decision.arrived)
+        self.under_way = decision.under_way
         self.interventions += decision.interventions
         self.constraints.update(decision.constraints)
-        collisions, overlaps = self._contacts.begun(world)
+        self._density.add(world)
+        collisions = self._encounters.add(world, np.arange(len(world)) < n)
         users = world.take(np.arange(n))
         self._sums.add(
             users,
             off_surface=~OWN_SURFACE[users.type, decision.surface],
+            left_surface=decision.left_surface,
             collisions=per_road_user(collisions, n),
-            overlaps=per_road_user(overlaps, n),
         )
 
     def per_type(self) -> dict[str, dict[str, float | int | None]]:
         """The keys of `run --summary` for each type; means are None for a type without road users."""
         result = {}
+        lost = {name for name, _ in self.lost}
         for kind, name in enumerate(TYPE_NAMES):
-            sums = self._sums.of_type(kind)
+            sums, ids = self._sums.of_type(kind), self._sums.ids_of_type(kind)
             count, total = len(sums["steps"]), {key: float(values.sum()) for key, values in sums.items()}
             steps = int(total["steps"])
+            kept = np.array([user not in lost for user in ids], np.bool_)
+            success = (sums["collisions"] == 0) & (sums["left_surface"] == 0) & kept
             result[name] = {
                 "count": count,
                 "mean_speed_mps": ratio(total["speed"], steps),
                 "standing_share": ratio(total["standing"], steps),
-                "collisions": int(total["collisions"]),
-                "overlaps": int(total["overlaps"]),
+                "collisions": int(self._encounters.collisions[kind]),
+                "near_misses": int(self._encounters.near_misses[kind]),
                 "survival_steps": ratio(total["survived"], count),
-                "success_rate": ratio(int((sums["collisions"] == 0).sum()), count),
+                "success_rate": ratio(int(success.sum()), count),
                 "off_surface_share": ratio(total["off_surface"], steps),
             }
         return result
@@ -184,12 +159,20 @@ class RunCounters:
             "handed_back": self.handed_back,
             "returned_to_route": self.returned_to_route,
             "arrived": self.arrived,
+            "under_way": self.under_way,
+            "collisions": int(self._encounters.collisions[ALL]),
+            "near_misses": int(self._encounters.near_misses[ALL]),
             "yield_interventions": self.interventions,
             "constraints": dict(self.constraints),
             "per_type": self.per_type(),
             "wraparounds": _timed(self.wraparounds),
             "losses": _timed(self.lost),
         }
+
+    @property
+    def jam(self) -> str | None:
+        """A notice where the traffic of the run has jammed, see `Density`."""
+        return self._density.jam()
 
 
 def ratio(value: float, count: float, digits: int = 4) -> float | None:

@@ -1,11 +1,17 @@
-"""Outcomes of one episode: survival, speed, standing, contacts and surfaces of its road users."""
+"""Outcomes of one episode: success, speed, standing, collisions and surfaces of its road users.
+
+Beside the collisions of the package (metrics.encounters) it counts those of the paper (section 4.1): centres closer
+than 0.5 m. They stand in the tables beside the paper's.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.metrics.counters import NewContacts, UserSums, per_road_user
+from slrl_sumo.metrics.counters import UserSums
+from slrl_sumo.metrics.encounters import EncounterCounts, id_pair, per_road_user
+from slrl_sumo.scene.contacts import Pairs, colliding_pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import TYPE_NAMES
@@ -20,8 +26,10 @@ class TypeOutcome:
     type: str
     present: tuple[int, ...]
     """Decisions in which each road user was present."""
-    survived: tuple[int, ...]
-    """Decisions of each before its first collision; equal to `present` without one."""
+    paper_survived: tuple[int, ...]
+    """Decisions of each before its first paper collision; equal to `present` without one."""
+    succeeded: int
+    """Road users without a collision that did not leave their own surface by more than 1 m."""
     speed_sum: float
     """m/s, added up over all decisions of all road users."""
     moving_speed_sum: float
@@ -29,7 +37,10 @@ class TypeOutcome:
     standing: int
     """Decisions at whose end a road user was slower than 0.1 m/s."""
     collisions: int
-    overlaps: int
+    """Pairs with at least one of them."""
+    near_misses: int
+    paper_collisions: int
+    """Once for each of them in it."""
     off_surface: int | None
     """Decisions at whose end a road user was off its own surface; None where the surfaces are unknown."""
 
@@ -42,48 +53,63 @@ class TypeOutcome:
 class Outcomes:
     """Counts what happens to some road users, decision by decision, by the definitions of `run --summary`.
 
-    A contact (a collision: centres closer than 0.5 m; an overlap: boxes intersect) with any road user counts once when
-    it begins, for each counted road user in it. Contacts that exist when one of the two appears do not count: SUMO
-    inserts pedestrians on top of each other, and recorded groups enter the picture side by side.
+    Paper collisions count as in the paper's tables: once when they begin, for each counted road user. Those that exist
+    when one of the two appears do not count: SUMO inserts pedestrians on top of each other, and recorded groups enter
+    the picture side by side.
 
-    `start`: all road users before the first decision.
+    `start`: all road users before the first decision; `counted`: which of them to count, (n,).
     """
 
-    def __init__(self, start: WorldState) -> None:
-        self._sums = UserSums()
-        self._contacts = NewContacts(start)
+    def __init__(self, start: WorldState, counted: Mask) -> None:
+        self._sums, self._paper = UserSums(), UserSums()
+        self._encounters = EncounterCounts(start, counted)
+        self._close = {id_pair(start, i, j) for i, j in colliding_pairs(start).tolist()}
+        self._present = frozenset(start.ids)
         self._surfaces_known = True
 
-    def add(self, world: WorldState, counted: Mask, off_surface: Mask | None) -> None:
+    def add(self, world: WorldState, counted: Mask, off_surface: Mask | None, left_surface: Mask | None) -> None:
         """Count one decision.
 
-        `world`: all n road users at its end; `counted`: which of them to count, (n,); `off_surface`: which are off
-        their own surface, (n,), or None where the surfaces are unknown.
+        `world`: all n road users at its end; `counted`: which of them to count, (n,); `off_surface`, `left_surface`:
+        which are off their own surface, and more than 1 m off it, (n,), or None where the surfaces are unknown.
         """
         n, rows = len(world), np.flatnonzero(counted)
-        contacts = self._contacts.begun(world, newcomers=False)
-        collisions, overlaps = (per_road_user(pairs, n)[rows] for pairs in contacts)
-        off = np.zeros(len(rows), np.bool_) if off_surface is None else off_surface[rows]
-        self._sums.add(world.take(rows), off_surface=off, collisions=collisions, overlaps=overlaps)
+        users, none = world.take(rows), np.zeros(len(rows), np.bool_)
+        off = none if off_surface is None else off_surface[rows]
+        left = none if left_surface is None else left_surface[rows]
+        collisions = per_road_user(self._encounters.add(world, counted), n)[rows]
+        self._sums.add(users, off_surface=off, left_surface=left, collisions=collisions)
+        close = per_road_user(self._paper_collisions(world), n)[rows]
+        self._paper.add(users, off_surface=none, left_surface=none, collisions=close)
         self._surfaces_known &= off_surface is not None
+
+    def _paper_collisions(self, world: WorldState) -> Pairs:
+        """Rows of the pairs whose paper collision began, (p, 2)."""
+        pairs = colliding_pairs(world)
+        ids = [id_pair(world, i, j) for i, j in pairs.tolist()]
+        began = [pair not in self._close and self._present.issuperset(pair) for pair in ids]
+        self._close, self._present = set(ids), frozenset(world.ids)
+        return pairs[np.array(began, np.bool_)]
 
     def per_type(self) -> tuple[TypeOutcome, ...]:
         """The counts of each type that has road users."""
         result = []
         for kind, name in enumerate(TYPE_NAMES):
-            sums = self._sums.of_type(kind)
+            sums, paper = self._sums.of_type(kind), self._paper.of_type(kind)
             if not len(sums["steps"]):
                 continue
             total = {key: values.sum() for key, values in sums.items()}
             outcome = TypeOutcome(
                 type=name,
                 present=tuple(sums["steps"].astype(int).tolist()),
-                survived=tuple(sums["survived"].astype(int).tolist()),
+                paper_survived=tuple(paper["survived"].astype(int).tolist()),
+                succeeded=int(((sums["collisions"] == 0) & (sums["left_surface"] == 0)).sum()),
                 speed_sum=float(total["speed"]),
                 moving_speed_sum=float(total["moving_speed"]),
                 standing=int(total["standing"]),
-                collisions=int(total["collisions"]),
-                overlaps=int(total["overlaps"]),
+                collisions=int(self._encounters.collisions[kind]),
+                near_misses=int(self._encounters.near_misses[kind]),
+                paper_collisions=int(paper["collisions"].sum()),
                 off_surface=int(total["off_surface"]) if self._surfaces_known else None,
             )
             result.append(outcome)

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from slrl_sumo.metrics.counters import STANDING_SPEED
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import arrived_ids, departure_delay, loaded_ids, type_id, wanted_speed
 

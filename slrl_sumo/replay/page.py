@@ -21,7 +21,8 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.jobs.progress import progress
-from slrl_sumo.metrics.near_misses import DEFINITIONS, Conflict, find_conflicts
+from slrl_sumo.metrics.encounters import DEFINITIONS
+from slrl_sumo.metrics.near_misses import Conflict, find_conflicts
 from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack
 from slrl_sumo.replay.vehicle_sizes import Size, scenario_sizes, size_of
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo

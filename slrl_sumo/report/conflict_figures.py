@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.picture import draw_ground
 from slrl_sumo.ground.surfaces import SurfaceShapes
-from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT, Conflicts
+from slrl_sumo.metrics.conflicts import PET_LIMIT, Conflicts
+from slrl_sumo.metrics.encounters import TTC_LIMIT
 
 GROUP_COLOURS = {"learned": "#E69F00", "mixed": "#56B4E9", "background": "#999999"}
 """Of Okabe and Ito's palette: both learned, one of the two, neither."""

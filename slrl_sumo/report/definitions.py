@@ -1,6 +1,8 @@
 """Definitions of the quantities in a run's report, with units."""
 
-from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT
+from slrl_sumo.metrics.conflicts import PET_LIMIT
+from slrl_sumo.metrics.encounters import DEFINITIONS as ENCOUNTERS
+from slrl_sumo.metrics.encounters import TTC_LIMIT
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "learned": (
@@ -14,30 +16,29 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "Mean over all agent-steps, standing ones included: distance covered in the last 0.4 s over 0.4 s.",
     ),
     "standing": ("standing (%)", "Share of agent-steps with a speed below 0.1 m/s."),
-    "collision": (
-        "collision",
-        "Centres of two road users closer than 0.5 m; counted once when it begins, for each learned one in it.",
-    ),
-    "overlap": (
-        "overlap",
-        "Boxes of two road users intersect; counted once when it begins, for each learned one in it.",
-    ),
+    "collision": ("collision", f"{ENCOUNTERS['collision']} At least one of the two is learned."),
+    "near_miss": ("near miss", f"{ENCOUNTERS['near miss']} At least one of the two is learned."),
     "survival": (
         "survival (decisions)",
         "Decisions before the first collision, or all of them; mean over learned road users.",
     ),
-    "success": ("success (%)", "Share of learned road users without any collision."),
+    "success": (
+        "success (%)",
+        "Share of the learned road users that came to the end of their trip, of their takeover or of the run without a "
+        "collision, without leaving their own surface by more than 1 m, and without being lost.",
+    ),
     "off_surface": (
         "off surface (%)",
         "Share of agent-steps at whose end the centre was not on a surface of the type's own: road and crossings for "
         "cars, all surfaces for others.",
     ),
     "lost": (
-        "lost, wrapped around, taken over, handed back, returned to route, arrived",
+        "lost, wrapped around, taken over, handed back, returned to route, arrived, under way",
         "Counts of road users. Lost: removed by SUMO before they arrived. Wrapped around: left the scene and were "
         "reinserted elsewhere. Taken over: became learned; handed back: became SUMO's again. Returned to route: had "
         "left their route or the network, were put on their route and handed back. Arrived: reached their destination "
-        "while learned.",
+        "while learned or after they were handed back. Under way: are or were learned, and are in the network at the "
+        "end.",
     ),
     "real_time": (
         "times real time",

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT, Conflicts
+from slrl_sumo.metrics.conflicts import PET_LIMIT, Conflicts
 from slrl_sumo.metrics.distributions import QUANTITIES, Kinematics, kinematic_distances
+from slrl_sumo.metrics.encounters import TTC_LIMIT
 from slrl_sumo.report.conflict_figures import GROUP_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
 from slrl_sumo.report.recorder import RunRecord
@@ -35,7 +36,7 @@ SUMMARY = (
     ("mean speed (m/s)", "mean_speed", "mean_speed_mps", 1.0, ".2f"),
     ("standing (%)", "standing", "standing_share", 100.0, ".1f"),
     ("collisions", "collision", "collisions", 1.0, "d"),
-    ("overlaps", "overlap", "overlaps", 1.0, "d"),
+    ("near misses", "near_miss", "near_misses", 1.0, "d"),
     ("survival (decisions)", "survival", "survival_steps", 1.0, ".1f"),
     ("success (%)", "success", "success_rate", 100.0, ".1f"),
     ("off surface (%)", "off_surface", "off_surface_share", 100.0, ".1f"),
@@ -114,7 +115,7 @@ def _summary(record: RunRecord, summary: Mapping[str, Any]) -> str:
         if summary["per_type"][name]["count"]
     ]
     text += _table(["type", *(_link(definition, title) for title, definition, *_ in SUMMARY)], lines)
-    words = ("lost", "wrapped_around", "taken_over", "handed_back", "returned_to_route", "arrived")
+    words = ("lost", "wrapped_around", "taken_over", "handed_back", "returned_to_route", "arrived", "under_way")
     ends = [str(summary[word]) for word in words]
     text += _table(["", *(_link("lost", f"{word.replace('_', ' ')}") for word in words)], [["road users", *ends]])
     for notice in summary["notices"]:

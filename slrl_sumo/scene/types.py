@@ -6,6 +6,8 @@ import numpy as np
 
 DECISION_INTERVAL = 0.4
 """Seconds between two decisions of a learned road user (paper, section 3.2)."""
+STANDING_SPEED = 0.1
+"""m/s; slower counts as standing."""
 
 
 class RoadUserType(IntEnum):

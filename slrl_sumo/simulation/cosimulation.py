@@ -15,7 +15,7 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.background_state import Differences, background_world, places_of
-from slrl_sumo.simulation.events import Decision, Step
+from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speed
@@ -109,6 +109,8 @@ class CoSimulation:
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._finished: set[str] = set()
+        self._handed_back: set[str] = set()
+        """Road users of the scenario that were learned before, and have not arrived."""
         self._fast = fast_lanes(simulation.network, driver)
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
@@ -202,6 +204,7 @@ class CoSimulation:
         assert self._snapshot is not None
         users = replace(interval.states[-1], time=self._simulation.time)
         surface = self.road_map.surface_at(users.x, users.y)
+        left_surface = self.road_map.beyond_own_surface(users.type, users.x, users.y, LEFT_SURFACE)
         gone = self.population.settle(users)
         arrived = np.zeros(len(users), np.bool_)
         if not interval.arrived.isdisjoint(users.ids):
@@ -210,16 +213,22 @@ class CoSimulation:
         handed_back = returned + self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())
         taken_over = self._take_over(self._differences.complete(background), handed_back)
-        self._driver.forget(handed_back + tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)))
+        arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))
+        self._driver.forget(handed_back + arrived_learned)
+        arrived_later = tuple(sorted(self._handed_back & interval.arrived))
+        self._handed_back.update(handed_back)
+        self._handed_back.difference_update(arrived_later, taken_over)
         self._stopwatch.lap("read")
         return Decision(
             steps=tuple(interval.steps),
             modes=interval.moved.modes,
             constraints={name: int(changed.sum()) for name, changed in interval.moved.changed.items()},
             surface=surface,
+            left_surface=left_surface,
             wrapped_around=interval.wrapped_around,
             lost=gone & ~arrived,
-            arrived=tuple(users.ids[row] for row in np.flatnonzero(gone & arrived)),
+            arrived=arrived_learned + arrived_later,
+            under_way=len(self.population.ids) + len(self._handed_back.intersection(self._snapshot.ids)),
             taken_over=taken_over,
             handed_back=handed_back,
             returned_to_route=returned,

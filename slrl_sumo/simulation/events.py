@@ -9,6 +9,9 @@ from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.scene.state import WorldState
 
+LEFT_SURFACE = 1.0
+"""m off its own surface from which on a road user has left it."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -66,13 +69,17 @@ class Decision:
     """How many of these decisions each rule that is not learned has changed, by its name (agent.constraints)."""
     surface: NDArray[np.uint8]
     """Surface under each learned road user at the end, (n,)."""
+    left_surface: NDArray[np.bool_]
+    """Which learned road users were more than LEFT_SURFACE off their own surface at the end, (n,)."""
     wrapped_around: NDArray[np.bool_]
     """Learned road users that left the scene and were reinserted on its other side, (n,)."""
     lost: NDArray[np.bool_]
     """Learned road users that SUMO had removed at the end although they had not arrived, (n,). Spawned ones were added
     again."""
     arrived: tuple[str, ...]
-    """Road users of the scenario that reached their destination while learned."""
+    """Road users of the scenario that reached their destination while learned, or after they were handed back."""
+    under_way: int
+    """Road users that are learned, or were before they were handed back, and that are in the network at the end."""
     taken_over: tuple[str, ...]
     """Road users of the scenario that are learned from the end of this interval on."""
     handed_back: tuple[str, ...]

@@ -41,7 +41,7 @@ KEYS_PER_TYPE = {
     "mean_speed_mps": NUMBER,
     "standing_share": NUMBER,
     "collisions": int,
-    "overlaps": int,
+    "near_misses": int,
     "survival_steps": NUMBER,
     "success_rate": NUMBER,
     "off_surface_share": NUMBER,

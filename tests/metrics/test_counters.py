@@ -22,32 +22,39 @@ def decision(world: WorldState, surface: list[Surface]) -> Decision:
     none = np.zeros(learned, np.bool_)
     return Decision(
         steps=(Step(1.0, world, places),), modes=None, constraints={"guard": 2}, surface=np.array(surface, np.uint8),
+        left_surface=none, under_way=learned,
         wrapped_around=none, lost=none,
         arrived=(), taken_over=(), handed_back=(), returned_to_route=(), interventions=0,
     )  # fmt: skip
 
 
-def test_contacts_count_once_when_they_begin_for_each_learned_road_user_in_them() -> None:
-    ids, learned = ("a", "b", "sumo"), [True, True, False]
-    tally = RunCounters(cars(ids, [0.0, 20.0, 40.0], [5.0, 5.0, 5.0], learned))
-    tally.add(decision(cars(ids, [0.0, 3.0, 40.0], [5.0, 0.05, 5.0], learned), [Surface.ROAD, Surface.SIDEWALK]))
-    tally.add(decision(cars(ids, [0.0, 3.0, 3.3], [7.0, 0.0, 0.0], learned), [Surface.ROAD, Surface.NONE]))
-    car = tally.per_type()["car"]
+def test_encounters_survival_and_success() -> None:
+    ids, learned = ("a", "b", "c", "sumo"), [True, True, True, False]
+    counters = RunCounters(cars(ids, [0.0, 20.0, 90.0, 40.0], [5.0, 5.0, 5.0, 5.0], learned))
+    road, off = Surface.ROAD, Surface.NONE
+    worlds = (
+        cars(ids, [0.0, 3.0, 90.0, 40.0], [5.0, 0.05, 4.0, 5.0], learned),  # a and b collide
+        cars(ids, [0.0, 3.0, 90.0, 3.3], [7.0, 0.0, 4.0, 0.0], learned),  # a and b with SUMO's car
+    )
+    for number, world in enumerate(worlds):
+        left = np.array([False, False, number == 1])
+        told = decision(replace(world, time=0.4 * (number + 1)), [road, Surface.SIDEWALK, off])
+        counters.add(replace(told, left_surface=left))
+    car = counters.per_type()["car"]
     assert car == {
-        "count": 2,
-        "mean_speed_mps": round((5.0 + 0.05 + 7.0 + 0.0) / 4, 4),
-        "standing_share": 0.5,
-        # b and SUMO's car, 0.3 m apart, in the second decision.
-        "collisions": 1,
-        # a and b in the first one; both with SUMO's car in the second one.
-        "overlaps": 4,
-        "survival_steps": 1.5,
-        "success_rate": 0.5,
-        "off_surface_share": 0.5,
+        "count": 3,
+        "mean_speed_mps": round((5.0 + 0.05 + 4.0 + 7.0 + 0.0 + 4.0) / 6, 4),
+        "standing_share": round(2 / 6, 4),
+        "collisions": 2,  # b stands, and so does SUMO's car: they overlap without a collision
+        "near_misses": 0,
+        "survival_steps": round((0 + 0 + 2) / 3, 4),
+        "success_rate": 0.0,  # c has left its surface
+        "off_surface_share": round(4 / 6, 4),
     }
-    assert tally.per_type()["bicycle"]["count"] == 0
-    assert tally.summary(2.0, 0.4)["agent_steps"] == 4
-    assert tally.summary(2.0, 0.4)["constraints"] == {"guard": 2 * tally.decisions}
+    assert counters.per_type()["bicycle"]["count"] == 0
+    summary = counters.summary(2.0, 0.4)
+    assert (summary["agent_steps"], summary["collisions"], summary["under_way"]) == (6, 2, 3)
+    assert summary["constraints"] == {"guard": 2 * counters.decisions}
 
 
 def test_road_users_that_come_and_go_are_counted_while_learned() -> None:

@@ -38,35 +38,23 @@ def scene(*users: tuple[str, RoadUserType, float, float, float]) -> WorldState:
 CAR, BICYCLE, PEDESTRIAN = RoadUserType
 
 
-def test_pairs_count_once_when_they_begin_and_only_with_a_watched_road_user(street: Network) -> None:
+def test_pairs_count_once_and_only_with_a_counted_road_user(street: Network) -> None:
     stats = DrivingStats(RoadMap(street.surfaces()))
     apart = scene(("a", CAR, 20.0, -1.6, 5.0), ("b", CAR, 30.0, -1.6, 5.0), ("p", PEDESTRIAN, 60.0, 0.0, 1.0))
     both = frozenset({"a", "p"})
     stats.add(apart, both)
-    # a and b overlap by 5 cm: an overlap with the background, but none of boxes that are 10 cm smaller.
     near = replace(apart, x=np.array([25.05, 30.0, 60.0]))
-    for world in (near, near, apart, near):
-        stats.add(world, both)
-    found = stats.record()
-    assert [found["car"][k] for k in ("overlaps", "overlaps_background", "overlaps_shrunk")] == [1, 1, 0]
     # The person walks into a: counts for both types, once for all.
-    stats.add(replace(near, x=np.array([25.05, 40.0, 25.0]), y=np.array([-1.6, -1.6, -1.6])), both)
+    hit = replace(near, x=np.array([25.05, 40.0, 25.0]), y=np.array([-1.6, -1.6, -1.6]))
+    for number, world in enumerate((near, near, apart, near, hit)):
+        stats.add(replace(world, time=0.4 * (number + 1)), both)
     found = stats.record()
     kinds = ("car", "bicycle", "pedestrian", "all")
-    assert [found[k]["overlaps"] for k in kinds] == [2, 0, 1, 2]
-    assert [found[k]["overlaps_background"] for k in kinds] == [1, 0, 0, 1]
-    assert [found[k]["overlaps_shrunk"] for k in kinds] == [1, 0, 1, 1]
-    # Nobody watched.
-    stats.add(replace(near, x=np.array([80.0, 82.0, 60.0])), frozenset({"p"}))
-    assert stats.record()["all"]["overlaps"] == 2
-
-
-def test_a_road_user_taken_over_in_contact_has_not_caused_it(street: Network) -> None:
-    stats = DrivingStats(RoadMap(street.surfaces()))
-    touching = scene(("a", CAR, 20.0, -1.6, 5.0), ("b", CAR, 24.0, -1.6, 5.0))
-    stats.add(touching, frozenset())
-    stats.add(touching, frozenset({"a"}))
-    assert stats.record()["all"]["overlaps"] == 0
+    assert [found[k]["collisions"] for k in kinds] == [2, 0, 1, 2]
+    assert [found[k]["collisions_with_background"] for k in kinds] == [1, 0, 0, 1]
+    # No counted road user in it.
+    stats.add(replace(near, x=np.array([80.0, 82.0, 60.0]), time=2.4), frozenset({"p"}))
+    assert stats.record()["all"]["collisions"] == 2
 
 
 def test_speeds_braking_and_surfaces_are_shares_of_steps(street: Network) -> None:

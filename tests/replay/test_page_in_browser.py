@@ -315,7 +315,7 @@ def test_definitions_are_one_click_away(page: Driver) -> None:
     assert not page.find_element(By.ID, "definitions").is_displayed()
     page.find_element(By.ID, "explain").click()
     assert "Time to collision below 1.5 s" in text(page, "definitions")
-    assert "Boxes of two road users overlap" in text(page, "definitions")
+    assert "boxes of two road users overlap" in text(page, "definitions")
 
 
 def test_road_users_are_drawn_in_the_colour_of_their_type_on_their_surface(page: Driver) -> None:

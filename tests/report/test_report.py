@@ -52,6 +52,8 @@ def decision(frame: int, learned: int = 2, wrapped_around: tuple[bool, ...] = (F
         wrapped_around=np.array(wrapped_around[:learned]),
         lost=np.zeros(learned, np.bool_),
         arrived=(),
+        left_surface=np.zeros(1, np.bool_),
+        under_way=1,
         taken_over=(),
         handed_back=(),
         returned_to_route=(),
@@ -100,10 +102,12 @@ def summary() -> dict[str, Any]:
         "wall_s": 1.0,
         "real_time_factor": 5.2,
         "per_type": {
-            name: {**figures, "mean_speed_mps": 9.87, "count": count, "collisions": 0, "overlaps": 1}
+            name: {**figures, "mean_speed_mps": 9.87, "count": count, "collisions": 0, "near_misses": 1}
             for name, count in types.items()
         },
-        **dict.fromkeys(("lost", "wrapped_around", "taken_over", "handed_back", "returned_to_route", "arrived"), 0),
+        **dict.fromkeys(
+            ("lost", "wrapped_around", "taken_over", "handed_back", "returned_to_route", "arrived", "under_way"), 0
+        ),
         "notices": list(STARTED.notices),
     }
 

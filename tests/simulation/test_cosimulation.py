@@ -19,7 +19,7 @@ from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
-from slrl_sumo.simulation.events import Started
+from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
@@ -123,6 +123,30 @@ def test_a_road_user_that_sumo_drops_is_counted_and_comes_back(
             assert state.world.ids[row] == road_user
     # Back on the network, where the trace has it.
     assert decisions[-1].steps[-1].places.sumo_type[row] == road_user.split(".")[0]
+
+
+def test_those_handed_back_arrive_later_or_are_under_way() -> None:
+    taken: set[str] = set()
+    lost, arrived, at_hand_back = 0, [], set()
+    settings = RunSettings(
+        "intersection",
+        takeover="car=1,pedestrian=1",
+        region="junction:centre,radius=25",
+        steps=250,
+        seed=2,
+        selector="prior",
+    )
+    for event in run(settings):
+        if isinstance(event, Decision):
+            taken.update(event.taken_over)
+            at_hand_back.update(event.handed_back)
+            lost += int(event.lost.sum())
+            arrived += event.arrived
+            under_way = event.under_way
+    assert len(arrived) == len(set(arrived))
+    assert taken.issuperset(arrived)
+    assert len(at_hand_back.intersection(arrived)) > 5
+    assert len(taken) == len(arrived) + under_way + lost
 
 
 def test_leaving_a_run_early_closes_sumo() -> None:

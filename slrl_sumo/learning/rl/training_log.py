@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.learning.rl.ppo import Batch
 from slrl_sumo.learning.rl.rewards import TERMS
-from slrl_sumo.metrics.counters import STANDING_SPEED
-from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 
 
 class EpisodeFigures:

@@ -13,7 +13,7 @@ from slrl_sumo.studies.compare.run import LEARNED, SUMO
 
 ARM_COLOURS = {SUMO: "#999999", LEARNED: "#E69F00"}
 """Of Okabe and Ito's palette, which the colour-blind can tell apart; the types have other ones."""
-PANELS = ("travel_time", "delay", "stops", "speed", "ttc", "pet", "overlaps", "co2_per_km")
+PANELS = ("travel_time", "delay", "stops", "speed", "ttc", "pet", "collisions", "co2_per_km")
 
 
 def draw_comparison(result: dict[str, Any]) -> Figure:

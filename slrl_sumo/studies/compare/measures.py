@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from slrl_sumo.metrics.conflicts import PET_LIMIT, TTC_LIMIT
+from slrl_sumo.metrics.conflicts import PET_LIMIT
+from slrl_sumo.metrics.encounters import DEFINITIONS, TTC_LIMIT
 from slrl_sumo.metrics.trips import Trip
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.studies.compare.run import Record
@@ -215,22 +216,22 @@ MEASURES = (
         "other at the same place, at an angle of 30° or more; each counted once, for both types and once for all",
     ),
     Measure(
-        "overlaps",
-        "overlaps",
+        "collisions",
+        "collisions",
         "1",
         1,
         (ALL, *TYPE_NAMES),
-        _driving("overlaps"),
-        "pairs whose boxes began to overlap, each once in a run",
+        _driving("collisions"),
+        DEFINITIONS["collision"],
     ),
     Measure(
-        "collisions",
-        "collisions",
+        "near_misses",
+        "near misses",
         "1",
         1,
-        (ALL,),
-        _driving("collisions"),
-        "pairs whose centres came closer than 0.5 m, each once in a run",
+        (ALL, *TYPE_NAMES),
+        _driving("near_misses"),
+        DEFINITIONS["near miss"],
     ),
     Measure("co2", "CO2", "kg", 2, (ALL,), _emitted("co2", 1e-3), EMITTED),
     Measure(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import GUARDED, make_driver
@@ -18,6 +19,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH
 from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.events import LEFT_SURFACE
 from slrl_sumo.simulation.spawn import draw_starts, starting_speed, type_counts
 from slrl_sumo.simulation.wraparound import ROOM
 from slrl_sumo.sumo.lanes import LanePoints
@@ -92,10 +94,11 @@ def recorded(recording: Trajectories, steps: int) -> Iterator[tuple[TypeOutcome,
         first = frames.start + span * steps
         if span < 0 or first + steps >= frames.stop:
             continue
-        outcomes = Outcomes(recording.world(first))
+        world = recording.world(first)
+        outcomes = Outcomes(world, _not_in(world, parked))
         for frame in range(first + 1, first + steps + 1):
             world = recording.world(frame)
-            outcomes.add(world, np.array([name not in parked for name in world.ids], np.bool_), None)
+            outcomes.add(world, _not_in(world, parked), None, None)
         result = outcomes.per_type()
         if result:
             yield result
@@ -104,13 +107,15 @@ def recorded(recording: Trajectories, steps: int) -> Iterator[tuple[TypeOutcome,
 def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
     """Count SUMO's own road users while they are there."""
     roadmap = RoadMap(session.network.surfaces())
-    outcomes = Outcomes(background_world(session.reader.read(), session.time, frozenset()))
+    world = background_world(session.reader.read(), session.time, frozenset())
+    outcomes = Outcomes(world, np.ones(len(world), np.bool_))
     for _ in range(steps):
         for _ in range(session.substeps):
             session.step()
         world = background_world(session.reader.read(), session.time, frozenset())
-        surface = roadmap.surface_at(world.x, world.y)
-        outcomes.add(world, np.ones(len(world), np.bool_), ~OWN_SURFACE[world.type, surface])
+        off_surface = ~OWN_SURFACE[world.type, roadmap.surface_at(world.x, world.y)]
+        left_surface = roadmap.beyond_own_surface(world.type, world.x, world.y, LEFT_SURFACE)
+        outcomes.add(world, np.ones(len(world), np.bool_), off_surface, left_surface)
     return outcomes.per_type()
 
 
@@ -121,14 +126,20 @@ def _drive(session: SumoSession, bundle: ModelBundle, episode: Episode, steps: i
     driver = make_driver(name, bundle, session.api, session.network, episode.draw, constraints=constraints)
     simulation = CoSimulation(session, driver)
     _spawn(simulation, session, bundle, episode)
-    outcomes = Outcomes(simulation.start().world)
+    start = simulation.start().world
+    outcomes = Outcomes(start, start.learned)
     for _ in range(steps):
         decision = simulation.decide()
         world, n = decision.steps[-1].world, len(decision.surface)
-        off_surface = np.zeros(len(world), np.bool_)
+        off_surface, left_surface = np.zeros((2, len(world)), np.bool_)
         off_surface[:n] = ~OWN_SURFACE[world.type[:n], decision.surface]
-        outcomes.add(world, np.arange(len(world)) < n, off_surface)
+        left_surface[:n] = decision.left_surface
+        outcomes.add(world, np.arange(len(world)) < n, off_surface, left_surface)
     return outcomes.per_type()
+
+
+def _not_in(world: WorldState, ids: frozenset[str]) -> NDArray[np.bool_]:
+    return np.array([name not in ids for name in world.ids], np.bool_)
 
 
 def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, episode: Episode) -> None:

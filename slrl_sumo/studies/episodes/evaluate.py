@@ -149,7 +149,7 @@ def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
 def _parsed(line: dict[str, Any]) -> tuple[Episode, Outcome]:
     """An episode of the log, and its outcome."""
     parts = line.pop("outcome")
-    lives = ({name: tuple(part[name]) for name in ("present", "survived")} for part in parts)
+    lives = ({name: tuple(part[name]) for name in ("present", "paper_survived")} for part in parts)
     return Episode(**line), tuple(TypeOutcome(**part | life) for part, life in zip(parts, lives, strict=True))
 
 

@@ -34,10 +34,12 @@ def print_episodes(result: dict[str, Any]) -> None:
     )
     for heading in ("type", "selector", "agents"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("success", "survival (steps)", "speed (m/s)", "moving (m/s)", "standing"):
+    for heading in ("success", "speed (m/s)", "moving (m/s)", "standing"):
         table.add_column(heading, justify="right")
-    for heading in ("collisions /1000", "overlaps /1000", "off surface"):
+    for heading in ("collisions /1000", "near misses /1000", "off surface"):
         table.add_column(heading, justify="right")
+    for heading in ("paper: success", "survival (steps)", "collisions /1000"):
+        table.add_column(heading, justify="right", style="dim")
     number, name = TABLES["shared-space" if "shared" in result["scenario"] else "intersection"]
     for kind in TYPE_NAMES:
         for row in (row for row in result["rows"] if row["type"] == kind):
@@ -46,23 +48,26 @@ def print_episodes(result: dict[str, Any]) -> None:
                 row["selector"],
                 str(row["agents"] or "–"),
                 _spread(row, "success_rate", ".0%"),
-                _spread(row, "survival_steps", ".0f"),
                 _spread(row, "mean_speed_mps", ".2f"),
                 _cell(row["mean_speed_moving_mps"], ".2f"),
                 _cell(row["standing_share"], ".1%"),
                 _cell(row["collisions_per_1000_steps"], ".2f"),
-                _cell(row["overlaps_per_1000_steps"], ".2f"),
+                _cell(row["near_misses_per_1000_steps"], ".2f"),
                 _cell(row["off_surface_share"], ".1%"),
+                _spread(row, "paper_success_rate", ".0%"),
+                _spread(row, "paper_survival_steps", ".0f"),
+                _cell(row["paper_collisions_per_1000_steps"], ".2f"),
             )
         for row in (row for row in result["published"] if row["type"] == kind and row["table"] == number):
             cells = [
                 f"{row['method']} ({name})*",
-                "",
-                _spread(row, "success_rate", ".0%"),
-                _spread(row, "survival_steps", ".0f"),
+                *("", ""),
                 f"{_cell(row['mean_speed_printed_mps'], '.2f')}*",
+                *[""] * 5,
+                _spread(row, "paper_success_rate", ".0%"),
+                _spread(row, "paper_survival_steps", ".0f"),
             ]
-            table.add_row(kind, *cells, *[""] * 5, style="dim")
+            table.add_row(kind, *cells, "", style="dim")
         table.add_section()
     console.print(table)
     print(f"* {MEASURED_ELSEWHERE}")

@@ -19,16 +19,19 @@ from slrl_sumo.studies.episodes.episode import Episode
 
 FIGURES = (
     "success_rate",
-    "survival_steps",
     "mean_speed_mps",
     "mean_speed_moving_mps",
     "standing_share",
     "collisions_per_1000_steps",
-    "overlaps_per_1000_steps",
+    "near_misses_per_1000_steps",
     "off_surface_share",
+    "paper_success_rate",
+    "paper_survival_steps",
+    "paper_collisions_per_1000_steps",
 )
+"""Figures; those of the paper's definitions begin with `paper_`."""
 
-SPREAD = ("success_rate", "survival_steps", "mean_speed_mps")
+SPREAD = ("success_rate", "mean_speed_mps", "paper_success_rate", "paper_survival_steps")
 """Figures whose standard deviation over episodes is given."""
 
 COLUMNS = (
@@ -119,18 +122,20 @@ class _Sums:
     """Of the road users of one type in some episodes."""
 
     def __init__(self, steps: int) -> None:
-        self.users = self.succeeded = 0
+        self.users = self.succeeded = self.paper_succeeded = 0
         self._survival: NDArray[np.int64] = np.zeros((2, steps), np.int64)
-        self._counts = [0] * 5  # decisions, standing, collisions, overlaps, off surface
+        self._counts = [0] * 6  # decisions, standing, collisions, near misses, paper collisions, off surface
         self._speeds = [Fraction(0), Fraction(0)]  # of all decisions, of those in motion
         self._surfaces_known = True
 
     def add(self, part: TypeOutcome) -> None:
-        present, survived = np.array(part.present, np.float64), np.array(part.survived, np.float64)
+        present, survived = np.array(part.present, np.float64), np.array(part.paper_survived, np.float64)
         self.users += len(present)
-        self.succeeded += int((survived == present).sum())
+        self.succeeded += part.succeeded
+        self.paper_succeeded += int((survived == present).sum())
         self._survival += survival_counts(present, survived, self._survival.shape[1])
-        counts = (part.steps, part.standing, part.collisions, part.overlaps, part.off_surface or 0)
+        contacts = (part.collisions, part.near_misses, part.paper_collisions)
+        counts = (part.steps, part.standing, *contacts, part.off_surface or 0)
         self._counts = [a + b for a, b in zip(self._counts, counts, strict=True)]
         speeds = Fraction(part.speed_sum), Fraction(part.moving_speed_sum)
         self._speeds = [a + b for a, b in zip(self._speeds, speeds, strict=True)]
@@ -139,6 +144,7 @@ class _Sums:
     def merge(self, other: "_Sums") -> None:
         self.users += other.users
         self.succeeded += other.succeeded
+        self.paper_succeeded += other.paper_succeeded
         self._survival += other._survival
         self._counts = [a + b for a, b in zip(self._counts, other._counts, strict=True)]
         self._speeds = [a + b for a, b in zip(self._speeds, other._speeds, strict=True)]
@@ -146,16 +152,18 @@ class _Sums:
 
     def figures(self) -> dict[str, float | None]:
         """FIGURES, of at least one road user."""
-        total, standing, collisions, overlaps, off_surface = self._counts
+        total, standing, collisions, near_misses, paper_collisions, off_surface = self._counts
         return {
             "success_rate": self.succeeded / self.users,
-            "survival_steps": mean_survival(self._survival),
             "mean_speed_mps": _ratio(self._speeds[0], total),
             "mean_speed_moving_mps": _ratio(self._speeds[1], total - standing),
             "standing_share": _ratio(standing, total),
             "collisions_per_1000_steps": _ratio(1000 * collisions, total),
-            "overlaps_per_1000_steps": _ratio(1000 * overlaps, total),
+            "near_misses_per_1000_steps": _ratio(1000 * near_misses, total),
             "off_surface_share": _ratio(off_surface, total) if self._surfaces_known else None,
+            "paper_success_rate": self.paper_succeeded / self.users,
+            "paper_survival_steps": mean_survival(self._survival),
+            "paper_collisions_per_1000_steps": _ratio(1000 * paper_collisions, total),
         }
 
 

@@ -9,10 +9,10 @@ from benchmarks.takeover.tables import (
     add_time_ratios,
     aligned,
     cell,
+    collisions,
     crossings_at,
     markdown,
     on_route_share,
-    overlaps,
     table,
     time_inside,
 )
@@ -37,7 +37,7 @@ def row(selector: str, seed: int = 1, **users: tuple[str, bool, float]) -> dict[
         "trip_outcomes": {kind: dict(no_trips) for kind in kinds},
         "signal_crossings": {kind: {"all": 0, "red": 0, "yellow": 0} for kind in kinds},
         "driving_stats": {
-            kind: dict.fromkeys(figures) | dict.fromkeys(("overlaps", "overlaps_background", "overlaps_shrunk"), 0)
+            kind: dict.fromkeys(figures) | dict.fromkeys(("collisions", "collisions_with_background", "near_misses"), 0)
             for kind in kinds
         },
         "hand_back": dict.fromkeys(("jumps", "teleports"), 0)
@@ -76,14 +76,14 @@ def test_shares_and_rates_are_over_their_own_denominators() -> None:
     run["trip_outcomes"]["bicycle"] |= {"taken": 10, "on_route": 0, "counted": 10}
     run["signal_crossings"]["car"] = {"all": 30, "red": 3, "yellow": 6}
     run["signal_crossings"]["bicycle"] = {"all": 10, "red": 1, "yellow": 0}
-    run["driving_stats"]["car"] |= {"overlaps": 4, "overlaps_shrunk": 1}
+    run["driving_stats"]["car"] |= {"collisions": 4, "near_misses": 1}
     assert on_route_share(["car", "bicycle"])(run) == 60.0
     assert on_route_share(["pedestrian"])(run) is None
     assert crossings_at(["car", "bicycle"], "red")(run) == 100.0
     assert crossings_at(["car"], "yellow")(run) == 200.0
-    assert overlaps("car")(run) == 80.0
-    assert overlaps("car", "overlaps_shrunk")(run) == 20.0
-    assert overlaps("pedestrian")(run) is None
+    assert collisions("car")(run) == 80.0
+    assert collisions("car", "near_misses")(run) == 20.0
+    assert collisions("pedestrian")(run) is None
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def record(trips: dict[str, list[Any]], **other: Any) -> Record:
         "mean_speed_mps": 4.0,
         "hard_braking_share": 0.01,
         "off_surface_share": 0.0,
-        "overlaps": 1,
+        "near_misses": 1,
         "collisions": 0,
     }
     return {

@@ -59,7 +59,7 @@ def test_rows_are_those_of_the_contract(small: tuple[dict[str, Any], Path]) -> N
         assert tuple(row) == COLUMNS
         assert row["episodes"] == 4
         assert 0 <= row["success_rate"] <= 1
-        assert 0 <= row["survival_steps"] <= 8
+        assert 0 <= row["paper_survival_steps"] <= 8
         assert row["mean_speed_mps_seed_std"] >= 0
     learned = {(row["agents"], row["type"]): row["road_users"] for row in rows if row["selector"] == "prior"}
     # The default mix: halves, fifths and three tenths, in each of four episodes.
@@ -67,7 +67,7 @@ def test_rows_are_those_of_the_contract(small: tuple[dict[str, Any], Path]) -> N
     assert sum(count for (agents, _), count in learned.items() if agents == 9) == 36
     # SUMO's own models do not drive into each other, and keep to their lanes.
     (cars,) = (row for row in rows if row["selector"] == "sumo" and row["type"] == "car")
-    assert (cars["success_rate"], cars["survival_steps"], cars["off_surface_share"]) == (1.0, 8.0, 0.0)
+    assert (cars["success_rate"], cars["paper_survival_steps"], cars["off_surface_share"]) == (1.0, 8.0, 0.0)
     assert cars["mean_speed_mps"] > 3
     assert small[0]["left_out"] == []
 
@@ -141,8 +141,8 @@ def test_policies_are_evaluated_too(tmp_path: Path) -> None:
 def test_recorded_road_users_are_counted_in_whole_spans(walk: Trajectories) -> None:
     spans = [outcome for (outcome,) in recorded(walk, 8)]
     assert [span.present for span in spans] == [(8,), (8,), (8,)]  # the parked one does not count
-    assert [span.survived for span in spans] == [(8,), (3,), (8,)]  # at 4.8 m, after 12 intervals, it is hit
-    assert [span.collisions for span in spans] == [0, 1, 0]
+    assert [span.paper_survived for span in spans] == [(8,), (3,), (8,)]  # at 4.8 m, after 12 intervals, it is hit
+    assert [span.paper_collisions for span in spans] == [0, 1, 0]
     assert all(span.speed_sum == pytest.approx(8.0) and span.off_surface is None for span in spans)
     with pytest.raises(InputError, match="25 intervals"):
         list(recorded(walk, 26))

@@ -23,7 +23,7 @@ def test_what_is_not_planned_has_no_place() -> None:
 
 def test_tables_remember_unfinished_seeds_only() -> None:
     tables = EpisodeTables(PLAN.parties, 10, len(PLAN.numbers))
-    still = TypeOutcome("car", (10,), (10,), 0.0, 0.0, 10, 0, 0, 0)
+    still = TypeOutcome("car", (10,), (10,), 1, 0.0, 0.0, 10, 0, 0, 0, 0)
     held = []
     for number, episode in enumerate(PLAN):
         if number == 4:

@@ -15,12 +15,14 @@ def outcome(survived: tuple[int, ...], speed: float, kind: str = "car", off_surf
     return TypeOutcome(
         type=kind,
         present=(10,) * len(survived),
-        survived=survived,
+        paper_survived=survived,
+        succeeded=len(survived) - 1,
         speed_sum=speed * steps,
         moving_speed_sum=speed * steps,
         standing=len(survived),
         collisions=1,
-        overlaps=3,
+        near_misses=3,
+        paper_collisions=2,
         off_surface=off_surface,
     )
 
@@ -45,17 +47,19 @@ def test_figures_of_two_seeds_with_two_episodes() -> None:
     assert tuple(row) == COLUMNS
     assert (row["selector"], row["type"], row["agents"]) == ("prior", "car", 2)
     assert (row["episodes"], row["seeds"], row["road_users"]) == (4, 2, 8)
-    assert row["success_rate"] == 5 / 8
-    assert row["survival_steps"] == pytest.approx(60 / 8)
+    assert row["success_rate"] == 4 / 8
+    assert row["paper_success_rate"] == 5 / 8
+    assert row["paper_survival_steps"] == pytest.approx(60 / 8)
+    assert row["paper_collisions_per_1000_steps"] == pytest.approx(100.0)
     assert row["mean_speed_mps"] == pytest.approx(5.0)
     assert row["mean_speed_moving_mps"] == pytest.approx(5.0 / 0.9, abs=1e-6)
     assert row["standing_share"] == pytest.approx(0.1)
     assert row["collisions_per_1000_steps"] == pytest.approx(50.0)
-    assert row["overlaps_per_1000_steps"] == pytest.approx(150.0)
+    assert row["near_misses_per_1000_steps"] == pytest.approx(150.0)
     assert row["off_surface_share"] == pytest.approx(0.1)
     # Episodes 1/2, 1, 0, 1; seeds 3/4, 1/2.
-    assert row["success_rate_std"] == pytest.approx((11 / 48) ** 0.5, abs=1e-6)
-    assert row["success_rate_seed_std"] == pytest.approx(0.125 * 2**0.5, abs=1e-6)
+    assert row["paper_success_rate_std"] == pytest.approx((11 / 48) ** 0.5, abs=1e-6)
+    assert row["paper_success_rate_seed_std"] == pytest.approx(0.125 * 2**0.5, abs=1e-6)
     assert row["mean_speed_mps_std"] == pytest.approx((20 / 3) ** 0.5, abs=1e-6)
     assert row["mean_speed_mps_seed_std"] == 0.0
 
@@ -70,14 +74,14 @@ def test_absent_types_are_left_out_and_not_counted_as_zero() -> None:
     }
     car, pedestrian = table_rows(played, 10)
     assert (car["episodes"], pedestrian["episodes"]) == (2, 2)
-    assert (pedestrian["survival_steps"], pedestrian["mean_speed_mps"]) == (10.0, 1.0)
+    assert (pedestrian["paper_survival_steps"], pedestrian["mean_speed_mps"]) == (10.0, 1.0)
     assert pedestrian["mean_speed_mps_std"] is None
     assert pedestrian["mean_speed_mps_seed_std"] is None
     assert (car["off_surface_share"], pedestrian["off_surface_share"]) == (0.1, None)
 
 
 def test_a_road_user_that_always_stands_has_no_moving_speed() -> None:
-    still = TypeOutcome("car", (4,), (4,), 0.0, 0.0, 4, 0, 0, 0)
+    still = TypeOutcome("car", (4,), (4,), 1, 0.0, 0.0, 4, 0, 0, 0, 0)
     (row,) = table_rows({Episode("prior", 1, 1, 0): (still,)}, 4)
     assert (row["mean_speed_mps"], row["mean_speed_moving_mps"], row["standing_share"]) == (0.0, None, 1.0)
 
@@ -86,11 +90,11 @@ def test_published_rows_are_marked_and_their_speeds_given_in_both_units() -> Non
     rows = {(row["table"], row["method"], row["type"]): row for row in published_rows()}
     assert all(row["measured_elsewhere"] for row in rows.values())
     ours = rows["Table 1", "SL+RL", "car"]
-    assert (ours["success_rate"], ours["survival_steps"]) == (0.43, 79)
+    assert (ours["paper_success_rate"], ours["paper_survival_steps"]) == (0.43, 79)
     assert (ours["mean_speed_printed_mps"], ours["mean_speed_if_per_step_mps"]) == (2.4, 6.0)
     truth = rows["Table 2", "ground truth", "bicycle"]
     assert (truth["mean_speed_printed_mps"], truth["mean_speed_if_per_step_mps"]) == (2.96, None)
-    assert rows["Table 2", "SL", "bicycle"]["success_rate"] is None
+    assert rows["Table 2", "SL", "bicycle"]["paper_success_rate"] is None
 
 
 def test_the_order_in_which_episodes_end_does_not_change_a_bit() -> None:

@@ -1,0 +1,216 @@
+"""Collisions and near misses: their one definition, and their counts while a simulation goes on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.metrics.surrogate_safety import time_to_collision
+from slrl_sumo.scene.contacts import Pairs, close_pairs
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES, RoadUserType
+
+TTC_LIMIT = 1.5
+"""s; SSAM's usual limit (FHWA-HRT-08-051), after Hydén (1987) and van der Horst (1990)."""
+CLOSING_LIMIT = 1.0
+"""m/s; pairs that approach more slowly, side by side or in a queue, are no near misses."""
+PAUSE = 2.0
+"""s; after this time apart a pair has a new encounter."""
+ALL = len(TYPE_NAMES)
+"""Row of EncounterCounts for all types together."""
+
+DEFINITIONS = {
+    "collision": (
+        f"The boxes of two road users overlap while at least one of them goes faster than {STANDING_SPEED:g} m/s. It "
+        f"counts once, when it begins; after {PAUSE:g} s apart the same two may have another. Boxes that overlap from "
+        "the first moment of one of the two on do not count."
+    ),
+    "near miss": (
+        f"Time to collision below {TTC_LIMIT:g} s: so soon would the two boxes touch if both kept velocity and heading "
+        f"(the smallest value and its moment are given), and they close in by {CLOSING_LIMIT:g} m/s at least. Two "
+        f"pedestrians have no near miss, nor have two road users that collide within {PAUSE:g} s."
+    ),
+}
+"""Definitions for the readers of tables and pages."""
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Pairs of rows at one moment each, with a time to collision below TTC_LIMIT, (k,) each."""
+
+    i: NDArray[np.intp]
+    j: NDArray[np.intp]
+    ttc: Floats
+    """s; 0 where the boxes overlap."""
+    closing: Floats
+    """m/s at which the centres approach each other; negative where they separate."""
+    moving: NDArray[np.bool_]
+    """Whether at least one of the two moves."""
+    near: NDArray[np.bool_]
+    """Whether this is a moment of a near miss."""
+
+    @property
+    def overlap(self) -> NDArray[np.bool_]:
+        """Whether the boxes overlap, (k,)."""
+        return np.asarray(self.ttc == 0.0)
+
+
+def touching_soon(
+    *, box: Floats, velocity: Floats, i: NDArray[np.intp], j: NDArray[np.intp], below: float = TTC_LIMIT
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Those of the pairs of rows (i, j), (p,) each, with a time to collision below `below` s, and that time, (k,) each.
+
+    `box`: x, y (m), heading (rad), length, width (m), (R, 5); `velocity`: m/s, (R, 2). 0 s is an overlap.
+    """
+    # Few pairs are left whose bounding circles touch in time.
+    radius = 0.5 * np.hypot(box[:, 3], box[:, 4])
+    offset, speed = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
+    squared = np.maximum((speed**2).sum(axis=1), 1e-12)
+    nearest = np.clip(-(offset * speed).sum(axis=1) / squared, 0.0, below)
+    distance = np.hypot(*(offset + nearest[:, None] * speed).T)
+    touching = distance <= radius[i] + radius[j] + 1e-6
+    i, j = i[touching], j[touching]
+    ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
+    soon = ttc < below
+    return i[soon], j[soon], ttc[soon]
+
+
+def moments(*, box: Floats, speed: Floats, kind: NDArray[np.int8], i: NDArray[np.intp], j: NDArray[np.intp]) -> Moments:
+    """The Moments among pairs of rows (i, j), (p,) each.
+
+    `box`: (R, 5), see `touching_soon`; `speed`: m/s along the heading, (R,); `kind`: RoadUserType, (R,).
+    """
+    velocity = speed[:, None] * np.stack([np.cos(box[:, 2]), np.sin(box[:, 2])], axis=1)
+    i, j, ttc = touching_soon(box=box, velocity=velocity, i=i, j=j)
+    offset, relative = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
+    closing: Floats = -(offset * relative).sum(axis=1) / np.maximum(np.hypot(*offset.T), 1e-9)
+    pedestrians = (kind[i] == RoadUserType.PEDESTRIAN) & (kind[j] == RoadUserType.PEDESTRIAN)
+    return Moments(
+        i=i,
+        j=j,
+        ttc=ttc,
+        closing=closing,
+        moving=np.maximum(speed[i], speed[j]) > STANDING_SPEED,
+        near=(ttc > 0.0) & (closing >= CLOSING_LIMIT) & ~pedestrians,
+    )
+
+
+@dataclass
+class _Overlap:
+    """An encounter of two road users whose boxes overlap."""
+
+    last: float
+    """s."""
+    collision: bool
+    """Whether it may still become a collision: it is one already, or it began under way."""
+    begun: bool = False
+    """Whether it is a counted collision."""
+
+
+@dataclass
+class _Approach:
+    """An encounter of two road users that might touch soon."""
+
+    last: float
+    """s."""
+    rows: list[int]
+    """Rows of the counts in which it is a near miss."""
+
+
+class EncounterCounts:
+    """Counts collisions and near misses of some road users, decision by decision, by DEFINITIONS.
+
+    A pair counts once, and once for each type that a counted road user of it has. Boxes that overlap when a road user
+    appears, or when the first of the two becomes a counted one, have not collided by driving and do not count.
+
+    `collisions`, `near_misses`: by RoadUserType, and ALL, (4,). `with_background`: collisions with one counted road
+    user. `start`: all road users before the first decision, and which of them are counted.
+    """
+
+    def __init__(self, start: WorldState | None = None, counted: NDArray[np.bool_] | None = None) -> None:
+        self.collisions, self.near_misses, self.with_background = (np.zeros(ALL + 1, np.int64) for _ in range(3))
+        self._overlaps: dict[tuple[str, str], _Overlap] = {}
+        self._approaches: dict[tuple[str, str], _Approach] = {}
+        self._present: frozenset[str] = frozenset()
+        self._counted: frozenset[str] = frozenset()
+        self._pruned = -np.inf
+        if start is not None:
+            self.add(start, start.learned if counted is None else counted)
+
+    def add(self, world: WorldState, counted: NDArray[np.bool_]) -> Pairs:
+        """Count one decision. `world`: all n road users at its end; `counted`: which of them to count, (n,).
+
+        Returns the rows of the pairs whose collision began, (p, 2).
+        """
+        now = world.time
+        found = self._moments(world, counted)
+        began: list[tuple[int, int]] = []
+        for i, j, moving in zip(*(a[found.overlap].tolist() for a in (found.i, found.j, found.moving)), strict=True):
+            pair = id_pair(world, i, j)
+            overlap = self._overlaps.get(pair)
+            if overlap is None or now - overlap.last > PAUSE + 1e-9:
+                ours = [world.ids[row] for row in (i, j) if counted[row]]
+                by_driving = self._present.issuperset(pair) and not self._counted.isdisjoint(ours)
+                overlap = self._overlaps[pair] = _Overlap(now, by_driving)
+            overlap.last = now
+            if moving and overlap.collision and not overlap.begun:
+                overlap.begun = True
+                began.append((i, j))
+                rows, both = _rows(world, counted, i, j)
+                self.collisions[rows] += 1
+                self.with_background[rows] += not both
+                approach = self._approaches.get(pair)
+                if approach is not None and now - approach.last <= PAUSE + 1e-9:
+                    self.near_misses[approach.rows] -= 1
+                    approach.rows = []
+        for i, j in zip(found.i[found.near].tolist(), found.j[found.near].tolist(), strict=True):
+            pair = id_pair(world, i, j)
+            approach = self._approaches.get(pair)
+            if approach is None or now - approach.last > PAUSE + 1e-9:
+                overlap = self._overlaps.get(pair)
+                collided = overlap is not None and overlap.begun and now - overlap.last <= PAUSE + 1e-9
+                approach = self._approaches[pair] = _Approach(now, [] if collided else _rows(world, counted, i, j)[0])
+                self.near_misses[approach.rows] += 1
+            approach.last = now
+        self._present, self._counted = frozenset(world.ids), frozenset(_ids(world, counted))
+        self._forget(now)
+        return np.array(began, np.intp).reshape(-1, 2)
+
+    def _moments(self, world: WorldState, counted: NDArray[np.bool_]) -> Moments:
+        box = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
+        # A little more than what they can cover: the bounding circles decide.
+        reach = 0.5 * np.hypot(world.length, world.width) + TTC_LIMIT * world.speed + 0.01
+        pairs = close_pairs(world, 2.0 * float(reach.max())) if counted.any() else np.zeros((0, 2), np.intp)
+        i, j = pairs[counted[pairs].any(axis=1)].T
+        near = np.hypot(world.x[i] - world.x[j], world.y[i] - world.y[j]) < reach[i] + reach[j]
+        return moments(box=box, speed=world.speed, kind=world.type, i=i[near], j=j[near])
+
+    def _forget(self, now: float) -> None:
+        """Ended encounters are dropped from time to time: memory does not grow with the run."""
+        if now - self._pruned < 5.0 * PAUSE:
+            return
+        self._pruned = now
+        self._overlaps = {pair: one for pair, one in self._overlaps.items() if now - one.last <= 2.0 * PAUSE}
+        self._approaches = {pair: one for pair, one in self._approaches.items() if now - one.last <= 2.0 * PAUSE}
+
+
+def id_pair(world: WorldState, i: int, j: int) -> tuple[str, str]:
+    """The ids of two rows, sorted."""
+    a, b = world.ids[i], world.ids[j]
+    return (a, b) if a < b else (b, a)
+
+
+def per_road_user(pairs: Pairs, n: int) -> NDArray[np.int64]:
+    """How many of the pairs (p, 2) each of the first n rows is in, (n,)."""
+    return np.bincount(pairs[pairs < n], minlength=n)
+
+
+def _rows(world: WorldState, counted: NDArray[np.bool_], i: int, j: int) -> tuple[list[int], bool]:
+    """Rows of the counts that a pair goes into, and whether both are counted."""
+    kinds = [int(world.type[row]) for row in (i, j) if counted[row]]
+    return [ALL, *sorted(set(kinds))], len(kinds) == 2
+
+
+def _ids(world: WorldState, counted: NDArray[np.bool_]) -> list[str]:
+    return [world.ids[row] for row in np.flatnonzero(counted)]
