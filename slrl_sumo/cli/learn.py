@@ -1,13 +1,19 @@
 """Commands that learn: import, fit, train."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from slrl_sumo.cli.app import RayAddress, app, backend_of
 from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.output_files import check_parent
+
+if TYPE_CHECKING:
+    from slrl_sumo.formats.trajectories import Trajectories
+
+NAMED = 20
+"""Recordings, and notes on them, that `import` names; of more it tells the number."""
 
 
 @app.command("import")
@@ -28,7 +34,11 @@ def import_(
         ),
     ],
 ) -> None:
-    """Convert recordings of road users into trajectories with a step of 0.4 s."""
+    """Convert recordings of road users into trajectories with a step of 0.4 s.
+
+    What was corrected is noted on stderr: rows that are twice, headings against the motion, unknown classes. Of several
+    recordings those that cannot be read are named and left out; the command fails where none is left.
+    """
     from slrl_sumo.formats.importers.formats import find_recordings, join
     from slrl_sumo.jobs.progress import progress
 
@@ -37,25 +47,50 @@ def import_(
     if out.exists() and out.is_dir() == single:
         raise InputError(f"{out}: is there and is {'a folder' if single else 'no folder'}; give another --out")
     found = find_recordings(format, path)
-    parts = []
+    parts: list[tuple[str, Trajectories]] = []
+    lines: list[str] = []
+    notes: list[str] = []
+    bad: list[InputError] = []
     with progress("{task.fields[name]}") as bar:
         task = bar.add_task("importing", total=len(found), name="")
         for recording in found:
             bar.update(task, name=recording.name)
-            trajectories = recording.read()
-            if single:
-                parts.append((recording.name, trajectories))
+            try:
+                trajectories = recording.read()
+            except InputError as error:
+                if len(found) == 1:
+                    raise
+                bad.append(error)
             else:
-                out.mkdir(exist_ok=True)
-                file = out / f"{recording.name}.npz"
-                trajectories.save(file)
-                typer.echo(f"{file}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+                notes += [f"{recording.name}: {note}" for note in trajectories.notes]
+                if single:
+                    parts.append((recording.name, trajectories))
+                else:
+                    out.mkdir(exist_ok=True)
+                    file = out / f"{recording.name}.npz"
+                    trajectories.save(file)
+                    lines.append(f"{file}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
             bar.advance(task)
+    for text in _at_most(notes, "notes"):
+        typer.echo(f"note: {text}", err=True)
+    for text in _at_most([str(error) for error in bad], "recordings"):
+        typer.echo(f"left out: {text}", err=True)
+    if len(bad) == len(found):
+        raise InputError(f"{path}: none of the {len(found)} recordings can be read; the reasons are above")
+    count = f"{len(found) - len(bad)} recording{'s' * (len(found) - len(bad) > 1)}"
+    left_out = f"; {len(bad)} of {len(found)} left out, see above" if bad else ""
     if single:
         trajectories = join(parts)
         trajectories.save(out)
-        count = f"{len(found)} recording{'s' * (len(found) > 1)}"
-        typer.echo(f"{out}: {count}, {len(trajectories.ids)} tracks, {len(trajectories)} positions")
+        lines.append(f"{out}: {count}, {len(trajectories.ids)} tracks, {len(trajectories)} positions{left_out}")
+    elif bad:
+        lines.append(f"{out}: {count}{left_out}")
+    typer.echo("\n".join(lines))
+
+
+def _at_most(texts: list[str], what: str) -> list[str]:
+    """The texts, or the first NAMED of them and how many there are more."""
+    return texts if len(texts) <= NAMED else [*texts[:NAMED], f"… and {len(texts) - NAMED} {what} more"]
 
 
 @app.command()

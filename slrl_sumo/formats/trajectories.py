@@ -67,6 +67,8 @@ class Trajectories:
     """Whether learned models moved the road user when the track began, per track, (T,). Default: none."""
     mode: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
     """Mode that led to the row, (R,); -1 where none was chosen. Default: none."""
+    notes: tuple[str, ...] = ()
+    """What an importer corrected or left out, with counts."""
 
     def __post_init__(self) -> None:
         rows, tracks = len(self.track), len(self.ids)
@@ -224,6 +226,7 @@ class Trajectories:
                     t0=np.array(self.t0),
                     source=np.array(self.source),
                     licence=np.array(self.licence),
+                    notes=np.array(self.notes, np.str_),
                     **{name: getattr(self, name) for name in DTYPES},
                 )
             os.replace(part, path)

@@ -27,6 +27,7 @@ def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
             t0=float(data["t0"]),
             source=str(data["source"]),
             licence=str(data["licence"]),
+            notes=tuple(data["notes"].tolist()) if "notes" in data else (),
             **{
                 name: data[name].astype(dtype, casting="safe")
                 for name, dtype in DTYPES.items()
@@ -52,7 +53,7 @@ def _arrays(name: str, file: IO[bytes]) -> dict[str, NDArray[Any]]:
                     f"{name} has trajectories format {version}, this version reads 1 to {FILE_VERSION}; "
                     "make the file anew with `slrl-sumo import` or `slrl-sumo record`"
                 )
-            wanted = [members[key] for key in ("ids", *_SINGLE, *DTYPES) if key in members]
+            wanted = [members[key] for key in ("ids", "notes", *_SINGLE, *DTYPES) if key in members]
             check_content(sum(info.file_size for info in wanted), os.fstat(file.fileno()).st_size)
             return {info.filename.removesuffix(".npy"): _array(archive, info) for info in wanted}
     except (InputError, OSError):

@@ -10,7 +10,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.read import read_fcd
 from slrl_sumo.formats.importers.dut import read_citr, read_dut
 from slrl_sumo.formats.importers.hc import read_hc
-from slrl_sumo.formats.importers.interaction import read_interaction
+from slrl_sumo.formats.importers.interaction import read_interaction, read_taf_bw
 from slrl_sumo.formats.importers.levelx import read_levelx
 from slrl_sumo.formats.importers.sdd import read_sdd
 from slrl_sumo.formats.importers.sind import read_sind
@@ -28,6 +28,8 @@ class Format:
     """From the main file of a recording."""
     files: tuple[str, ...]
     """Patterns of the names of main files."""
+    parts: tuple[str, ...] = ()
+    """Patterns of the names of files that are a recording even where its main file is missing."""
     siblings: dict[str, str] = field(default_factory=dict)
     """Parts of the names of a recording's other files, and their counterparts in the name of the main file."""
     folders: int = 0
@@ -39,10 +41,10 @@ class Format:
 _LEVELX = Format(
     read_levelx,
     ("*_tracks.csv",),
-    {"_tracksMeta.csv": "_tracks.csv", "_recordingMeta.csv": "_tracks.csv", "_background.png": "_tracks.csv"},
+    siblings={"_tracksMeta.csv": "_tracks.csv", "_recordingMeta.csv": "_tracks.csv", "_background.png": "_tracks.csv"},
 )
-_INTERACTION = Format(read_interaction, ("vehicle_tracks_*.csv",), {"pedestrian_tracks_": "vehicle_tracks_"}, folders=1)
-_CLIPS = ("*_traj_ped_filtered.csv",), {"_traj_veh_filtered": "_traj_ped_filtered"}
+_TRACKS = ("vehicle_tracks_*.csv",), ("pedestrian_tracks_*.csv",), {"pedestrian_tracks_": "vehicle_tracks_"}, 1
+_CLIPS = ("*_traj_ped_filtered.csv",), ("*_traj_veh_filtered.csv",), {"_traj_veh_filtered": "_traj_ped_filtered"}
 
 FORMATS = {
     "levelx": _LEVELX,
@@ -50,10 +52,12 @@ FORMATS = {
     "round": _LEVELX,
     "unid": _LEVELX,
     "exid": _LEVELX,
-    "sind": Format(read_sind, ("Veh_smoothed_tracks.csv",), {"Ped_": "Veh_"}, folders=1, stem=False),
-    "interaction": _INTERACTION,
-    "taf-bw": _INTERACTION,
-    "sdd": Format(read_sdd, ("annotations.txt",), {"reference.jpg": "annotations.txt"}, folders=2, stem=False),
+    "sind": Format(
+        read_sind, ("Veh_smoothed_tracks.csv",), ("Ped_smoothed_tracks.csv",), {"Ped_": "Veh_"}, folders=1, stem=False
+    ),
+    "interaction": Format(read_interaction, *_TRACKS),
+    "taf-bw": Format(read_taf_bw, *_TRACKS),
+    "sdd": Format(read_sdd, ("annotations.txt",), siblings={"reference.jpg": "annotations.txt"}, folders=2, stem=False),
     "dut": Format(read_dut, *_CLIPS),
     "citr": Format(read_citr, *_CLIPS),
     "hc": Format(read_hc, ("*.csv",)),
@@ -73,8 +77,11 @@ class Recording:
     format: Format
 
     def read(self) -> Trajectories:
-        """Its trajectories. Raises InputError if a file is invalid."""
-        return self.format.read(self.path)
+        """Its trajectories. Raises InputError if a file is invalid or no road user is there for a whole interval."""
+        trajectories = self.format.read(self.path)
+        if not len(trajectories):
+            raise InputError(f"{self.path} holds no road user at any whole interval of {trajectories.dt} s")
+        return trajectories
 
 
 def find_recordings(format: str, path: Path) -> list[Recording]:
@@ -86,18 +93,24 @@ def find_recordings(format: str, path: Path) -> list[Recording]:
     if found is None:
         raise InputError(f"{format!r} is not a format; known are {', '.join(FORMATS)}")
     if path.is_file():
-        name = path.name
-        for part, main in found.siblings.items():
-            name = name.replace(part, main)
-        files = [path.with_name(name)]
+        files = [_main(found, path)]
     elif path.is_dir():
-        files = sorted({file for pattern in found.files for file in path.rglob(pattern) if file.is_file()})
+        patterns = (*found.files, *found.parts)
+        files = sorted({_main(found, file) for pattern in patterns for file in path.rglob(pattern) if file.is_file()})
     else:
         raise InputError(f"{path} does not exist; name a file or a folder of recordings")
     if not files:
         raise InputError(f"{path} holds no recording of format {format}: no file {' or '.join(found.files)}")
     names = track_names(_name(found, file) for file in files)
     return [Recording(name, file, found) for name, file in zip(names, files, strict=True)]
+
+
+def _main(format: Format, file: Path) -> Path:
+    """The main file of the recording that a file belongs to; it need not be there."""
+    name = file.name
+    for part, main in format.siblings.items():
+        name = name.replace(part, main)
+    return file.with_name(name)
 
 
 def _name(format: Format, file: Path) -> str:
@@ -137,4 +150,5 @@ def join(recordings: Sequence[tuple[str, Trajectories]]) -> Trajectories:
         parked=np.concatenate([part.parked for part in parts]),
         learned=np.concatenate([part.learned for part in parts]),
         mode=np.concatenate([part.mode for part in parts]),
+        notes=tuple(f"{name}: {note}" for name, part in recordings for note in part.notes),
     )

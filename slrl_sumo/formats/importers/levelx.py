@@ -48,7 +48,7 @@ def read_levelx(tracks_file: Path) -> Trajectories:
             f"{tracks_file}: {due[at]} rows of trackId {listed[at]}, {meta.path.name} says "
             f"{meta.integers('numFrames')[entry[at]]}; the file is cut off or not of this recording"
         )
-    users = users_of(meta, "class", entry[np.searchsorted(listed, ids)], sizes=True)
+    users = users_of(meta, "class", which, sizes=True).take(np.searchsorted(listed, ids))
     degrees = table.numbers("heading")
     if (odd := np.abs(degrees) > 360).any():
         row = int(np.flatnonzero(odd)[0])
@@ -71,5 +71,6 @@ def read_levelx(tracks_file: Path) -> Trajectories:
             length=users.length,
             width=users.width,
             still=heading[first],
+            notes=users.notes,
         )
     )

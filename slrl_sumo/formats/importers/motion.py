@@ -60,5 +60,6 @@ def heading_from_motion(
     for end in (slice(None, -1), slice(1, None)):
         diagonal[end] += 0.25 * trust + stiff
         right[end] += 0.5 * trust * measured
-    heading = solveh_banded(np.stack([np.r_[0.0, beside], diagonal]), right) if rows else np.zeros(0)
+    # The solver takes no system of one row.
+    heading = solveh_banded(np.stack([np.r_[0.0, beside], diagonal]), right) if rows > 1 else right / diagonal
     return wrap_angle(heading)

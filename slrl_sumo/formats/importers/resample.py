@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.importers.headings import against_motion, checked_headings
 from slrl_sumo.formats.importers.motion import heading_from_motion
 from slrl_sumo.formats.trajectories import Integers, Trajectories, track_names
 from slrl_sumo.scene.geometry import Floats, wrap_angle
@@ -25,8 +26,8 @@ PARKED_FOR = 5.0
 """… though it is there for this many seconds, is parked."""
 
 SMOOTHING = 0.004
-"""s⁴. Where a recording is smoothed, motion of this period and less counts as noise: 2 pi SMOOTHING^(1/4) = 1.6 s.
-This moves positions by 3 cm (root mean square) in HC and 6 cm in SDD; accelerations and yaw rates become plausible."""
+"""s⁴, for marks in images. Motion of a period of 2 pi SMOOTHING^(1/4) = 1.6 s and less counts as noise. This moves
+positions by 3 cm (root mean square) in HC and 6 cm in SDD; accelerations and yaw rates become plausible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,29 +55,39 @@ class Samples:
     width: Floats
     still: Floats
     """Heading of road users without one that never move, (U,)."""
-    noisy: bool = False
-    """Whether positions are raw marks in images, to be smoothed."""
+    smoothing: float = 0.0
+    """s⁴ (see SMOOTHING) where positions are raw marks in images or of a tracker; headings then follow from motion.
+    0 where the source is smoothed."""
     licence: str = ""
+    notes: tuple[str, ...] = ()
+    """What the importer has corrected or left out so far."""
 
 
 def resample(samples: Samples) -> Trajectories:
     """Trajectories of 0.4 s from the first sample on, by interpolation between neighbouring rows of a road user.
 
-    At gaps and jumps a road user continues in a new track (`id#1`); pieces between two frames are dropped. Noisy
-    positions are smoothed (penalised spline), others interpolated linearly. Raises InputError where positions or
-    headings make no sense in metres, seconds and radians, or a road user is in two places.
+    Road users of unknown class (type below 0) are left out, of two rows of a road user at one time the later one in
+    the file counts. At gaps and jumps a road user continues in a new track (`id#1`); pieces between two frames are
+    dropped. Positions with `smoothing` are smoothed (penalised spline), others interpolated linearly. The notes tell
+    what was corrected. Raises InputError where positions or headings make no sense in metres, seconds and radians, or a
+    road user is in two places again and again.
     """
-    order = np.lexsort((samples.time, samples.user))
+    order, twice_note = _ordered(samples)
     user, time = samples.user[order], samples.time[order]
     x, y, heading = samples.x[order], samples.y[order], samples.heading[order]
     wait, step = np.diff(time), np.hypot(np.diff(x), np.diff(y))
     same = np.diff(user) == 0
-    if (twice := same & (wait < 1e-6)).any():
-        row = int(np.flatnonzero(twice)[0])
-        raise InputError(f"{samples.file}: {samples.ids[user[row]]!r} is twice at {time[row]:g} s")
     close = same & (wait < 1.5 * samples.period)
     jump = close & (step > TOP_SPEED[samples.type[user[:-1]]] * wait + JUMP)
-    _check_units(samples, user, time, x, y, heading, close, jump)
+    _check_units(samples, user, time, x, y, close, jump)
+    _, firsts = np.unique(user, return_index=True)
+    still = samples.still.copy()
+    still[user[firsts]] = np.where(np.isnan(heading[firsts]), still[user[firsts]], heading[firsts])
+    if samples.smoothing:
+        heading_notes = against_motion(user, x, y, heading, close & ~jump)
+        heading = np.full(len(user), np.nan)
+    else:
+        heading, heading_notes = checked_headings(samples.file, user, time, x, y, heading, close & ~jump)
 
     # Runs without a gap, [start, end), and the frames within each.
     t0 = float(time.min())
@@ -99,12 +110,12 @@ def resample(samples: Samples) -> Trajectories:
     after = np.minimum(before + 1, end[track] - 1)
     share = np.where(after > before, (when - time[before]) / np.where(after > before, time[after] - time[before], 1), 0)
     new_x, new_y = x[before] + share * (x[after] - x[before]), y[before] + share * (y[after] - y[before])
-    if samples.noisy:
-        _smooth(new_x, new_y, when, track, x, y, time, start, end, samples.period)
+    if samples.smoothing:
+        _smooth(new_x, new_y, when, track, x, y, time, start, end, samples.smoothing / samples.period)
 
     users = user[start]
     given = ~np.isnan(heading[before])
-    new_heading = heading_from_motion(new_x, new_y, track, samples.type[users], DECISION_INTERVAL, samples.still[users])
+    new_heading = heading_from_motion(new_x, new_y, track, samples.type[users], DECISION_INTERVAL, still[users])
     turned = wrap_angle(heading[before] + share * wrap_angle(heading[after] - heading[before]))
     return Trajectories(
         track=track,
@@ -120,7 +131,30 @@ def resample(samples: Samples) -> Trajectories:
         source=samples.source,
         licence=samples.licence,
         parked=_parked(samples)[users],
+        notes=(*samples.notes, *twice_note, *heading_notes),
     )
+
+
+def _ordered(samples: Samples) -> tuple[Integers, tuple[str, ...]]:
+    """The rows of known road users, by road user and time, one each, and a note on those that are dropped.
+
+    Trackers write two rows of one time where they lose and find a road user: in TAF-BW 104 of 12,079, with positions
+    0.6 m apart on average. The later one is that from which the source goes on.
+    """
+    order = np.lexsort((samples.time, samples.user))
+    order = order[samples.type[samples.user[order]] >= 0]
+    user, time = samples.user[order], samples.time[order]
+    twice = (np.diff(user) == 0) & (np.diff(time) < 1e-6)
+    apart = twice & (np.hypot(np.diff(samples.x[order]), np.diff(samples.y[order])) > 0.01)
+    if apart.sum() > 0.1 * len(order):
+        row = int(np.flatnonzero(apart)[0])
+        raise InputError(
+            f"{samples.file}: {samples.ids[user[row]]!r} is twice at {time[row]:g} s, as in {int(apart.sum())} of "
+            f"{len(order)} rows; check that every road user has an id of its own"
+        )
+    number = int(twice.sum())
+    note = (f"{number} of {len(order)} rows twice for one road user and time, the first of each two dropped",)
+    return order[~np.r_[twice, False]], note if number else ()
 
 
 def _smooth(
@@ -133,7 +167,7 @@ def _smooth(
     time: Floats,
     start: Integers,
     end: Integers,
-    period: float,
+    smoothing: float,
 ) -> None:
     """Put smoothed positions in place of interpolated ones, run by run; runs of less than 5 rows stay as they are."""
     frames = np.searchsorted(track, np.arange(len(start) + 1))
@@ -143,7 +177,7 @@ def _smooth(
         at = slice(frames[run], frames[run + 1])
         t = time[s:e] - time[s]
         for new, old in ((new_x, x), (new_y, y)):
-            new[at] = make_smoothing_spline(t, old[s:e], lam=SMOOTHING / period)(when[at] - time[s])
+            new[at] = make_smoothing_spline(t, old[s:e], lam=smoothing)(when[at] - time[s])
 
 
 def _check_units(
@@ -152,7 +186,6 @@ def _check_units(
     time: Floats,
     x: Floats,
     y: Floats,
-    heading: Floats,
     close: NDArray[np.bool_],
     jump: NDArray[np.bool_],
 ) -> None:
@@ -163,15 +196,6 @@ def _check_units(
             f"{np.hypot(x[row + 1] - x[row], y[row + 1] - y[row]):.3g} m within {time[row + 1] - time[row]:.3g} s; "
             "check that positions are in metres and times or frame rate are right"
         )
-    fast = close & ~jump & ~np.isnan(heading[:-1]) & (np.hypot(np.diff(x), np.diff(y)) > 2.0 * np.diff(time))
-    if fast.sum() >= 10:
-        motion = np.arctan2(np.diff(y)[fast], np.diff(x)[fast])
-        off = float(np.median(np.abs(wrap_angle(motion - heading[:-1][fast]))))
-        if off > 0.5:
-            raise InputError(
-                f"{samples.file}: headings and motion differ by {np.degrees(off):.0f} degrees (median over moving "
-                "road users); check unit and direction of the heading column"
-            )
 
 
 def _parked(samples: Samples) -> NDArray[np.bool_]:

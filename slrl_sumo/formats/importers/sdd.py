@@ -8,7 +8,7 @@ import numpy as np
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.camera import camera_moves
 from slrl_sumo.formats.importers.classes import BICYCLE, CAR, PEDESTRIAN, RoadUserClass, users_of
-from slrl_sumo.formats.importers.resample import Samples, resample
+from slrl_sumo.formats.importers.resample import SMOOTHING, Samples, resample
 from slrl_sumo.formats.importers.table import codes, read_table
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.types import RoadUserType
@@ -44,8 +44,8 @@ def read_sdd(annotations: Path) -> Trajectories:
         raise InputError(f"{table.where(int(np.flatnonzero(odd)[0]))}: the box ends before it begins")
     track, frame = table.integers("track"), table.integers("frame")
     x, y = 0.5 * scale * (left + right), -0.5 * scale * (top + bottom)
-    _, first, which = codes(track)
-    users = users_of(table, "label", first, sizes=False, classes=CLASSES)
+    _, _, which = codes(track)
+    users = users_of(table, "label", which, sizes=False, classes=CLASSES)
 
     kept = table.integers("lost") == 0
     cars = kept & (users.type[which] == RoadUserType.CAR)
@@ -72,7 +72,8 @@ def read_sdd(annotations: Path) -> Trajectories:
             length=users.length,
             width=users.width,
             still=np.where(upright, 0.5 * np.pi, 0.0),
-            noisy=True,
+            smoothing=SMOOTHING,
+            notes=users.notes,
         )
     )
 

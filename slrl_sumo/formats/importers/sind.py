@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from slrl_sumo.formats.importers.parts import parts_of, samples_of
 from slrl_sumo.formats.importers.resample import resample
-from slrl_sumo.formats.importers.timed import read_timed, samples_of
+from slrl_sumo.formats.importers.timed import period_of, read_timed
 from slrl_sumo.formats.trajectories import Trajectories
 
 LICENCE = "SinD: for non-commercial research, on request (https://github.com/SOTIF-AVLab/SinD)"
@@ -14,8 +15,8 @@ def read_sind(vehicles: Path) -> Trajectories:
 
     Headings of vehicles and bicycles are yaw_rad, the direction of the box (heading_rad is that of its motion).
     """
-    parts = [read_timed(vehicles, "yaw_rad")]
     walkers = vehicles.with_name("Ped_smoothed_tracks.csv")
-    if walkers.exists():
-        parts.append(read_timed(walkers, None))
-    return resample(samples_of(parts, f"SinD {vehicles.resolve().parent.name}", LICENCE))
+    parts, notes = parts_of(
+        [(vehicles, lambda file: read_timed(file, "yaw_rad")), (walkers, lambda file: read_timed(file, None))]
+    )
+    return resample(samples_of(parts, f"SinD {vehicles.resolve().parent.name}", LICENCE, period_of(parts), notes))

@@ -2,7 +2,7 @@
 
 import csv
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Integers
+from slrl_sumo.input_files import open_input
 from slrl_sumo.scene.geometry import Floats
 
 _WORD = 32
@@ -30,7 +31,7 @@ class Table:
         return len(next(iter(self.columns.values())))
 
     def numbers(self, column: str) -> Floats:
-        """(N,) finite numbers."""
+        """(N,) finite numbers; NaN where an optional one is not given."""
         return self.columns[column].astype(np.float64, casting="safe")
 
     def integers(self, column: str) -> Integers:
@@ -53,27 +54,35 @@ class Table:
         return f"{self.path}, line {next(lines)[0]}"
 
 
+class EmptyTableError(InputError):
+    """A table without rows."""
+
+
 def read_table(
     path: Path,
     numbers: Sequence[str],
     words: Sequence[str] = (),
     names: Sequence[str] = (),
     delimiter: str | None = ",",
+    optional: Sequence[str] = (),
 ) -> Table:
     """Read the columns `numbers` and `words` of a text file; others are ignored.
 
     Without `names` the first line names the columns; with them there is no such line, and the file has just those
-    columns. `delimiter` None means blanks. Raises InputError, with line and column, where the file cannot be read, is
-    empty or cut off, lacks a column, or has something else where a finite number is needed.
+    columns. `delimiter` None means blanks; instead of commas the first line may have semicolons or tabs. Cells of the
+    columns `optional`, some of `numbers`, may be empty. Raises InputError, with line and column, where the file cannot
+    be read or is cut off, lacks a column, or has something else where a finite number is needed, and EmptyTableError
+    where it has no rows.
     """
     header = not names
     try:
+        delimiter = _delimiter(path) if delimiter == "," else delimiter
         lines = _lines(path, delimiter)
         if header:
             names = [name.strip() for name in next(lines, (0, []))[1]]
         first = next(lines, (0, []))[1]
         if not first:
-            raise InputError(f"{path} is empty: it holds no rows; give it whole")
+            raise EmptyTableError(f"{path} is empty: it holds no rows; give it whole")
         for column in (*numbers, *words):
             if column not in names:
                 raise InputError(f"{path} lacks the column {column!r}; it has {', '.join(names) or 'none'}")
@@ -81,28 +90,43 @@ def read_table(
         try:
             if len(_last_line(path, delimiter)) != len(names) or len(first) != len(names):
                 raise ValueError
-            rows = np.loadtxt(
-                path,
-                dtype,
-                comments=None,
-                delimiter=delimiter,
-                skiprows=int(header),
-                usecols=[names.index(c) for c in (*numbers, *words)],
-                ndmin=1,
-                encoding="utf-8-sig",
-                quotechar='"',
-            )
+            columns = [names.index(c) for c in (*numbers, *words)]
+
+            def rows_by(converters: dict[int | str, Callable[[str], float]] | None) -> NDArray[np.void]:
+                loaded: NDArray[np.void] = np.loadtxt(
+                    path,
+                    dtype,
+                    comments=None,
+                    delimiter=delimiter,
+                    converters=converters,
+                    skiprows=int(header),
+                    usecols=columns,
+                    ndmin=1,
+                    encoding="utf-8-sig",
+                    quotechar='"',
+                )
+                return loaded
+
+            try:
+                rows = rows_by(None)
+            except UnicodeDecodeError:
+                raise
+            except ValueError:
+                if not optional:
+                    raise
+                rows = rows_by({names.index(c): _number_or_nan for c in optional})  # seven times slower
         except UnicodeDecodeError:
             raise
         except ValueError as error:
-            raise _complaint(path, numbers, names, delimiter, header, error) from None
+            raise _complaint(path, numbers, optional, names, delimiter, header, error) from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     except (UnicodeDecodeError, csv.Error):
         raise InputError(f"{path} is not a table in UTF-8 text") from None
     table = Table(path, delimiter, header, {name: rows[name] for name in (*numbers, *words)})
     for column in numbers:
-        if (bad := ~np.isfinite(rows[column])).any():
+        bad = np.isinf(rows[column]) if column in optional else ~np.isfinite(rows[column])
+        if bad.any():
             row = int(np.flatnonzero(bad)[0])
             raise InputError(f"{table.where(row)}: column {column!r} needs a number, it is {rows[column][row]}")
     return table
@@ -124,6 +148,17 @@ def _lines(path: Path, delimiter: str | None) -> Iterator[tuple[int, list[str]]]
                 yield reader.line_num, cells
 
 
+def _delimiter(path: Path) -> str:
+    """What separates the cells of the first line."""
+    with open_input(path) as file:
+        line = file.readline(65536).decode("utf-8", errors="replace")
+    return max(",;\t", key=line.count)
+
+
+def _number_or_nan(cell: str) -> float:
+    return float(cell) if cell.strip() else np.nan
+
+
 def _last_line(path: Path, delimiter: str | None) -> list[str]:
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
@@ -133,7 +168,13 @@ def _last_line(path: Path, delimiter: str | None) -> list[str]:
 
 
 def _complaint(
-    path: Path, numbers: Sequence[str], names: Sequence[str], delimiter: str | None, header: bool, error: ValueError
+    path: Path,
+    numbers: Sequence[str],
+    optional: Sequence[str],
+    names: Sequence[str],
+    delimiter: str | None,
+    header: bool,
+    error: ValueError,
 ) -> InputError:
     """The error in the first unreadable line: a slow search, for the message only."""
     lines = _lines(path, delimiter)
@@ -156,7 +197,7 @@ def _complaint(
         for column in numbers:
             cell = cells[names.index(column)]
             try:
-                float(cell)
+                (_number_or_nan if column in optional else float)(cell)
             except ValueError:
                 return InputError(f"{path}, line {line}: column {column!r} needs a number, it is {cell!r}")
     return cut if short is not None else InputError(f"{path} cannot be read as a table: {error}")

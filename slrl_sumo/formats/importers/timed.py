@@ -2,84 +2,62 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.classes import CLASSES, RoadUserClass, Users, users_of
-from slrl_sumo.formats.importers.resample import Samples
+from slrl_sumo.formats.importers.classes import CLASSES, RoadUserClass, users_of
+from slrl_sumo.formats.importers.parts import Part
 from slrl_sumo.formats.importers.table import Table, codes, read_table
-from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-
-
-class Part(NamedTuple):
-    """One file of a recording."""
-
-    table: Table
-    users: Users
-    first: Integers
-    """First row of each road user, (U,)."""
-    user: Integers
-    """Road user of each row, (N,)."""
-    heading: str | None
-    """Column with the orientation of the box, or None."""
-
-
-def read_timed(path: Path, heading: str | None, more: Sequence[str] = ()) -> Part:
-    """Read a file.
-
-    `heading` names the column with the orientation of the box in rad, which comes with length and width; None where
-    the file has points only. `more` names further columns of numbers.
-    """
-    boxes = (heading, "length", "width") if heading else ()
-    table = read_table(path, ["timestamp_ms", "x", "y", *boxes, *more], ["track_id", "agent_type"])
-    _, first, user = codes(table.words("track_id"))
-    users = users_of(table, "agent_type", first, sizes=bool(heading), classes=CLASSES_MIXED)
-    return Part(table, users, first, user, heading)
-
 
 CLASSES_MIXED: dict[str, RoadUserClass] = {**CLASSES, "pedestrian/bicycle": CLASSES["pedestrian"]}
 """With the class of INTERACTION that means either of the two; see `interaction`."""
 
 
-def samples_of(parts: Sequence[Part], source: str, licence: str) -> Samples:
-    """The rows of the files of one recording."""
-    counts = np.cumsum([0] + [len(part.first) for part in parts])
-    time = np.concatenate([part.table.numbers("timestamp_ms") for part in parts]) / 1000
-    user = np.concatenate([part.user + offset for part, offset in zip(parts, counts, strict=False)])
-    order = np.lexsort((time, user))
-    waits = np.diff(time[order])[np.diff(user[order]) == 0]
-    period = float(np.median(waits)) if len(waits) else 0.1
+def read_timed(path: Path, heading: str | None, more: Sequence[str] = ()) -> Part:
+    """Read a file.
+
+    `heading` names the column with the orientation of the box in rad, which comes with length and width (cells of the
+    three may be empty); None where the file has points only. `more` names further columns of numbers.
+    """
+    boxes = (heading, "length", "width") if heading else ()
+    numbers = ["timestamp_ms", "x", "y", *boxes, *more]
+    table = read_table(path, numbers, ["track_id", "agent_type"], optional=boxes)
+    ids, _, user = codes(table.words("track_id"))
+    return Part(
+        table=table,
+        users=users_of(table, "agent_type", user, sizes=bool(heading), classes=CLASSES_MIXED),
+        ids=tuple(str(name) for name in ids),
+        user=user,
+        time=table.numbers("timestamp_ms") / 1000,
+        x=table.numbers("x"),
+        y=table.numbers("y"),
+        heading=_headings(table, heading),
+    )
+
+
+def period_of(parts: Sequence[Part]) -> float:
+    """Median time in s between two rows of a road user. Raises InputError where it is not a usual one."""
+    waits = []
+    for part in parts:
+        order = np.lexsort((part.time, part.user))
+        wait = np.diff(part.time[order])
+        waits.append(wait[(np.diff(part.user[order]) == 0) & (wait > 1e-6)])
+    period = float(np.median(every)) if len(every := np.concatenate(waits)) else 0.1
     if not 0.005 <= period <= 1.0:
         raise InputError(
             f"{parts[0].table.path}: rows of a track follow each other every {period:g} s (median); check that "
             "column 'timestamp_ms' is in milliseconds"
         )
-    return Samples(
-        file=str(parts[0].table.path),
-        source=source,
-        licence=licence,
-        user=user,
-        time=time,
-        x=np.concatenate([part.table.numbers("x") for part in parts]),
-        y=np.concatenate([part.table.numbers("y") for part in parts]),
-        heading=np.concatenate([_headings(part) for part in parts]),
-        period=period,
-        ids=tuple(str(i) for part in parts for i in part.table.words("track_id")[part.first]),
-        type=np.concatenate([part.users.type for part in parts]),
-        length=np.concatenate([part.users.length for part in parts]),
-        width=np.concatenate([part.users.width for part in parts]),
-        still=np.zeros(counts[-1]),
-    )
+    return period
 
 
-def _headings(part: Part) -> Floats:
-    if part.heading is None:
-        return np.full(len(part.user), np.nan)
-    angle = part.table.numbers(part.heading)
+def _headings(table: Table, column: str | None) -> Floats:
+    if column is None:
+        return np.full(len(table), np.nan)
+    angle = table.numbers(column)
     if (odd := np.abs(angle) > 2 * np.pi + 1e-3).any():
         row = int(np.flatnonzero(odd)[0])
-        raise InputError(f"{part.table.where(row)}: column {part.heading!r} is {angle[row]:g}, not an angle in radians")
+        raise InputError(f"{table.where(row)}: column {column!r} is {angle[row]:g}, not an angle in radians")
     return wrap_angle(angle)

@@ -8,6 +8,7 @@ import pytest
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.dut import read_citr, read_dut
+from slrl_sumo.formats.importers.formats import find_recordings
 from slrl_sumo.scene.types import RoadUserType
 
 PED = "id,frame,label,x_est,y_est,vx_est,vy_est".split(",")  # noqa: SIM905
@@ -51,10 +52,27 @@ def test_pedestrians_alone(write: Write) -> None:
     assert read_citr(path).ids == ("ped0",)
 
 
+def test_a_clip_of_one_file_says_what_is_missing(write: Write) -> None:
+    """A clip without pedestrians, or with a file for them that has no rows, is read and noted."""
+    path = clip(write, 23.98)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.splitlines()[0] + "\n", encoding="utf-8")
+    assert read_dut(path).ids == ("veh0",)
+    assert read_dut(path).notes == ("intersection_01_traj_ped_filtered.csv has no rows",)
+    path.unlink()
+    (found,) = find_recordings("dut", path.parent)
+    assert (found.name, found.read().ids) == ("intersection_01", ("veh0",))
+    assert found.read().notes[0].startswith("there is no intersection_01_traj_ped_filtered.csv")
+    vehicles = path.with_name("intersection_01_traj_veh_filtered.csv")
+    vehicles.write_text(",".join(VEH) + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match="no file of this recording has rows"):
+        found.read()
+
+
 def test_errors(write: Write) -> None:
     path = clip(write, 23.98)
     text = path.read_text(encoding="utf-8")
-    path.write_text(text.replace("ped", "dog", 1), encoding="utf-8")
+    path.write_text(text.replace("ped", "dog"), encoding="utf-8")
     with pytest.raises(InputError, match=r"ped_filtered\.csv, line 2: unknown label 'dog'"):
         read_dut(path)
     path.write_text(text.replace("y_est", "y", 1), encoding="utf-8")

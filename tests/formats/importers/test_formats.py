@@ -99,7 +99,7 @@ def test_command_says_what_is_wrong_in_one_line(
     (street / "D2.csv").write_text("1,1,2,3,8\n", encoding="utf-8")
     out = tmp_path / "all.npz"
     for words, message in (
-        (("hc", street, "--out", out), "D2.csv, line 1: unknown type 8"),
+        (("hc", street / "D2.csv", "--out", out), "D2.csv, line 1: unknown type '8'"),
         (("hc", street, "--out", tmp_path / "no" / "a.npz"), "does not exist; create it or name another"),
         (("hc", street, "--out", street / "D1.csv"), "is there and is no folder"),
         (("mars", street, "--out", out), "'mars' is not a format"),
@@ -109,3 +109,49 @@ def test_command_says_what_is_wrong_in_one_line(
         assert message in said
         assert said.count("\n") == 1
     assert not out.exists()
+
+
+def test_bad_files_do_not_hide_the_others(
+    street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every file is tried; those that cannot be read are named, and counted beside the result."""
+    (street / "C.csv").write_text("1,1,2\n", encoding="utf-8")
+    (street / "D3.csv").write_bytes(b"")
+    (street / "E.csv").write_text("1,1,2,3,1\n", encoding="utf-8")
+    out = tmp_path / "all.npz"
+    assert imported(monkeypatch, "hc", street, "--out", out) == 0
+    said = capsys.readouterr()
+    assert "all.npz: 3 recordings, 5 tracks" in said.out
+    assert said.out.endswith("; 2 of 5 left out, see above\n")
+    bad = said.err.splitlines()
+    assert [line.partition(":")[0] for line in bad] == ["left out"] * 2
+    assert "C.csv, line 1: the file is cut off, the last line has 3 of 5 columns" in bad[0]
+    assert "D3.csv is empty" in bad[1]
+    assert {name.partition("/")[0] for name in load_trajectories(out).ids} == {"D1", "D2", "E"}
+    assert imported(monkeypatch, "hc", street, "--out", tmp_path / "many") == 0
+    assert capsys.readouterr().out.splitlines()[-1].endswith("many: 3 recordings; 2 of 5 left out, see above")
+
+    for name in ("D1", "D2", "E"):
+        (street / f"{name}.csv").unlink()
+    for number in range(30):
+        (street / f"F{number}.csv").write_bytes(b"")
+    assert imported(monkeypatch, "hc", street, "--out", tmp_path / "none.npz") == 1
+    bad = capsys.readouterr().err.splitlines()
+    assert len(bad) == 22
+    assert bad[20] == "left out: … and 12 recordings more"
+    assert "none of the 32 recordings can be read" in bad[21]
+    assert not (tmp_path / "none.npz").exists()
+
+
+def test_notes_are_shown_and_stay_in_the_file(
+    street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (street / "D2.csv").read_text(encoding="utf-8")
+    (street / "D2.csv").write_text(f"{text}\n7,9,20,300,6\n" + text.splitlines()[0], encoding="utf-8")
+    assert imported(monkeypatch, "hc", street, "--out", tmp_path / "all.npz") == 0
+    notes = (
+        "D2: 1 road user of the unknown type '6' left out",
+        "D2: 1 of 43 rows twice for one road user and time, the first of each two dropped",
+    )
+    assert capsys.readouterr().err.splitlines() == [f"note: {note}" for note in notes]
+    assert load_trajectories(tmp_path / "all.npz").notes == notes

@@ -45,7 +45,7 @@ def test_pixels_half_seconds_and_y_down(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("", "D1.csv is empty"),
-        ("1,1,2,3,1\n2,1,2,3,4\n", "line 2: unknown type 4; known are 1 pedestrian, 2 cyclist, 3 vehicle"),
+        ("1,1,2,3,4\n2,1,2,3,4\n", "line 1: unknown type '4'; known are 1, 2, 3"),
         ("1,1,2,3,1\n2,1,2", "line 2: the file is cut off, the last line has 3 of 5 columns"),
         ("1,1,2,3\n2,1,2,3\n", "line 1: 4 columns instead of 5"),
         ("frame,id,x,y,type\n1,1,2,3,1\n", "line 1: column 'frame' needs a number, it is 'frame'"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.resample import Samples, resample
+from slrl_sumo.formats.importers.resample import SMOOTHING, Samples, resample
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 
@@ -103,7 +103,9 @@ def test_curves_keep_place_speed_and_yaw_rate(kind: RoadUserType) -> None:
     rate, radius = 0.3, 6.0
     x, y = radius * np.cos(rate * time), radius * np.sin(rate * time)
     noise = np.random.default_rng(1).normal(0, 0.03, (2, len(time)))
-    t = resample(samples(time, x + noise[0], y + noise[1], period=1 / 30, noisy=True, type=np.array([kind], np.int8)))
+    t = resample(
+        samples(time, x + noise[0], y + noise[1], period=1 / 30, smoothing=SMOOTHING, type=np.array([kind], np.int8))
+    )
     due = t.frame * t.dt
     off = np.hypot(t.x - radius * np.cos(rate * due), t.y - radius * np.sin(rate * due))
     inner = slice(4, -4)
@@ -119,7 +121,7 @@ def test_noise_of_a_slow_car_does_not_become_yaw_rate() -> None:
     time = np.arange(0, 121) * 0.5
     x = np.where(time < 20, 2 * time, np.where(time < 40, 40 + 0.1 * (time - 20), 42 + 2 * (time - 40)))
     noise = np.random.default_rng(2).normal(0, 0.08, (2, len(time)))
-    t = resample(samples(time, x + noise[0], noise[1], period=0.5, noisy=True, **car()))
+    t = resample(samples(time, x + noise[0], noise[1], period=0.5, smoothing=SMOOTHING, **car()))
     plain = np.arctan2(np.diff(noise[1]), np.diff(x + noise[0]))
     assert np.abs(np.diff(plain) / 0.5).max() > 3  # what the directions of raw steps would give
     assert np.abs(t.yaw_rate).max() < 0.25
@@ -170,3 +172,8 @@ def test_headings_in_other_units_are_refused() -> None:
 def test_no_track_is_in_two_places() -> None:
     with pytest.raises(InputError, match=r"f\.csv: 'a' is twice at 0\.04 s"):
         resample(samples([0, 0.04, 0.04], [0, 1, 2], 0.0))
+
+
+def test_a_recording_of_one_row_keeps_it() -> None:
+    t = resample(samples([3.0], 1.0, 2.0))
+    assert (t.x.tolist(), t.y.tolist(), t.heading.tolist()) == ([1.0], [2.0], [0.7])

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.interaction import read_interaction
+from slrl_sumo.formats.importers.formats import find_recordings
+from slrl_sumo.formats.importers.interaction import read_interaction, read_taf_bw
 from slrl_sumo.formats.importers.sind import read_sind
+from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
 
 VEH = (  # noqa: SIM905
@@ -61,8 +63,8 @@ def test_sind_without_pedestrians_and_with_a_gap(write: Write) -> None:
 
 
 def test_sind_errors(write: Write) -> None:
-    with pytest.raises(InputError, match=r"Veh_smoothed_tracks\.csv, line 43: unknown agent_type 'horse'"):
-        read_sind(write("a/Veh_smoothed_tracks.csv", VEH, vehicles(["car", "horse"])))
+    with pytest.raises(InputError, match=r"Veh_smoothed_tracks\.csv, line 2: unknown agent_type 'horse'"):
+        read_sind(write("a/Veh_smoothed_tracks.csv", VEH, vehicles(["horse", "ufo"])))
     degrees = [[*row[:8], 28.6, *row[9:]] for row in vehicles(["car"])]
     with pytest.raises(InputError, match=r"line 2: column 'yaw_rad' is 28\.6, not an angle in radians"):
         read_sind(write("b/Veh_smoothed_tracks.csv", VEH, degrees))
@@ -103,10 +105,107 @@ def test_interaction_settles_its_mixed_class_by_speed(write: Write) -> None:
 
 def test_taf_bw_capitals_and_order_of_columns(write: Write) -> None:
     order = [0, 1, 2, 3, 6, 7, 8, 9, 10, 4, 5]
-    rows = [[row[i] for i in order] for row in tracks(["Car", "Truck", "Bicycle", "Pedestrian", "Van", "Bus"])]
-    t = read_interaction(write("k733/vehicle_tracks_000.csv", [INTERACTION[i] for i in order], rows))
-    assert t.type.tolist() == [CAR, CAR, BICYCLE, PEDESTRIAN, CAR, CAR]
-    np.testing.assert_allclose(t.speed, 5.0, atol=1e-9)
+    kinds = ["Car", "Truck", "Bike", "Pedestrian", "Van", "Bus", "Motorbike", "Tractor"]
+    rows = [[row[i] for i in order] for row in tracks(kinds)]
+    t = read_taf_bw(write("k733/vehicle_tracks_000.csv", [INTERACTION[i] for i in order], rows))
+    assert t.type.tolist() == [CAR, CAR, BICYCLE, PEDESTRIAN, CAR, CAR, CAR]
+    assert t.notes == ("1 road user of the unknown agent_type 'tractor' left out",)
+    assert "CC BY-NC-SA 4.0" in t.licence
+    np.testing.assert_allclose(t.speed, 5.0, atol=1e-6)
+
+
+def test_taf_bw_is_smoothed_and_headings_follow_the_motion(write: Write) -> None:
+    """As published: the axis of the motion instead of a heading, noise, duplicated rows that go on from the later."""
+    random = np.random.default_rng(1)
+    rows = []
+    for n, way in enumerate((0.4, 0.4 + np.pi, 2.5, 2.5 - np.pi)):
+        for f in range(100):
+            x, y = 0.8 * f * np.cos(way), 9 * n + 0.8 * f * np.sin(way)
+            noise = random.normal(0.0, 0.2, 2)
+            psi = np.arctan(np.tan(way))
+            if f == 50:  # another object, lost by the tracker at once
+                rows.append([n, f, 100 * f, "Car", x + 3, y + 3, 0, 0, psi, 4, 2])
+            rows.append([n, f, 100 * f, "Car", x + noise[0], y + noise[1], 0, 0, psi, 4, 2])
+    path = write("k733/vehicle_tracks_000.csv", INTERACTION, rows)
+    t = read_taf_bw(path)
+    assert t.ids == ("0", "1", "2", "3")
+    assert t.notes == (
+        "4 of 404 rows twice for one road user and time, the first of each two dropped",
+        "2 of 4 road users: headings against the motion, replaced by those of the motion",
+    )
+    for n, way in enumerate((0.4, 0.4 + np.pi, 2.5, 2.5 - np.pi)):
+        assert np.abs(np.sin(0.5 * (t.heading[t.track == n] - way))).max() < 0.1
+    np.testing.assert_allclose(t.speed, 8.0, atol=1.0)
+    assert np.percentile(np.abs(t.acceleration), 90) < 1.0
+
+
+def test_the_published_taf_bw(data: Path) -> None:
+    (recording,) = find_recordings("taf-bw", data / "taf-bw")
+    t = recording.read()
+    assert len({name.partition("#")[0] for name in t.ids}) == 132
+    assert t.notes[0].startswith("104 of 12079 rows twice")
+    assert t.notes[1].startswith("48 of 132 road users: headings against the motion")
+    assert t.speed.max() < 20
+    assert np.percentile(np.abs(t.acceleration), 90) < 2
+    assert np.percentile(np.abs(t.acceleration), 99) < 4
+    assert np.percentile(np.abs(t.yaw_rate), 99) < 0.6
+    row = np.flatnonzero((np.diff(t.track) == 0) & (t.speed[1:] > 2))
+    slip = wrap_angle(np.arctan2(np.diff(t.y)[row], np.diff(t.x)[row]) - t.heading[row])
+    assert np.percentile(np.abs(slip), 99) < 0.25
+
+
+def test_reversed_headings_are_turned_per_track(write: Write) -> None:
+    """Also where most tracks are right, so that a median over all of them shows nothing."""
+    rows = tracks(["car", "car", "car", "car"])
+    for row in rows:
+        psi = float(str(row[8]))
+        if row[0] == 2:
+            row[8] = psi + np.pi
+        elif row[0] == 3:
+            row[8] = psi + 1.2
+    t = read_interaction(write("a/vehicle_tracks_000.csv", INTERACTION, rows))
+    np.testing.assert_allclose(t.heading, -1.1, atol=1e-6)
+    assert t.notes == (
+        "1 of 4 road users: headings against the motion, turned",
+        "1 of 4 road users: headings that differ from the motion, replaced by those of the motion",
+    )
+
+
+def test_a_car_that_reverses_out_of_a_place_keeps_its_heading(write: Write) -> None:
+    rows = [
+        [0, f, 100 * f, "car", -0.15 * min(f, 40) + 0.5 * max(f - 40, 0), 0.0, 0, 0, 0.0, 4.5, 1.8] for f in range(80)
+    ]
+    t = read_interaction(write("a/vehicle_tracks_000.csv", INTERACTION, rows))
+    assert not t.notes
+    np.testing.assert_allclose(t.heading, 0.0, atol=1e-9)
+
+
+def test_spreadsheet_forms_of_the_same_table(write: Write) -> None:
+    """A byte-order mark, CRLF, semicolons, any order of rows and empty cells of boxes change nothing but the boxes."""
+    path = write("a/vehicle_tracks_000.csv", INTERACTION, tracks(["car", "pedestrian"]))
+    plain = read_interaction(path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    shuffled = [lines[0], *np.random.default_rng(0).permutation(lines[1:])]
+    odd = [line.replace(",", ";") for line in shuffled]
+    path.write_bytes(b"\xef\xbb\xbf" + "\r\n".join(odd).encode() + b"\r\n")
+    again = read_interaction(path)
+    for name in ("track", "frame", "x", "y", "heading", "type", "length", "width"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(plain, name))
+    rows = [[*row[:8], "", "", ""] if row[3] == "pedestrian" else row for row in tracks(["car", "pedestrian"])]
+    empty = read_interaction(write("a/vehicle_tracks_000.csv", INTERACTION, rows))
+    assert empty.length.tolist() == [4.5, DEFAULT_LENGTH[PEDESTRIAN]]
+    np.testing.assert_allclose(empty.heading, -1.1, atol=1e-3)
+
+
+def test_a_class_that_changes_and_pedestrians_alone(write: Write) -> None:
+    rows = tracks(["car"])
+    rows[3][3] = "truck"
+    t = read_interaction(write("a/vehicle_tracks_000.csv", INTERACTION, rows))
+    assert t.type.tolist() == [CAR]
+    assert t.notes == ("1 road user with changing agent_type: the most frequent one counts",)
+    write("b/pedestrian_tracks_001.csv", INTERACTION[:8], walkers([("pedestrian", 1.3)]))
+    (found,) = find_recordings("interaction", tmp := write("b/x.txt", [], []).parent)
+    assert (found.name, found.read().ids) == (f"{tmp.name}-vehicle_tracks_001", ("P0",))
 
 
 def test_interaction_errors(write: Write) -> None:
@@ -119,6 +218,6 @@ def test_interaction_errors(write: Write) -> None:
     centimetres = [[*row[:4], 100 * float(str(row[4])), 100 * float(str(row[5])), *row[6:]] for row in tracks(["car"])]
     with pytest.raises(InputError, match=r"move 50 m within 0\.1 s; check that positions are in metres"):
         read_interaction(write("d/vehicle_tracks_000.csv", INTERACTION, centimetres))
-    twice = tracks(["car"]) + tracks(["car"])[:1]
-    with pytest.raises(InputError, match=r"'0' is twice at 0\.1 s"):
-        read_interaction(write("e/vehicle_tracks_000.csv", INTERACTION, twice))
+    two = [[0, *row[1:]] for row in tracks(["car", "car"])]  # of the same id
+    with pytest.raises(InputError, match=r"'0' is twice at 0\.1 s, as in 41 of 82 rows; check that every road user"):
+        read_interaction(write("e/vehicle_tracks_000.csv", INTERACTION, two))
