@@ -27,7 +27,7 @@ WORK = (2_000, 9_000)
 """Learned road users times decisions of a run, from and to."""
 SPACE = 25.0
 """m of lanes for each spawned road user at least: fewer find no place."""
-HANG = 300.0
+HANG = 600.0
 """s of wall clock after which a command counts as hung."""
 FAILURES = ("traceback", "exit 3", "crash", "hang", "invalid output", "lost", "usage")
 

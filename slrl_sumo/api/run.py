@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,7 +23,7 @@ from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.report.recorder import RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.simulation.events import Decision, Started
+from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings
 from slrl_sumo.simulation.shares import Shares
@@ -70,7 +71,8 @@ def run(
     (text as on the command line, or a JunctionRegion, EdgesRegion or BoxRegion). `bundle`: shipped name or folder.
     `selector`: prior, greedy, sampled or lane. `guard`: modes that run into a conflict are not chosen where others are
     left. `without`: names of constraints to switch off (see agent.constraints).
-    `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the scenario's end.
+    `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the
+    scenario's end, or, where it has none, until its road users have left.
     `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles brake for learned road users.
     `sumo_outputs`: whether the scenario writes its own outputs. `sumo_options`: options for SUMO itself.
 
@@ -181,6 +183,14 @@ def write_run(
                     recorder.add(event)
                 if caught:
                     break
+        if started.decisions is None and counters.decisions == MOST_DECISIONS:
+            reached = (
+                f"ended after {MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h: the scenario has no end and still has "
+                "road users; --until sets a later end"
+            )
+            started = replace(started, notices=(*started.notices, reached))
+            if not quiet:
+                print(f"note: {reached}", file=sys.stderr)
         wall = time.perf_counter() - begin
         with _collected(failures):
             if writer is not None:

@@ -98,7 +98,10 @@ def compare(
     ] = "car=1,bicycle=1,pedestrian=1",
     region: Annotated[
         str | None,
-        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1. [default: everywhere]"),
+        typer.Option(
+            help="Where: junction:ID,radius=80 (ID of a junction or traffic light) | edges:a,b | box:x0,y0,x1,y1. "
+            "[default: everywhere]"
+        ),
     ] = None,
     selector: Annotated[
         str | None,

@@ -29,7 +29,10 @@ def run(
     ] = None,
     region: Annotated[
         str | None,
-        typer.Option(help="Where: junction:ID,radius=80 | edges:a,b | box:x0,y0,x1,y1. [default: everywhere]"),
+        typer.Option(
+            help="Where: junction:ID,radius=80 (ID of a junction or traffic light) | edges:a,b | box:x0,y0,x1,y1. "
+            "[default: everywhere]"
+        ),
     ] = None,
     bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
     selector: Annotated[
@@ -46,7 +49,10 @@ def run(
         list[str] | None,
         typer.Option(help="Switch off a rule that is not learned, e.g. deadlock_release; may be given several times."),
     ] = None,
-    steps: Annotated[int | None, typer.Option(help="Decisions of 0.4 s. [default: to the scenario's end]")] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(help="Decisions of 0.4 s. [default: to the scenario's end, or until its road users have left]"),
+    ] = None,
     until: Annotated[float | None, typer.Option(help="Simulation time to stop at, s.")] = None,
     seed: Annotated[int, typer.Option(help="Of SUMO, the starting places and the choices.")] = 1,
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,

@@ -95,7 +95,12 @@ def _time_findings(scenario: Scenario) -> Iterator[Finding]:
         )
     end, begin = parse_time(option(scenario, "end")), parse_time(option(scenario, "begin")) or 0.0
     if end is None or end < 0:
-        yield Finding("note", "end", "the scenario has no end time", "run stops after 60 s; give --until or --steps")
+        yield Finding(
+            "note",
+            "end",
+            "the scenario has no end time",
+            "run goes on until no road user is left; --until or --steps ends it before",
+        )
     elif end <= begin:
         yield Finding(
             "problem", "end", f"the end ({end:g} s) is not after the begin ({begin:g} s)", "correct the option end"

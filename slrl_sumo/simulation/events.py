@@ -11,6 +11,8 @@ from slrl_sumo.scene.state import WorldState
 
 LEFT_SURFACE = 1.0
 """m off its own surface from which on a road user has left it."""
+MOST_DECISIONS = 216_000
+"""Decisions (24 h) of a run in a scenario without an end whose road users do not leave."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,8 @@ class Started:
     """s."""
     step_length: float
     """SUMO's step, s."""
-    decisions: int
-    """How many decisions will be taken."""
+    decisions: int | None
+    """How many decisions will be taken; None: until the scenario's road users have left, at most MOST_DECISIONS."""
     notices: tuple[str, ...]
     """What was changed in the scenario, or chosen by default; one line each."""
     surfaces: SurfaceShapes

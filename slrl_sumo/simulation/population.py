@@ -27,6 +27,13 @@ class Population:
         self._missed: set[str] = set()
         self._spawned_control, self._taken_over_control = spawned, taken_over
 
+    @property
+    def spawned_ids(self) -> frozenset[str]:
+        """Ids of the spawned ones."""
+        return frozenset(
+            user for user, taken in zip(self.world.ids, self.taken_over.tolist(), strict=True) if not taken
+        )
+
     def spawn(self, kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, speed: Floats, time: float) -> None:
         """Add road users: RoadUserType, centres (m), headings (rad), speeds (m/s), all (n,)."""
         n = len(kinds)

@@ -21,7 +21,7 @@ _SPACING = 1.0
 
 @dataclass(frozen=True)
 class JunctionRegion:
-    """A disc round a junction: its id, and the radius in m."""
+    """A disc round a junction, or round each of the junctions of a traffic light: its id, and the radius in m."""
 
     junction: str
     radius: float = JUNCTION_RADIUS
@@ -58,12 +58,12 @@ RegionSpec = JunctionRegion | EdgesRegion | BoxRegion
 
 @dataclass(frozen=True)
 class Region:
-    """A part of the plane: a disc, a box, the surface of some edges, or (all None) everywhere. m, world frame."""
+    """A part of the plane: discs, a box, the surface of some edges, or (all None) everywhere. m, world frame."""
 
     text: str
     """As it was given."""
-    disc: tuple[float, float, float] | None = None
-    """x, y of the centre and radius."""
+    discs: tuple[tuple[float, float, float], ...] | None = None
+    """x, y of each centre and the radius."""
     box: tuple[float, float, float, float] | None = None
     """x0, y0, x1, y1 with x0 < x1 and y0 < y1."""
     edges: tuple[tuple[cKDTree, float], ...] | None = None
@@ -74,9 +74,11 @@ class Region:
 
         Enter with margin 0 and leave with more, so that no road user is taken over and handed back in turn at the rim.
         """
-        if self.disc is not None:
-            centre_x, centre_y, radius = self.disc
-            return np.asarray(np.hypot(x - centre_x, y - centre_y) <= radius + margin)
+        if self.discs is not None:
+            near = [
+                np.hypot(x - centre_x, y - centre_y) <= radius + margin for centre_x, centre_y, radius in self.discs
+            ]
+            return np.asarray(np.any(near, axis=0))
         if self.box is not None:
             x0, y0, x1, y1 = self.box
             return (x >= x0 - margin) & (x <= x1 + margin) & (y >= y0 - margin) & (y <= y1 + margin)
@@ -110,11 +112,12 @@ def parse_region(given: str | RegionSpec | None, network: Network) -> Region:
         return _surface(given, spec.edges, network)
     if spec.radius <= 0.0:
         raise _wrong(given, "the radius must be above 0; write for example radius=80")
-    if spec.junction not in network.junction_positions:
-        near = _nearest(spec.junction, network.junction_positions)
+    if spec.junction in network.junction_positions:
+        junctions: tuple[str, ...] = (spec.junction,)
+    elif not (junctions := network.signal_junctions.get(spec.junction, ())):
+        near = _nearest(spec.junction, {*network.junction_positions, *network.signal_junctions})
         raise _wrong(given, f"the network has no junction '{spec.junction}'; {near}")
-    x, y = network.junction_positions[spec.junction]
-    return Region(str(given), disc=(x, y, spec.radius))
+    return Region(str(given), discs=tuple((*network.junction_positions[name], spec.radius) for name in junctions))
 
 
 def _parsed(text: str) -> RegionSpec:

@@ -16,12 +16,15 @@ from slrl_sumo.scene.compiled import what_to_expect
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.events import Event, Started, Views
+from slrl_sumo.simulation.events import MOST_DECISIONS, Event, Started, Views
 from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
+
+SHORT_RUN = 150
+"""Decisions of a run that neither its settings nor the scenario's end or traffic limit."""
 
 
 def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
@@ -48,9 +51,21 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
         scenario, seed=settings.seed, step_length=settings.step_length, keep_outputs=settings.sumo_outputs
     ) as session:
         begin = session.time
-        decisions, notices = _decisions(settings, begin, session.end)
+        decisions = _decisions(settings, begin, session.end)
         learned = add_learned(session, settings, bundle, str(scenario.config))
         simulation = learned.loop
+        notices = []
+        if decisions is None and session.expected <= len(simulation.population.spawned_ids):
+            decisions = SHORT_RUN
+            notices.append(
+                f"the scenario has neither an end nor traffic: running {SHORT_RUN} decisions "
+                f"({SHORT_RUN * DECISION_INTERVAL:g} s); --steps or --until sets another length"
+            )
+        elif decisions is None:
+            notices.append(
+                "the scenario has no end: the run goes on until its road users have left, at most "
+                f"{MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h; --steps or --until sets a length"
+            )
         yield Started(
             scenario=scenario.name,
             bundle=bundle.name,
@@ -64,7 +79,9 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
             mode_centres=bundle.mode_centres if learned.selector != "lane" else None,
             compiling=compiling,
         )
-        for number in range(decisions):
+        for number in range(MOST_DECISIONS if decisions is None else decisions):
+            if decisions is None and session.expected <= len(simulation.population.spawned_ids):
+                return
             before, users = simulation.world, simulation.population.world
             decision = simulation.decide()
             if number in views_at and len(users):
@@ -92,15 +109,16 @@ def _scenario(settings: RunSettings) -> Scenario:
     return with_options(scenario, words)
 
 
-def _decisions(settings: RunSettings, begin: float, end: float | None) -> tuple[int, list[str]]:
+def _decisions(settings: RunSettings, begin: float, end: float | None) -> int | None:
+    """How many decisions the settings or the scenario ask for; None where neither does."""
     if settings.steps is not None:
-        return settings.steps, []
+        return settings.steps
     if settings.until is not None:
         if settings.until <= begin:
             raise InputError(
                 f"the scenario begins at {begin:g} s; give a later time", argument="until", value=settings.until
             )
-        return math.ceil((settings.until - begin) / DECISION_INTERVAL - 1e-9), []
+        return math.ceil((settings.until - begin) / DECISION_INTERVAL - 1e-9)
     if end is not None and end > begin:
-        return math.ceil((end - begin) / DECISION_INTERVAL - 1e-9), []
-    return 150, ["the scenario has no end: running 150 decisions (60 s); --steps or --until sets another length"]
+        return math.ceil((end - begin) / DECISION_INTERVAL - 1e-9)
+    return None

@@ -74,7 +74,8 @@ class RunSettings(LearnedSettings):
     """Shipped name, folder, .sumocfg file, or a scenario that was read."""
     _: KW_ONLY
     steps: int | None = None
-    """Decisions of 0.4 s; None runs until `until`, else until the scenario's own end."""
+    """Decisions of 0.4 s; None runs until `until`, else until the scenario's own end, else until its
+    road users have left."""
     until: float | None = None
     """Simulation time to stop at, s."""
     step_length: float | None = None

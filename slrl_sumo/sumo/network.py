@@ -31,6 +31,8 @@ class Network:
     """Lane ends where the network ends: x, y (m), heading outwards (rad), half the lane's width (m), (e, 4)."""
     junction_positions: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """x, y (m) of each junction by its id."""
+    signal_junctions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """The junctions that each traffic light controls, by its id."""
     without_width: tuple[str, ...] = ()
     """Lanes whose width in SUMO is not above 0 and up to WIDEST: they have LANE_WIDTH here."""
 
@@ -109,7 +111,9 @@ def read_network(api: SumoApi) -> Network:
         for junction in api.junction.getIDList()
         if not junction.startswith(":")
     }
-    return Network(tuple(lanes), tuple(junctions), _exits(api, lanes), positions, tuple(without_width))
+    return Network(
+        tuple(lanes), tuple(junctions), _exits(api, lanes), positions, _signal_junctions(api), tuple(without_width)
+    )
 
 
 def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:
@@ -128,6 +132,17 @@ def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:
                 out = line[-1] - line[-2]
                 ends.append((*line[-1], np.arctan2(out[1], out[0]), 0.5 * lane.width))
     return np.array(ends, np.float64).reshape(-1, 4)
+
+
+def _signal_junctions(api: SumoApi) -> dict[str, tuple[str, ...]]:
+    """See Network.signal_junctions: the ends of the edges whose links a traffic light controls."""
+    junctions = {}
+    for signal in api.trafficlight.getIDList():
+        starts = {link[0] for links in api.trafficlight.getControlledLinks(signal) for link in links}
+        # Crossings begin on lanes inside the junction.
+        edges = {lane.rpartition("_")[0] for lane in starts if not lane.startswith(":")}
+        junctions[signal] = tuple(sorted({api.edge.getToJunction(edge) for edge in edges}))
+    return junctions
 
 
 def _edges(lanes: list[Lane]) -> set[str]:

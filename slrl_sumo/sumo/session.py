@@ -106,6 +106,11 @@ class SumoSession:
         """The scenario's end in s, None where it has none."""
         return self.scenario.seconds("end")
 
+    @property
+    def expected(self) -> int:
+        """Road users that are under way or wait for their departure: at 0, SUMO ends a scenario that has no end."""
+        return self.api.simulation.getMinExpectedNumber()
+
     def step(self) -> None:
         """One SUMO step. Raises SumoError when SUMO fails."""
         import libsumo

@@ -7,6 +7,7 @@ import pytest
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.simulation.region import JUNCTION_RADIUS, Region, parse_region
+from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -113,3 +114,12 @@ def test_malformed_regions_are_refused(text: str, session: SumoSession) -> None:
     with pytest.raises(InputError, match=f"^region='{text}': ") as refusal:
         _parse(text, session)
     assert refusal.value.as_options().startswith(f"--region {text}".rstrip() + ": ")
+
+
+def test_a_signal_names_all_its_junctions() -> None:
+    places = {"a": (0.0, 0.0), "b": (100.0, 0.0), "c": (200.0, 0.0)}
+    network = Network((), (), junction_positions=places, signal_junctions={"joined": ("a", "b")})
+    region = parse_region("junction:joined,radius=20", network)
+    assert region.inside(np.array([0.0, 50.0, 110.0, 200.0]), np.zeros(4)).tolist() == [True, False, True, False]
+    with pytest.raises(InputError, match=r"no junction 'joint'; is it joined\?"):
+        parse_region("junction:joint", network)

@@ -133,3 +133,8 @@ def test_a_city_network_has_lanes_of_every_kind(game: Path) -> None:
         surfaces = {lane.surface for lane in session.network.lanes}
     assert closed > 0
     assert surfaces == set(Surface)
+
+
+def test_the_junctions_of_a_signal() -> None:
+    with SumoSession(find_scenario("signalised")) as session:
+        assert list(session.network.signal_junctions.values()) == [("centre",)]

@@ -1,5 +1,6 @@
 """SUMO scenarios: how they are found, and the options of their configuration."""
 
+import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -57,8 +58,9 @@ def find_scenario(text: str) -> Scenario:
     if text in shipped_scenarios():
         folder = Path(str(files("sumo_scenarios"))) / text
         return read_scenario(next(folder.glob("*.sumocfg")), name=text)
+    near = difflib.get_close_matches(text, shipped_scenarios(), n=1)
     raise InputError(
-        f"{text}: no such file, folder or shipped scenario; "
+        f"{text}: no such file, folder or shipped scenario; {f'is it {near[0]}? ' if near else ''}"
         f"give a .sumocfg, or one of: {', '.join(shipped_scenarios())}"
     )
 

@@ -78,7 +78,7 @@ def test_a_time_that_is_none_is_refused_by_name() -> None:
 
 def test_an_unknown_name_gets_the_names_that_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=r"intersektion: no such file, folder or shipped scenario.*intersection"):
+    with pytest.raises(InputError, match=r"no such file, folder or shipped scenario; is it intersection\?.*district"):
         find_scenario("intersektion")
 
 
