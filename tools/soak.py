@@ -49,6 +49,7 @@ from slrl_sumo.simulation.spawn import starting_points, type_counts
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Reader, Snapshot
+from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.scenario import shipped_scenarios
 from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
@@ -88,6 +89,7 @@ class RandomDriver:
     def __init__(self, seed: int, jump: float) -> None:
         self._rng, self._jump = np.random.default_rng(seed), jump
         self.max_speed, self.max_length = TOP_SPEED, np.inf
+        self.refusals = Refusals()
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
         """See Driver."""

@@ -22,6 +22,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
 
 SELECTORS = ("prior", "greedy", "sampled", "lane")
 """`prior`: the bundle's mode classifier; `greedy` and `sampled`: the most probable mode of its trained policy, or one
@@ -51,6 +52,8 @@ class Driver(Protocol):
     """Top speed of each type, m/s, (3,)."""
     max_length: float
     """m: longer vehicles are not taken over."""
+    refusals: Refusals
+    """Road users for which SUMO has refused a call."""
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
         """The first `n` road users of `world`, which are the learned ones, 0.4 s later."""
@@ -82,6 +85,7 @@ class ModelDriver:
         self.max_speed = agent.bundle.max_speed
         self.max_length = MAX_LENGTH
         self._routes = routes
+        self.refusals = Refusals() if routes is None else routes.refusals
         self._considered: WorldState | None = None
         self._stopwatch = stopwatch or Stopwatch()
 
@@ -136,6 +140,7 @@ class RouteDriver:
         self._lanes = lanes
         self.max_speed: Floats = np.full(len(RoadUserType), np.inf)
         self.max_length = np.inf
+        self.refusals = lanes.refusals
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
         """See Driver."""

@@ -23,6 +23,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
 
 SIDEWAYS = 1.5
 """m/s at most across the lane, and at most `SLANT` of the speed."""
@@ -39,9 +40,11 @@ class LaneDriver:
     """Drives taken-over and spawned road users.
 
     Spawned road users (ids `learned_…`) have no route: at junctions they continue at random, equally in every run.
+    `refusals`: road users for which SUMO has refused a call; they stay where they are.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
+        self.refusals = Refusals()
         self._api = api
         self._graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, self._graph)
@@ -59,15 +62,19 @@ class LaneDriver:
         x, y, heading = learned.x.copy(), learned.y.copy(), learned.heading.copy()
         walking = learned.type == RoadUserType.PEDESTRIAN
         for i in np.flatnonzero(walking).tolist():
-            x[i], y[i], heading[i] = self._pedestrians.step(learned.ids[i], x[i], y[i], heading[i], dt)
-        rows = np.flatnonzero(~walking)
+            with self.refusals.of(learned.ids[i]):
+                x[i], y[i], heading[i] = self._pedestrians.step(learned.ids[i], x[i], y[i], heading[i], dt)
         world = learned if others is None else learned.join(others)
-        tracks = [self._vehicles.planned(learned, i) for i in rows.tolist()]
-        for i, track in zip(rows.tolist(), tracks, strict=True):
+        tracks: dict[int, VehicleTrack] = {}
+        for i in np.flatnonzero(~walking).tolist():
+            with self.refusals.of(learned.ids[i]):
+                tracks[i] = self._vehicles.planned(learned, i)
+        for i, track in tracks.items():
             self._vehicles.choose_lane(learned.ids[i], track, world, i)
-        obstacles = self._obstacles(world, rows, tracks, dt)
-        for i, track, (safe, standing) in zip(rows.tolist(), tracks, obstacles, strict=True):
-            x[i], y[i], heading[i] = self._advance(learned, i, track, safe, standing, dt)
+        obstacles = self._obstacles(world, np.array(list(tracks), np.intp), list(tracks.values()), dt)
+        for (i, track), (safe, standing) in zip(tracks.items(), obstacles, strict=True):
+            with self.refusals.of(learned.ids[i]):
+                x[i], y[i], heading[i] = self._advance(learned, i, track, safe, standing, dt)
         speed = np.hypot(x - learned.x, y - learned.y) / dt
         return replace(
             learned,

@@ -46,6 +46,7 @@ class RunSummary:
     agent_steps: int
     agent_steps_per_s: float | None
     lost: int
+    refused: int
     wrapped_around: int
     taken_over: int
     handed_back: int
@@ -61,6 +62,7 @@ class RunSummary:
     per_type: dict[str, TypeSummary]
     wraparounds: list[dict[str, Any]]
     losses: list[dict[str, Any]]
+    refusals: list[dict[str, Any]]
     peak_memory_mib: int
     notices: list[str]
 
@@ -102,6 +104,19 @@ class RunSummary:
         if self.taken_over:
             return f"{self.taken_over} taken over, {self.arrived} arrived, {self.under_way} under way"
         return f"{self.wrapped_around} wrapped around"
+
+    @property
+    def refusal_line(self) -> str:
+        """The road users that could not be moved, in one line; '' where there is none."""
+        if not self.refusals:
+            return ""
+        first = self.refusals[0]
+        named = [f"{first['id']} at {first['time_s']:g} s ({first['reason']})", *(r["id"] for r in self.refusals[1:6])]
+        many = "1 road user was" if self.refused == 1 else f"{self.refused} road users were"
+        return (
+            f"{many} given back to SUMO, or removed if added, because they could not be moved: "
+            f"{', '.join(named)}{', …' * (self.refused > len(named))}"
+        )
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """Headings and rows of a table for people: a row for each type with learned road users."""

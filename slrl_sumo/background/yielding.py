@@ -38,7 +38,7 @@ class Yielding:
     """Holds back the background vehicles of a simulation for learned road users.
 
     `step_length`: SUMO's step in s. Call `apply` before each SUMO step. `interventions` counts how often the speed of a
-    vehicle began to be held.
+    vehicle began to be held; `refusals`: vehicles for which SUMO has refused a call.
     """
 
     def __init__(self, api: SumoApi, network: Network, step_length: float) -> None:
@@ -46,6 +46,7 @@ class Yielding:
         self._dt = step_length
         self._paths = Paths(api, network)
         self._control = SpeedControl(api)
+        self.refusals = self._control.refusals
         self._types: dict[str, TypeParameters] = {}
         self._path_of: dict[str, tuple[str, str, int]] = {}
         self.interventions = 0
@@ -142,11 +143,14 @@ class Yielding:
         paths = []
         for i in rows.tolist():
             vehicle, lane = snapshot.ids[i], snapshot.lane[i]
-            route = route_id(self._api, vehicle)
-            known = self._path_of.get(vehicle)
+            known, route, following = self._path_of.get(vehicle), "", tuple[str, ...]()
+            # Refused where a script has removed the vehicle since the last step: its path ends with its lane.
+            with self.refusals.of(vehicle):
+                route = route_id(self._api, vehicle)
+                if known is None or known[0] != lane or known[1] != route:
+                    edges, index = vehicle_route(self._api, vehicle)
+                    following = edges[max(index, 0) + 1 : max(index, 0) + 25]
             if known is None or known[0] != lane or known[1] != route:
-                edges, index = vehicle_route(self._api, vehicle)
-                following = edges[max(index, 0) + 1 : max(index, 0) + 25]
                 path = self._paths.row(lane, following, self._parameters(snapshot.sumo_type[i]).vehicle_class)
                 known = self._path_of[vehicle] = (lane, route, path)
             paths.append(known[2])

@@ -1,6 +1,7 @@
 """Counts over decisions: the sums behind `run --summary`, `evaluate` and `compare`, and the summary of a run."""
 
 from collections import Counter
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,9 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.simulation.events import Decision
+
+MOST_REFUSALS = 100
+"""Refused road users that a summary names: each has a sentence of SUMO's."""
 
 SUMS = ("steps", "speed", "moving_speed", "standing", "off_surface", "left_surface", "collisions", "survived")
 """Sums of each road user over the decisions in which it is counted; speeds in m/s. `moving_speed`: without the
@@ -86,6 +90,7 @@ class RunCounters:
         self.constraints: Counter[str] = Counter()
         self.wraparounds: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
+        self.refused: dict[str, tuple[float, str]] = {}
         self.taken_over = self.handed_back = self.returned_to_route = self.arrived = self.interventions = 0
         self.under_way = 0
         self._sums = UserSums()
@@ -104,6 +109,8 @@ class RunCounters:
             (world.ids[row], decision.steps[0].time) for row in np.flatnonzero(decision.wrapped_around)
         ]
         self.lost += [(world.ids[row], step.time) for row in np.flatnonzero(decision.lost)]
+        for road_user, reason in decision.refused:
+            self.refused.setdefault(road_user, (step.time, reason))
         self.taken_over += len(decision.taken_over)
         self.handed_back += len(decision.handed_back)
         self.returned_to_route += len(decision.returned_to_route)
@@ -154,6 +161,7 @@ class RunCounters:
             "agent_steps": agent_steps,
             "agent_steps_per_s": ratio(agent_steps, wall_s),
             "lost": len(self.lost),
+            "refused": len(self.refused),
             "wrapped_around": len(self.wraparounds),
             "taken_over": self.taken_over,
             "handed_back": self.handed_back,
@@ -167,6 +175,10 @@ class RunCounters:
             "per_type": self.per_type(),
             "wraparounds": _timed(self.wraparounds),
             "losses": _timed(self.lost),
+            "refusals": [
+                {"id": road_user, "time_s": round(time, 3), "reason": reason}
+                for road_user, (time, reason) in islice(self.refused.items(), MOST_REFUSALS)
+            ],
         }
 
     @property

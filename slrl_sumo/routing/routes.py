@@ -18,6 +18,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
 
 NEAR_END = 15.0
 """m before its destination at which SUMO should finish a trip."""
@@ -32,9 +33,10 @@ STUCK_TIME = 20.0
 
 
 class Routes:
-    """Tracks road users on their routes."""
+    """Tracks road users on their routes. `refusals`: those for which SUMO refused a call; their route is unknown."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
+        self.refusals = Refusals()
         graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, graph)
         self._speed_limits = SpeedLimits(api, graph, self._vehicles, trust_sumo=False)
@@ -47,10 +49,11 @@ class Routes:
         self._pedestrians.renew()
         route = RouteAhead.unknown(n)
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
-            if walks:
-                self._add_pedestrian(route, world, i)
-            else:
-                self._add_vehicle(route, world, i)
+            with self.refusals.of(world.ids[i]):
+                if walks:
+                    self._add_pedestrian(route, world, i)
+                else:
+                    self._add_vehicle(route, world, i)
         return route
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.simulation.background_state import Differences, background_world, places_of
 from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
@@ -111,6 +111,10 @@ class CoSimulation:
         self._finished: set[str] = set()
         self._handed_back: set[str] = set()
         """Road users of the scenario that were learned before, and have not arrived."""
+        self._refusals = [simulation.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
+        self._refusals += [] if self._yielding is None else [self._yielding.refusals]
+        self._refused: dict[str, str] = {}
+        self._time: float | None = None
         self._fast = fast_lanes(simulation.network, driver)
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
@@ -121,6 +125,7 @@ class CoSimulation:
         kinds, x, y, heading, limit = draw_starts(counts, self.points, rng)
         speed = starting_speed(max_speed[kinds], limit, rng.random(len(kinds)))
         self.population.spawn(kinds, x, y, heading, speed, self._simulation.time)
+        self._drop_refused()
 
     def start(self) -> Step:
         """One SUMO step, after which spawned road users stand at their places and the first ones are taken over."""
@@ -137,7 +142,12 @@ class CoSimulation:
                 return decision
 
     def step(self) -> tuple[Step, Decision | None]:
-        """One SUMO step; with the last one of an interval comes the whole Decision."""
+        """One SUMO step; with the last one of an interval comes the whole Decision.
+
+        Where SUMO was stepped by others since the last call, a new interval begins with where it has the road users.
+        """
+        if self._simulation.time != self._time:
+            self._resume()
         interval = self._interval or self._decide()
         before = self._yielding.interventions if self._yielding is not None else 0
         step = self._play(interval.states[len(interval.steps)])
@@ -149,7 +159,9 @@ class CoSimulation:
         if len(interval.steps) < self._substeps:
             return step, None
         self._interval = None
-        return step, self._close(interval)
+        decision = self._close(interval)
+        self._refused = {}
+        return step, decision
 
     def start_anew(self, rows: NDArray[np.intp], max_speed: Floats, rng: np.random.Generator) -> None:
         """Put spawned road users `rows` to new places as `spawn` does; between two decisions."""
@@ -163,6 +175,7 @@ class CoSimulation:
         if self._yielding is not None:
             self._yielding.release()
         self._taken_over_control.release()
+        self._drop_refused()
         spawned = self.population.world.take(np.flatnonzero(~self.population.taken_over))
         self._simulation.spawned.remove(spawned.ids)
 
@@ -171,6 +184,7 @@ class CoSimulation:
         moved = Moved(learned, None, {})
         if len(learned):
             moved = self._driver.drive(self.world, len(learned), self.road_map)
+            self._drop_refused()
         following = moved.users
         wrapped_around = (
             left_scene(following, self.road_map, self._simulation.network.exits) & ~self.population.taken_over
@@ -189,8 +203,10 @@ class CoSimulation:
         if self._yielding is not None and self._snapshot is not None:
             self._yielding.apply(self._snapshot, users)
         self.population.move(users)
+        self._drop_refused()
         self._stopwatch.lap("apply")
         self._simulation.step()
+        self._time = self._simulation.time
         self._stopwatch.lap("sumo")
         self._snapshot = self._simulation.reader.read()
         self.population.check(users, frozenset(self._snapshot.ids))
@@ -214,9 +230,9 @@ class CoSimulation:
         background = background_world(self._snapshot, self._simulation.time, frozenset())
         taken_over = self._take_over(self._differences.complete(background), handed_back)
         arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))
-        self._driver.forget(handed_back + arrived_learned)
+        self._driver.forget(tuple(set(users.ids) - self.population.ids))
         arrived_later = tuple(sorted(self._handed_back & interval.arrived))
-        self._handed_back.update(handed_back)
+        self._handed_back.update(handed_back, self._refused.keys() & set(users.ids))
         self._handed_back.difference_update(arrived_later, taken_over)
         self._stopwatch.lap("read")
         return Decision(
@@ -233,7 +249,23 @@ class CoSimulation:
             handed_back=handed_back,
             returned_to_route=returned,
             interventions=interval.interventions,
+            refused=tuple(self._refused.items()),
         )
+
+    def _drop_refused(self) -> None:
+        """Road users for which SUMO has refused a call are its own again, and stay that."""
+        for refusals in self._refusals:
+            if reasons := refusals.take():
+                self.population.drop(reasons)
+                self._finished.update(reasons)
+                self._refused = reasons | self._refused
+
+    def _resume(self) -> None:
+        self._interval, self._differences = None, Differences()
+        self._snapshot, self._time = self._simulation.reader.read(), self._simulation.time
+        present = self._differences.complete(background_world(self._snapshot, self._time, frozenset()))
+        self._driver.forget(self.population.resume(present))
+        self._assemble(present)
 
     def _return_to_route(self) -> tuple[str, ...]:
         """Taken-over road users that have left the scene do not wrap around: SUMO puts them back on their route."""
@@ -253,6 +285,7 @@ class CoSimulation:
         learned = self.population.world
         ending = self._driver.near_end(learned.ids)
         leaving = ending | ~self._takeover.region.inside(learned.x, learned.y, HYSTERESIS)
+        leaving |= self.population.unsupported()
         if self._fast:
             leaving |= self._on_fast_lane(learned.ids)
         ending_ids = {learned.ids[row] for row in np.flatnonzero(ending)}
@@ -268,7 +301,7 @@ class CoSimulation:
         return np.array([lane.get(road_user, "") in self._fast for road_user in ids], np.bool_)
 
     def _take_over(self, users: WorldState, handed_back: tuple[str, ...]) -> tuple[str, ...]:
-        """Take over `users` in the region, and set `world`: the learned road users first, then all others."""
+        """Take over `users` in the region, and set `world`."""
         learned_before = self.population.ids
         taken: tuple[str, ...] = ()
         if self._takeover is not None and self._snapshot is not None:
@@ -276,7 +309,9 @@ class CoSimulation:
             skip = learned_before.union(handed_back, self._finished)
             wanted = drawn(users.ids, users.type, rule.shares, rule.seed)
             wanted &= rule.region.inside(users.x, users.y)
-            wanted &= np.array([road_user not in skip for road_user in users.ids], np.bool_)
+            # Ids of spawned road users are those of road users without a route.
+            own = SPAWNED_PREFIX
+            wanted &= np.array([i not in skip and not i.startswith(own) for i in users.ids], np.bool_)
             wanted &= users.length <= self._driver.max_length
             # SUMO sets the heading of a person with its first step: until then it may face the other way.
             wanted &= (users.type != RoadUserType.PEDESTRIAN) | (users.speed > WALKING)
@@ -290,9 +325,14 @@ class CoSimulation:
                 if self._yielding is not None:
                     self._yielding.release(taken)
                 self.population.take_over(users.take(rows), tuple(self._snapshot.sumo_type[row] for row in rows))
+                taken = tuple(i for i in taken if i in self.population.ids)
+        self._assemble(users)
+        return taken
+
+    def _assemble(self, users: WorldState) -> None:
+        """Set `world`: the learned road users first, then all other `users`."""
         others = np.array([i for i, user in enumerate(users.ids) if user not in self.population.ids], np.intp)
         self.world = self.population.world.join(users.take(others))
-        return taken
 
 
 def fast_lanes(network: Network, driver: Driver) -> frozenset[str]:

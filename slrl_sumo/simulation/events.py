@@ -90,6 +90,9 @@ class Decision:
     """Those handed back because they had left their route or the scene; SUMO put them on their route again."""
     interventions: int
     """How often a background vehicle began to brake for a learned road user."""
+    refused: tuple[tuple[str, str], ...] = ()
+    """Road users, mostly learned ones, that could not be moved, and the reason: from then on SUMO moves them; spawned
+    ones are removed."""
 
 
 Event = Started | Decision | Views

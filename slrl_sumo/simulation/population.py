@@ -1,13 +1,15 @@
 """The learned road users of a simulation: spawned ones, and ones that are taken over from the scenario."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState, empty_world
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
@@ -25,6 +27,7 @@ class Population:
         self.sumo_types: tuple[str, ...] = ()
         self.ids: frozenset[str] = frozenset()
         self._missed: set[str] = set()
+        self._dropped: set[str] = set()
         self._spawned_control, self._taken_over_control = spawned, taken_over
 
     @property
@@ -37,10 +40,12 @@ class Population:
     def spawn(self, kinds: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, speed: Floats, time: float) -> None:
         """Add road users: RoadUserType, centres (m), headings (rad), speeds (m/s), all (n,)."""
         n = len(kinds)
-        numbers = [int((kinds[:i] == kinds[i]).sum()) for i in range(n)]
+        present = self._spawned_control.loaded()
+        free = [_free_ids(name, present) for name in LEARNED_TYPES]
         users = WorldState(
             time=time,
-            ids=tuple(f"learned_{TYPE_NAMES[kind]}.{number}" for kind, number in zip(kinds, numbers, strict=True)),
+            # A user's script may have road users of these names.
+            ids=tuple(next(free[kind]) for kind in kinds.tolist()),
             type=kinds,
             x=x,
             y=y,
@@ -57,8 +62,18 @@ class Population:
 
     def take_over(self, users: WorldState, sumo_types: tuple[str, ...]) -> None:
         """Control road users of the scenario from now on; they start from the state that SUMO left them in."""
-        self._taken_over_control.take_over(users.ids, users.type == RoadUserType.PEDESTRIAN)
-        self._join(replace(users, learned=np.ones(len(users), np.bool_)), sumo_types, taken_over=True)
+        given = self._taken_over_control.take_over(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        rows = np.flatnonzero(given)
+        users = replace(users.take(rows), learned=np.ones(len(rows), np.bool_))
+        self._join(users, tuple(sumo_types[row] for row in rows), taken_over=True)
+
+    def unsupported(self) -> NDArray[np.bool_]:
+        """Which road users of the scenario must go back to SUMO, because they stop or do not walk any more, (n,)."""
+        must = np.zeros(len(self.world), np.bool_)
+        rows = np.flatnonzero(self.taken_over)
+        users = self.world.take(rows)
+        must[rows] = self._taken_over_control.unsupported(users.ids, users.type == RoadUserType.PEDESTRIAN)
+        return must
 
     def hand_back(self, leaving: NDArray[np.bool_], *, off_route: bool = False) -> tuple[str, ...]:
         """Hand road users `leaving` (n,) of the scenario back to SUMO. Returns the ids of those that SUMO could take.
@@ -79,9 +94,8 @@ class Population:
             if not len(rows):
                 continue
             u = users if len(rows) == len(users) else users.take(rows)
-            if control is self._taken_over_control and self._missed:
-                # Gone since the interval began.
-                u = u.take(np.array([i for i, user in enumerate(u.ids) if user not in self._missed], np.intp))
+            if self._dropped:
+                u = u.take(np.array([i for i, user in enumerate(u.ids) if user not in self._dropped], np.intp))
             if control is self._spawned_control:
                 self._spawned_control.move(u.ids, u.type, u.x, u.y, u.heading, u.speed, u.length)
             else:
@@ -92,26 +106,61 @@ class Population:
         """After a SUMO step: detect which `users` are not among SUMO's `present` ids; spawned ones are added again."""
         if present.issuperset(users.ids):
             return
-        missing = np.array([user not in present for user in users.ids], np.bool_)
-        missing &= ~(self.taken_over & np.array([user in self._missed for user in users.ids], np.bool_))
+        missing = np.array([user not in present and user not in self._dropped for user in users.ids], np.bool_)
         if not missing.any():
             return
         self._missed.update(users.ids[row] for row in np.flatnonzero(missing))
-        self._taken_over_control.forget(users.take(np.flatnonzero(missing & self.taken_over)).ids)
+        self.drop(users.take(np.flatnonzero(missing & self.taken_over)).ids)
         spawned = users.take(np.flatnonzero(missing & ~self.taken_over))
         self._spawned_control.remove(spawned.ids)
         self._spawned_control.add(spawned.ids, spawned.type, spawned.x, spawned.y)
 
-    def settle(self, users: WorldState) -> NDArray[np.bool_]:
-        """Set `users` as the new state, without taken-over road users that SUMO has removed.
+    def drop(self, ids: Iterable[str]) -> None:
+        """Move road users no more: those of the scenario are SUMO's again as they are, spawned ones are removed.
 
-        Returns which ones were missing since the last call, (n,) in the order before.
+        They are in `world` until `settle`.
+        """
+        dropped = self.ids.intersection(ids)
+        self._dropped |= dropped
+        self._taken_over_control.abandon(dropped)
+        self._spawned_control.remove(tuple(dropped))
+
+    def settle(self, users: WorldState) -> NDArray[np.bool_]:
+        """Set `users` as the new state, without dropped road users and without those that SUMO has removed.
+
+        Returns which ones SUMO had removed since the last call, (n,) in the order before; spawned ones are there again.
         """
         missed = np.array([user in self._missed for user in users.ids], np.bool_)
+        dropped = np.array([user in self._dropped for user in users.ids], np.bool_)
         self.world = users
         self._missed.clear()
-        self.keep(~(missed & self.taken_over))
+        self._dropped.clear()
+        self.keep(~dropped)
         return missed
+
+    def resume(self, present: WorldState) -> tuple[str, ...]:
+        """Continue after SUMO was stepped by others: from where the road users are in `present`, which is the world.
+
+        Those of the scenario that are not in it are dropped; their ids are returned. Spawned ones are added again.
+        """
+        places = {road_user: row for row, road_user in enumerate(present.ids)}
+        rows = np.array([places.get(road_user, -1) for road_user in self.world.ids], np.intp)
+        there, users = rows >= 0, self.world
+        if there.any():
+            now = present.take(np.maximum(rows, 0))
+            users = replace(
+                users,
+                x=np.where(there, now.x, users.x),
+                y=np.where(there, now.y, users.y),
+                heading=np.where(there, now.heading, users.heading),
+                speed=np.where(there, now.speed, users.speed),
+            )
+        zero = np.zeros(len(users))
+        users = replace(users, time=present.time, acceleration=zero, yaw_rate=zero)
+        before = self.ids
+        self.check(users, frozenset(present.ids))
+        self.settle(users)
+        return tuple(before - self.ids)
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         """Drop road users from the population (not from SUMO): those where `mask` (n,) is False."""
@@ -127,3 +176,8 @@ class Population:
         self.taken_over = np.concatenate([self.taken_over, np.full(len(users), taken_over)])
         self.sumo_types += sumo_types
         self.ids = frozenset(self.world.ids)
+
+
+def _free_ids(sumo_type: str, present: frozenset[str]) -> Iterator[str]:
+    """New ids of road users of a type: its name with numbers from 0 on."""
+    return (road_user for number in count() if (road_user := f"{sumo_type}.{number}") not in present)

@@ -63,7 +63,8 @@ def starting_points(network: Network) -> tuple[LanePoints, ...]:
     """
     points = []
     for kind in RoadUserType:
-        lanes, spacing, strip = legal_lanes(network, kind), float(POINT_SPACING[kind]), float(STRIP[kind])
+        lanes = [lane for lane in legal_lanes(network, kind) if lane.edge not in network.calibrated]
+        spacing, strip = float(POINT_SPACING[kind]), float(STRIP[kind])
         many = sum(lane.length * max(1, int(lane.width / strip)) for lane in lanes) / spacing
         points.append(LanePoints(lanes, spacing=spacing * max(1.0, many / MOST_POINTS), strip=strip))
     return tuple(points)

@@ -35,6 +35,8 @@ class Network:
     """The junctions that each traffic light controls, by its id."""
     without_width: tuple[str, ...] = ()
     """Lanes whose width in SUMO is not above 0 and up to WIDEST: they have LANE_WIDTH here."""
+    calibrated: frozenset[str] = frozenset()
+    """Edges with a calibrator, which may remove vehicles."""
 
     @cached_property
     def walks(self) -> LanePoints:
@@ -111,8 +113,15 @@ def read_network(api: SumoApi) -> Network:
         for junction in api.junction.getIDList()
         if not junction.startswith(":")
     }
+    calibrated = frozenset(api.calibrator.getEdgeID(calibrator) for calibrator in api.calibrator.getIDList())
     return Network(
-        tuple(lanes), tuple(junctions), _exits(api, lanes), positions, _signal_junctions(api), tuple(without_width)
+        tuple(lanes),
+        tuple(junctions),
+        _exits(api, lanes),
+        positions,
+        _signal_junctions(api),
+        tuple(without_width),
+        calibrated,
     )
 
 

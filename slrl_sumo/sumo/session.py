@@ -36,7 +36,7 @@ class SumoSession:
     - `notices`: the changes to the scenario, one line each.
 
     Raises InputError when SUMO refuses the scenario, with SUMO's reason; SumoError when SUMO fails later, in `step` or
-    in any call within the with block.
+    because it is closed within the with block.
     """
 
     def __init__(
@@ -90,11 +90,9 @@ class SumoSession:
     ) -> None:
         import libsumo
 
-        refused = isinstance(error, libsumo.TraCIException | libsumo.FatalTraCIError)
-        time = self.time if refused else 0.0
         self.close()
-        if refused:
-            raise SumoError(f"SUMO refused a call at {time:g} s: {' '.join(str(error).split())}") from error
+        if isinstance(error, libsumo.FatalTraCIError):
+            raise SumoError(f"SUMO has ended: {' '.join(str(error).split())}") from error
 
     @property
     def time(self) -> float:

@@ -9,6 +9,7 @@ Rules (measured with libsumo 1.28, see docs/architecture.md):
 - Bicycles are a vehicle type of class "passenger": SUMO then maps them to car lanes, and cars stop for them.
 - Persons move with keepRoute 7 (2 crashes); their walk is renewed when the edge under them changes.
 - Every road user is moved in every SUMO step: a vehicle beside its lane vanishes in the first step without a move.
+- No vehicle is moved to an edge with a calibrator: see `calibrators`.
 - With the sublane model, SUMO crashes later when a vehicle has left all lanes: see `sublanes`.
 """
 
@@ -20,9 +21,11 @@ from numpy.typing import NDArray
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.api import RoadUserDomain, SumoApi
+from slrl_sumo.sumo.calibrators import CALIBRATED, Calibrators
 from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
@@ -41,17 +44,21 @@ SHORT = 1.0
 
 
 class SpawnedControl:
-    """Adds, moves and removes learned road users."""
+    """Adds, moves and removes learned road users. `refusals`: those for which SUMO has refused a call."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
+        self.refusals = Refusals()
         self._api = api
+        self._added: set[str] = set()
         self._edge_of_person: dict[str, str] = {}
         self._staged: set[str] = set()
         self._routes: set[str] = set(api.route.getIDList())
+        self._calibrators = Calibrators(api, network)
         lanes = [lane for lane in network.lanes if not lane.internal]
         # In networks without lanes for cars (cycle paths), bicycles are of class "bicycle".
         self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
-        self._staging = _staging_points(lanes, self._vehicle_class)
+        free = _staging_points([lane for lane in lanes if lane.edge not in network.calibrated], self._vehicle_class)
+        self._staging = free if len(free) else _staging_points(lanes, self._vehicle_class)
         self._walks = network.walks
         if any(lane.length <= SHORT for lane in self._walks.lanes):
             self._walks = _staging_points(lanes, "pedestrian")
@@ -81,35 +88,12 @@ class SpawnedControl:
         for road_user, point in zip(
             _pick(ids, walking), self._walks.nearest_point(x[walking], y[walking]), strict=True
         ):
-            lane = self._walks.lanes[self._walks.lane[point]]
-            edge = lane.edge
-            self._api.person.add(
-                road_user, edge, float(self._walks.offset[point]), typeID=LEARNED_TYPES[RoadUserType.PEDESTRIAN]
-            )
-            self._api.person.appendWalkingStage(road_user, [edge], arrival_on(lane))
-            self._edge_of_person[road_user] = edge
-            self._staged.add(road_user)
+            with self.refusals.of(road_user):
+                self._add_person(road_user, int(point))
         points = self._staging.nearest_point(x[~walking], y[~walking])
         for road_user, kind, point in zip(_pick(ids, ~walking), kinds[~walking].tolist(), points, strict=True):
-            lane = self._staging.lanes[self._staging.lane[point]]
-            route = f"{SPAWNED_PREFIX}{lane.edge}"
-            if route not in self._routes:
-                self._api.route.add(route, [lane.edge])
-                self._routes.add(route)
-            self._api.vehicle.add(road_user, route, typeID=LEARNED_TYPES[kind])
-            self._api.vehicle.setSpeedMode(road_user, 0)
-            self._api.vehicle.setLaneChangeMode(road_user, 0)
-            self._api.vehicle.moveToXY(
-                road_user,
-                lane.edge,
-                int(lane.id.rsplit("_", 1)[1]),
-                float(self._staging.x[point]),
-                float(self._staging.y[point]),
-                float(heading_to_sumo(self._staging.heading[point])),
-                KEEP_ROUTE_STAGING,
-                MATCH_THRESHOLD,
-            )
-            self._staged.add(road_user)
+            with self.refusals.of(road_user):
+                self._add_vehicle(road_user, LEARNED_TYPES[kind], int(point))
 
     def move(
         self,
@@ -125,48 +109,93 @@ class SpawnedControl:
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
         walking = kinds == RoadUserType.PEDESTRIAN
-        self._sublanes.clear(_pick(ids, ~walking))
         lanes_under = iter(self._walks.lanes_under(x[walking], y[walking]).tolist())
+        forbidden = self._calibrators.near(x, y).tolist()
         vehicle, person = self._api.vehicle, self._api.person
         for i, road_user in enumerate(ids):
-            if walking[i]:
-                lane = next(lanes_under)
-                # SUMO ignores a change of the walk before the person has departed.
-                if road_user not in self._staged:
-                    self._renew_walk(road_user, lane)
-                self._staged.discard(road_user)
-                person.moveToXY(
-                    road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
-                )
-            elif road_user in self._staged:
-                self._staged.discard(road_user)
-            else:
+            lane = next(lanes_under) if walking[i] else -1
+            with self.refusals.of(road_user):
+                if walking[i]:
+                    # SUMO ignores a change of the walk before the person has departed.
+                    if road_user not in self._staged:
+                        self._renew_walk(road_user, lane)
+                    person.moveToXY(
+                        road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
+                    )
+                    continue
+                self._sublanes.clear(road_user)
+                if road_user in self._staged:
+                    continue
+                if forbidden[i]:
+                    self.refusals.add(road_user, CALIBRATED)
+                    continue
                 vehicle.moveToXY(
                     road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
                 )
                 vehicle.setSpeed(road_user, speeds[i])
+        self._staged.difference_update(ids)
+
+    def loaded(self) -> frozenset[str]:
+        """Ids that are in use in the simulation."""
+        return loaded_ids(self._api)
 
     def remove(self, ids: tuple[str, ...]) -> None:
-        """Remove those of the road users that are still in the simulation."""
+        """Remove those of the road users that were added here and are still in the simulation."""
+        # SUMO lists a staged one, which departs in the next step, in neither.
         vehicles, persons = set(self._api.vehicle.getIDList()), set(self._api.person.getIDList())
-        self._sublanes.clear([road_user for road_user in ids if road_user in vehicles])
-        self._sublanes.forget(ids)
-        for road_user in ids:
-            for domain, present in ((self._api.vehicle, vehicles), (self._api.person, persons)):
-                if road_user in present:
-                    # SUMO's next step would fail on subscriptions of a user's script to removed road users.
-                    if domain.getSubscriptionResults(road_user):
-                        domain.unsubscribe(road_user)
-                    domain.remove(road_user)
+        for road_user in self._added.intersection(ids):
+            with self.refusals.of(road_user):
+                if road_user in self._edge_of_person:
+                    if road_user in persons or road_user in self._staged:
+                        _remove(self._api.person, road_user)
+                elif road_user in vehicles or road_user in self._staged:
+                    self._sublanes.clear(road_user)
+                    _remove(self._api.vehicle, road_user)
             self._edge_of_person.pop(road_user, None)
-            self._staged.discard(road_user)
+        self._added.difference_update(ids)
+        self._staged.difference_update(ids)
+        self._sublanes.forget(ids)
+
+    def _add_person(self, road_user: str, point: int) -> None:
+        lane = self._walks.lanes[self._walks.lane[point]]
+        edge = lane.edge
+        self._api.person.add(
+            road_user, edge, float(self._walks.offset[point]), typeID=LEARNED_TYPES[RoadUserType.PEDESTRIAN]
+        )
+        self._added.add(road_user)
+        self._edge_of_person[road_user] = edge
+        self._api.person.appendWalkingStage(road_user, [edge], arrival_on(lane))
+        self._staged.add(road_user)
+
+    def _add_vehicle(self, road_user: str, sumo_type: str, point: int) -> None:
+        """Stage a vehicle at a point of the carriageway."""
+        lane = self._staging.lanes[self._staging.lane[point]]
+        route = f"{SPAWNED_PREFIX}{lane.edge}"
+        if route not in self._routes:
+            self._api.route.add(route, [lane.edge])
+            self._routes.add(route)
+        self._api.vehicle.add(road_user, route, typeID=sumo_type)
+        self._added.add(road_user)
+        self._api.vehicle.setSpeedMode(road_user, 0)
+        self._api.vehicle.setLaneChangeMode(road_user, 0)
+        self._api.vehicle.moveToXY(
+            road_user,
+            lane.edge,
+            int(lane.id.rsplit("_", 1)[1]),
+            float(self._staging.x[point]),
+            float(self._staging.y[point]),
+            float(heading_to_sumo(self._staging.heading[point])),
+            KEEP_ROUTE_STAGING,
+            MATCH_THRESHOLD,
+        )
+        self._staged.add(road_user)
 
     def _renew_walk(self, road_user: str, lane: int) -> None:
         """Let a person walk on the edge under it; `lane` -1 (no edge under it) keeps the last one."""
         if lane < 0:
             return
         edge = self._walks.lanes[lane].edge
-        if edge != self._edge_of_person[road_user]:
+        if edge != self._edge_of_person.get(road_user):
             self._api.person.appendWalkingStage(road_user, [edge], arrival_on(self._walks.lanes[lane]))
             self._api.person.removeStage(road_user, 0)
             self._edge_of_person[road_user] = edge
@@ -201,6 +230,13 @@ def bare_moves(api: SumoApi, learned: WorldState) -> Callable[[], None]:
             person.moveToXY(user, "", front_x, front_y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
 
     return move
+
+
+def _remove(domain: RoadUserDomain, road_user: str) -> None:
+    # SUMO's next step would fail on subscriptions of a user's script to removed road users.
+    if domain.getSubscriptionResults(road_user):
+        domain.unsubscribe(road_user)
+    domain.remove(road_user)
 
 
 def _pick(ids: tuple[str, ...], mask: NDArray[np.bool_]) -> list[str]:

@@ -8,7 +8,7 @@ on the same lane. Other vehicles then still find it there, and the look-up of it
 `vehicle.moveTo` puts a vehicle onto a lane at once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
@@ -30,26 +30,25 @@ class Sublanes:
         for lane in network.lanes if self._on else ():
             self._lanes.setdefault(lane.edge, []).append(lane)
 
-    def clear(self, vehicles: Sequence[str]) -> None:
-        """To be called with all moved vehicles before they are moved, in every SUMO step."""
+    def clear(self, road_user: str) -> None:
+        """To be called for each moved vehicle before it is moved, in every SUMO step."""
         if not self._on:
             return
         vehicle = self._api.vehicle
-        for road_user in vehicles:
-            lane = vehicle.getLaneID(road_user)
-            before = self._places.get(road_user)
-            if lane:
-                self._places[road_user] = (lane, vehicle.getLanePosition(road_user))
-                position = self._places[road_user][1]
-                if before is not None and before[0] == lane and before[1] < self._length(road_user) <= position:
-                    self._put(road_user, lane.rsplit("_", 1)[0], position, lane)
-            elif before is not None:
-                del self._places[road_user]
-                # Onto a lane of its route for the coming step, after which it is off all lanes without a registration.
-                edge = vehicle.getRoute(road_user)[max(vehicle.getRouteIndex(road_user), 0)]
-                self._put(road_user, edge, max(before[1], self._length(road_user) + ROOM), "")
+        lane = vehicle.getLaneID(road_user)
+        before = self._places.get(road_user)
+        if lane:
+            self._places[road_user] = (lane, vehicle.getLanePosition(road_user))
+            position = self._places[road_user][1]
+            if before is not None and before[0] == lane and before[1] < self._length(road_user) <= position:
+                self._put(road_user, lane.rsplit("_", 1)[0], position, lane)
+        elif before is not None:
+            del self._places[road_user]
+            # Onto a lane of its route for the coming step, after which it is off all lanes without a registration.
+            edge = vehicle.getRoute(road_user)[max(vehicle.getRouteIndex(road_user), 0)]
+            self._put(road_user, edge, max(before[1], self._length(road_user) + ROOM), "")
 
-    def forget(self, vehicles: Sequence[str]) -> None:
+    def forget(self, vehicles: Iterable[str]) -> None:
         """Drop the memory of vehicles that are no longer moved."""
         for road_user in vehicles:
             self._places.pop(road_user, None)

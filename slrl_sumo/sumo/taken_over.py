@@ -5,11 +5,16 @@ Rules (measured with libsumo 1.28, see docs/explanation/sumo.md):
 - Vehicles move with keepRoute 3, so that their route survives, with speed mode and lane change mode 0. Both are
   restored on hand-back (otherwise SUMO ignores all obstacles), and `setSpeed(-1)` lets SUMO choose the speed again.
 - A vehicle that is moved past a stop loses it silently: vehicles with stops ahead are left to SUMO.
+- Vehicles with stops ahead, also with ones that a script or a taxi dispatch adds later, are handed back, and so are
+  persons that begin another stage: SUMO refuses to move a person that rides or is in an <access> stage.
+- Vehicles with a calibrator on their next edge are handed back, see `calibrators`.
+- A person on the way to a stop that it reaches by <access> is left to SUMO: if its walk is changed, SUMO begins the
+  access at once, wherever it is.
 - A walk over many edges ends in "Disconnected walk" or a crash when the person is moved. While a person is taken over,
   its walk is the one edge under it; on hand-back it gets the rest of its walk, and keeps its later stages.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +22,9 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.calibrators import CALIBRATED, Calibrators
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import WALKING, loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
@@ -40,6 +47,16 @@ MATCH_THRESHOLD_PERSON = 0.1
 """m; with 5 m SUMO moves persons beside their edge by up to 5 m towards it."""
 
 
+@dataclass(frozen=True)
+class _Modes:
+    """The modes of a vehicle before the takeover, and the lane change mode that it has meanwhile."""
+
+    speed: int
+    lane_change: int
+    lane_change_meanwhile: int
+    """SUMO keeps bits of the mode that was set before."""
+
+
 @dataclass
 class _Walk:
     """The original walk of a person, and the one edge that it walks on while it is taken over."""
@@ -52,17 +69,23 @@ class _Walk:
 
 
 class TakenOverControl:
-    """Takes road users of the scenario over, moves them, and hands them back to SUMO."""
+    """Takes road users of the scenario over, moves them, and hands them back to SUMO.
+
+    `refusals`: those for which SUMO has refused a call. They remain taken over until `abandon`.
+    """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
+        self.refusals = Refusals()
         self._api = api
-        self._modes: dict[str, tuple[int, int]] = {}
+        self._modes: dict[str, _Modes] = {}
         self._walks: dict[str, _Walk] = {}
         self._lengths: dict[str, float] = {}
         for lane in network.lanes:
             if not lane.internal and "pedestrian" in lane.allowed:
                 self._lengths.setdefault(lane.edge, lane.length)
         self._network = network
+        self._calibrators = Calibrators(api, network)
+        self._edge_of_stop = {stop: api.busstop.getLaneID(stop).rpartition("_")[0] for stop in api.busstop.getIDList()}
         self._sublanes = Sublanes(api, network)
 
     @property
@@ -75,27 +98,17 @@ class TakenOverControl:
 
         Eligible are walking persons, and vehicles on a lane without stops ahead that are no trains, ships or aircraft.
         """
-        return np.array(
-            [
-                self._person_eligible(road_user) if walks else self._vehicle_eligible(road_user)
-                for road_user, walks in zip(ids, person.tolist(), strict=True)
-            ],
-            np.bool_,
-        )
+        return self._each(ids, person, self._vehicle_eligible, self._person_eligible)
 
-    def take_over(self, ids: Sequence[str], person: NDArray[np.bool_]) -> None:
-        """Take over n eligible road users; they must be moved in every SUMO step from now on."""
-        for road_user, walks in zip(ids, person.tolist(), strict=True):
-            if walks:
-                stage = self._api.person.getStage(road_user, 0)
-                # getEdges begins with the present edge, the stage with the first one.
-                edges = tuple(self._api.person.getEdges(road_user, 0)) or tuple(stage.edges)
-                self._walks[road_user] = _Walk(edges, stage.arrivalPos, stage.destStop, None)
-            else:
-                vehicle = self._api.vehicle
-                self._modes[road_user] = (vehicle.getSpeedMode(road_user), vehicle.getLaneChangeMode(road_user))
-                vehicle.setSpeedMode(road_user, 0)
-                vehicle.setLaneChangeMode(road_user, 0)
+    def unsupported(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of n taken-over road users must be handed back, (n,): vehicles with stops or a calibrator
+        ahead, and persons that do not walk any more."""
+        return self._each(ids, person, self._is_interrupted, self._does_not_walk)
+
+    def take_over(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Take over n eligible road users; they must be moved in every SUMO step from now on. Returns which ones SUMO
+        has given, (n,)."""
+        return self._each(ids, person, self._take_over_vehicle, self._take_over_person)
 
     def move(
         self,
@@ -110,20 +123,24 @@ class TakenOverControl:
         """Set the state of n road users after the next SUMO step: centres (m), headings (rad), speeds (m/s), (n,)."""
         front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
-        self._sublanes.clear([i for i, walks in zip(ids, person.tolist(), strict=True) if not walks])
         lanes_under = iter(self._network.walks.lanes_under(x[person], y[person]).tolist())
         vehicle, persons = self._api.vehicle, self._api.person
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
-            if walks:
-                self._shorten_walk(road_user, next(lanes_under))
-                persons.moveToXY(
-                    road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
-                )
-            else:
-                vehicle.moveToXY(
-                    road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
-                )
-                vehicle.setSpeed(road_user, speeds[i])
+            lane = next(lanes_under) if walks else -1
+            with self.refusals.of(road_user):
+                if walks:
+                    self._shorten_walk(road_user, lane)
+                    persons.moveToXY(
+                        road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
+                    )
+                elif self._calibrators.next_for(road_user, inside_junctions=True):
+                    self.refusals.add(road_user, CALIBRATED)
+                else:
+                    self._sublanes.clear(road_user)
+                    vehicle.moveToXY(
+                        road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
+                    )
+                    vehicle.setSpeed(road_user, speeds[i])
 
     def hand_back(self, ids: Sequence[str], person: NDArray[np.bool_], *, off_route: bool = False) -> NDArray[np.bool_]:
         """Hand n road users back to SUMO, (n,): False where one remains taken over and must be moved on.
@@ -131,18 +148,27 @@ class TakenOverControl:
         That is a vehicle that SUMO has on no lane or inside a junction, and a person off all edges, as on a crossing.
         `off_route`: vehicles on no lane are put on the nearest place of their route, however far that is.
         """
-        back = [
-            self._hand_back_person(road_user, off_route) if walks else self._hand_back_vehicle(road_user, off_route)
-            for road_user, walks in zip(ids, person.tolist(), strict=True)
-        ]
-        return np.array(back, np.bool_)
+        return self._each(
+            ids,
+            person,
+            lambda road_user: self._hand_back_vehicle(road_user, off_route),
+            lambda road_user: self._hand_back_person(road_user, off_route),
+        )
 
-    def forget(self, ids: Sequence[str]) -> None:
-        """Drop road users that are no longer in the simulation."""
-        self._sublanes.forget(ids)
-        for road_user in ids:
+    def abandon(self, ids: Iterable[str]) -> None:
+        """Give road users up where they are, as far as SUMO allows: those that are gone, that teleport, or for which it
+        has refused a call."""
+        present = loaded_ids(self._api)
+        for road_user in self.ids.intersection(ids):
+            if road_user in present:
+                with self.refusals.of(road_user):
+                    if road_user in self._modes:
+                        self._restore_modes(road_user)
+                    elif not self._does_not_walk(road_user) and (edges := self._rest_of(self._walks[road_user])):
+                        self._restore_walk(road_user, edges)
             self._modes.pop(road_user, None)
             self._walks.pop(road_user, None)
+        self._sublanes.forget(ids)
 
     def release(self) -> tuple[str, ...]:
         """Hand all road users back at once, if possible; returns the ids of the others.
@@ -150,27 +176,66 @@ class TakenOverControl:
         Persons go to the right side of their edge, also from a crossing or from beside it. Vehicles on no lane are put
         on the nearest place of their route, however far that is: beside it SUMO would lose them.
         """
-        present = loaded_ids(self._api)
-        self.forget([road_user for road_user in self.ids if road_user not in present])
+        self.abandon(self.ids - loaded_ids(self._api))
         held = sorted(self.ids)
         persons = np.array([road_user in self._walks for road_user in held], np.bool_)
         back = self.hand_back(held, persons, off_route=True)
         return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
 
+    def _each(
+        self,
+        ids: Sequence[str],
+        person: NDArray[np.bool_],
+        of_vehicle: Callable[[str], bool],
+        of_person: Callable[[str], bool],
+    ) -> NDArray[np.bool_]:
+        """What the functions say about n road users, (n,); False where SUMO refuses a call."""
+        said = np.zeros(len(ids), np.bool_)
+        for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
+            with self.refusals.of(road_user):
+                said[i] = of_person(road_user) if walks else of_vehicle(road_user)
+        return said
+
+    def _is_interrupted(self, road_user: str) -> bool:
+        vehicle = self._api.vehicle
+        # Bits 1 and 8 and up of the stop state: at a stop, parked, or waiting for passengers.
+        if vehicle.getStops(road_user, 1) or vehicle.getStopState(road_user) != 0:
+            return True
+        return self._calibrators.next_for(road_user)
+
+    def _does_not_walk(self, road_user: str) -> bool:
+        return self._api.person.getStage(road_user, 0).type != WALKING
+
     def _vehicle_eligible(self, road_user: str) -> bool:
         vehicle = self._api.vehicle
-        if vehicle.getLaneID(road_user) == "" or vehicle.getStops(road_user, 1):
+        if vehicle.getLaneID(road_user) == "" or self._is_interrupted(road_user):
             return False
-        # Bits 1 and 8 and up of the stop state: at a stop, parked, or waiting for passengers.
-        return vehicle.getStopState(road_user) == 0 and vehicle.getVehicleClass(road_user) not in LEFT_TO_SUMO
+        return vehicle.getVehicleClass(road_user) not in LEFT_TO_SUMO
 
     def _person_eligible(self, road_user: str) -> bool:
         person = self._api.person
-        return (
-            person.getVehicle(road_user) == ""
-            and person.getRoadID(road_user) != ""
-            and person.getStage(road_user, 0).type == WALKING
-        )
+        if person.getVehicle(road_user) != "" or person.getRoadID(road_user) == "":
+            return False
+        stage = person.getStage(road_user, 0)
+        if stage.type != WALKING:
+            return False
+        # With <access>, SUMO ends the walk to a stop on another edge than that of the stop.
+        return not stage.edges or self._edge_of_stop.get(stage.destStop, stage.edges[-1]) == stage.edges[-1]
+
+    def _take_over_vehicle(self, road_user: str) -> bool:
+        vehicle = self._api.vehicle
+        speed, lane_change = vehicle.getSpeedMode(road_user), vehicle.getLaneChangeMode(road_user)
+        vehicle.setSpeedMode(road_user, 0)
+        vehicle.setLaneChangeMode(road_user, 0)
+        self._modes[road_user] = _Modes(speed, lane_change, vehicle.getLaneChangeMode(road_user))
+        return True
+
+    def _take_over_person(self, road_user: str) -> bool:
+        stage = self._api.person.getStage(road_user, 0)
+        # getEdges begins with the present edge, the stage with the first one.
+        edges = tuple(self._api.person.getEdges(road_user, 0)) or tuple(stage.edges)
+        self._walks[road_user] = _Walk(edges, stage.arrivalPos, stage.destStop, None)
+        return True
 
     def _shorten_walk(self, road_user: str, lane: int) -> None:
         """Let a person walk on the edge under it only; `lane` -1 (no edge under it) keeps the last one."""
@@ -195,18 +260,25 @@ class TakenOverControl:
             x, y = vehicle.getPosition(road_user)
             angle = vehicle.getAngle(road_user)
             vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
-        self._sublanes.clear((road_user,))
+        self._sublanes.clear(road_user)
         self._sublanes.forget((road_user,))
-        speed_mode, lane_change_mode = self._modes.pop(road_user)
-        vehicle.setSpeed(road_user, -1.0)
-        vehicle.setSpeedMode(road_user, speed_mode)
-        vehicle.setLaneChangeMode(road_user, lane_change_mode)
+        self._restore_modes(road_user)
+        del self._modes[road_user]
         return True
+
+    def _restore_modes(self, road_user: str) -> None:
+        """Let SUMO choose the speed again, with the modes from before; a mode that a script has set meanwhile stays."""
+        vehicle, modes = self._api.vehicle, self._modes[road_user]
+        vehicle.setSpeed(road_user, -1.0)
+        if vehicle.getSpeedMode(road_user) == 0:
+            vehicle.setSpeedMode(road_user, modes.speed)
+        if vehicle.getLaneChangeMode(road_user) == modes.lane_change_meanwhile:
+            vehicle.setLaneChangeMode(road_user, modes.lane_change)
 
     def _hand_back_person(self, road_user: str, off_route: bool) -> bool:
         walk = self._walks[road_user]
-        if walk.current_edge is None:
-            # Taken over but never moved: its walk is unchanged.
+        if walk.current_edge is None or self._does_not_walk(road_user):
+            # Never moved: its walk is unchanged. Or SUMO or a script has begun another stage.
             del self._walks[road_user]
             return True
         x, y = self._api.person.getPosition(road_user)
@@ -217,16 +289,22 @@ class TakenOverControl:
         edges = self._rest_of(walk)
         if not edges:
             return False
-        arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
-        self._set_walk(road_user, edges, arrival, walk.stop)
-        if not off_route:
+        self._restore_walk(road_user, edges)
+        if not off_route and not self._does_not_walk(road_user):
             # A new walk begins at the right side of the lane; this move keeps the person where it is. Not on release:
             # beside its edge a person would stand for ever, and if the simulation is closed with a move of a person
-            # pending, libsumo crashes in the next simulation of the process.
+            # pending, libsumo crashes in the next simulation of the process. A walk that is at its end is over at once:
+            # the person may ride or be in an <access> stage already.
             angle = self._api.person.getAngle(road_user)
             self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON)
         del self._walks[road_user]
         return True
+
+    def _restore_walk(self, road_user: str, edges: tuple[str, ...]) -> None:
+        """Let a person walk along `edges` to its own destination."""
+        walk = self._walks[road_user]
+        arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
+        self._set_walk(road_user, edges, arrival, walk.stop)
 
     def _is_on(self, edge: str, x: float, y: float) -> bool:
         """Whether a position is on an edge, and not beside it or on a crossing that SUMO assigns to the edge."""
@@ -235,7 +313,8 @@ class TakenOverControl:
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
         """The edges from a person's present one to its destination; () where there is no route."""
-        assert walk.current_edge is not None
+        if walk.current_edge is None:
+            return ()
         if walk.current_edge in walk.edges:
             return walk.edges[walk.edges.index(walk.current_edge) :]
         stages = self._api.simulation.findIntermodalRoute(walk.current_edge, walk.edges[-1], "")

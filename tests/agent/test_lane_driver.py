@@ -71,7 +71,7 @@ class Ride:
             self.arrived[road_user] = self.road.get(road_user, "")
         present = {*libsumo.vehicle.getIDList(), *libsumo.person.getIDList()}
         gone = [r for r in f.ids if r not in present]
-        self.loans.forget(gone)
+        self.loans.abandon(gone)
         rows = np.flatnonzero(self.driver.near_end(f.ids) & np.array([r in present for r in f.ids], np.bool_))
         done = rows[self.loans.hand_back([f.ids[i] for i in rows], walking[rows])]
         self.back |= {f.ids[i] for i in done} | set(gone)

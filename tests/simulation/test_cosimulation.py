@@ -23,6 +23,7 @@ from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -200,6 +201,7 @@ class _Straight:
 
     max_speed = np.full(3, 10.0)
     max_length = np.inf
+    refusals = Refusals()
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
         ahead, learned = 10.0 * DECISION_INTERVAL, world.take(np.arange(n))

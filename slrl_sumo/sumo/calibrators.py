@@ -1,0 +1,42 @@
+"""Edges that vehicles must not be moved to: those with a calibrator, which may remove vehicles.
+
+libsumo 1.28 crashes when a calibrator removes a vehicle that has come onto its edge by `moveToXY` (a town of 9
+junctions with one calibrator: 6 of 6 runs); not where SUMO itself has driven the vehicle onto it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.network import Network
+
+CALIBRATED = "it comes to an edge with a calibrator, which may remove vehicles"
+REACH = 10.0
+"""m from the middle of a lane within which `moveToXY` may assign a vehicle to it: its threshold and half a lane."""
+
+
+class Calibrators:
+    """The edges of a network that have calibrators; without effect where there are none."""
+
+    def __init__(self, api: SumoApi, network: Network) -> None:
+        self._api, self._edges = api, network.calibrated
+        self._points = LanePoints([lane for lane in network.lanes if lane.edge in self._edges], spacing=2.0)
+
+    def near(self, x: Floats, y: Floats) -> NDArray[np.bool_]:
+        """Which positions (m, (n,)) SUMO may assign to such an edge, (n,)."""
+        if not self._edges:
+            return np.zeros(len(x), np.bool_)
+        point = self._points.nearest(x, y)[:, 0]
+        return np.asarray(np.hypot(self._points.x[point] - x, self._points.y[point] - y) < REACH)
+
+    def next_for(self, vehicle: str, *, inside_junctions: bool = False) -> bool:
+        """Whether a vehicle is on such an edge, or comes to one next; `inside_junctions`: and is not on the edge before
+        it any more."""
+        if not self._edges:
+            return False
+        route, index = self._api.vehicle.getRoute(vehicle), max(self._api.vehicle.getRouteIndex(vehicle), 0)
+        if inside_junctions and not self._api.vehicle.getRoadID(vehicle).startswith(":"):
+            return route[index] in self._edges
+        return not self._edges.isdisjoint(route[index : index + 2])
