@@ -19,7 +19,7 @@ import numpy as np
 
 from slrl_sumo.formats.fcd.columns import SUFFIXES, Places
 from slrl_sumo.formats.fcd.read import read_fcd
-from slrl_sumo.formats.fcd.write import FcdWriter
+from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -33,7 +33,7 @@ def write(file: str, steps: int, users: int) -> None:
     places = Places(tuple(f"type_{k}" for k in kind), ("edge_0",) * users, none, person)
     ids = tuple(f"road_user.{number}" for number in range(users))
     x, y, heading = rng.uniform(0.0, 1000.0, (3, users))
-    with FcdWriter(file) as writer:
+    with open_fcd(file) as writer:
         for step in range(steps):
             heading = np.mod(heading, 2.0 * np.pi) - np.pi
             world = WorldState(

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from slrl_sumo.models.bundle import SHIPPED, load_bundle, shipped_bundles
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.bundle_folder import SHIPPED, shipped_bundles
 
 ROOT = Path(__file__).parent.parent
 

@@ -6,10 +6,15 @@ from pathlib import Path
 
 from slrl_sumo.api.summary import RunSummary
 from slrl_sumo.errors import DefectError, InputError, SlrlError
-from slrl_sumo.formats.output_files import check_writable
+from slrl_sumo.formats.output_files import Output, claimed
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.models.bundle_folder import find_bundle
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.sumo.scenario.options import named_files
+
+REPORT_FILES = ("*.html", "*.png")
+"""What a report writes into its folder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,11 @@ class RunResult:
         Raises InputError where the run kept no trajectories, and where the folder cannot be written.
         """
         folder = Path(folder)
-        check_writable(folder, folder=True)
+        with claimed([Output("folder", folder, REPORT_FILES)], self._inputs()):
+            return self.write_report(folder, recording)
+
+    def write_report(self, folder: Path, recording: Trajectories | None = None) -> Path:
+        """As `report`, into a folder that is claimed already."""
         from slrl_sumo.report.report import write_report  # matplotlib takes its time
 
         write_report(self._kept(), folder, self.summary.to_dict(), recording)
@@ -62,13 +71,13 @@ class RunResult:
         Raises InputError where the run wrote no trace and kept no trajectories, and where the page cannot be written.
         """
         file = Path(file)
-        check_writable(file)
-        from slrl_sumo.replay.page import write_replay, write_trajectories_replay
+        with claimed([Output("file", file)], self._inputs()):
+            from slrl_sumo.replay.page import write_replay, write_trajectories_replay
 
-        if self.fcd is not None and self.fcd.is_file():
-            write_replay(self.fcd, self.settings.where, file)
-        else:
-            write_trajectories_replay(self.trajectories, self.settings.where, file, title=self.summary.scenario)
+            if self.fcd is not None and self.fcd.is_file():
+                write_replay(self.fcd, self.settings.where, file)
+            else:
+                write_trajectories_replay(self.trajectories, self.settings.where, file, title=self.summary.scenario)
         return file
 
     def raise_failures(self) -> None:
@@ -79,6 +88,11 @@ class RunResult:
             raise DefectError(message, defects[0].details) if defects else type(self.failures[0])(message)
         if self.interrupted_by:
             raise KeyboardInterrupt(self.interrupted_by)
+
+    def _inputs(self) -> list[Path]:
+        """Files that no page may replace."""
+        trace = [] if self.fcd is None else [self.fcd]
+        return [*named_files(self.settings.found()), find_bundle(self.settings.bundle), *trace]
 
     def _kept(self) -> RunRecord:
         if self.record is None:

@@ -1,6 +1,7 @@
 """A run in a process of its own, with the outputs that it writes: trace, summary, report."""
 
 import resource
+import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -9,18 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slrl_sumo.api.result import RunResult
+from slrl_sumo.api.result import REPORT_FILES, RunResult
 from slrl_sumo.api.summary import RunSummary
-from slrl_sumo.errors import DefectError, InputError, SlrlError
+from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.write import open_fcd
-from slrl_sumo.formats.output_files import check_writable, write_json
+from slrl_sumo.formats.output_files import Output, claimed, write_json
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.counters import RunCounters
+from slrl_sumo.models.bundle_folder import find_bundle
 from slrl_sumo.report.recorder import RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Started
@@ -28,6 +30,8 @@ from slrl_sumo.simulation.isolated_run import run_isolated
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario.command import sumo_step_length
+from slrl_sumo.sumo.scenario.options import named_files
 
 if TYPE_CHECKING:
     from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
@@ -130,80 +134,98 @@ def write_run(
     the result holds what trajectories, report and replay are made from. Unless `quiet`, a progress bar and notices go
     to stderr.
 
-    Outputs are checked before SUMO starts, and none is touched before all road users are at their starting places. An
-    interrupt (SIGINT, SIGTERM), a full disk, the death of SUMO or a defect ends the run after a whole step; the outputs
-    that can still be written are, and the result lists the failures. A second interrupt does not wait for the end of a
-    step.
-    Raises InputError where the settings are wrong, and KeyboardInterrupt with the number of the signal where one came
+    Outputs are claimed before SUMO starts (see `claimed`), and none is touched before all road users are at their
+    starting places. An interrupt (SIGINT, SIGTERM, SIGHUP), a full disk, the death of SUMO or a defect ends the run
+    after a whole step; the outputs that can still be written are, the summary says what ended the run, and the result
+    lists the failures. A second interrupt does not wait for the end of a step. Raises InputError where the settings are
+    wrong, SumoError where SUMO dies while it loads, and KeyboardInterrupt with the number of the signal where one came
     before the start.
     """
     if fcd is not None:
         check_fcd_path(fcd)
-    for path in (fcd, summary, report):
-        if path is not None:
-            check_writable(path, folder=path is report)
     if recording is not None and report is None:
         raise InputError("the report compares with it; add `report=DIR`", argument="recording", value=str(recording))
+    outputs = [
+        *([Output("fcd", fcd)] if fcd is not None else ()),
+        *([Output("summary", summary)] if summary is not None else ()),
+        *([Output("report", report, REPORT_FILES)] if report is not None else ()),
+    ]
+    # What needs no SUMO is checked here: the process that has it takes seconds to start.
+    scenario = settings.found()
+    sumo_step_length(scenario, settings.step_length)
+    inputs = [*named_files(scenario), find_bundle(settings.bundle), *([recording] if recording is not None else ())]
     reference = None if recording is None else _loaded(recording)
     keep = keep or report is not None
     failures: list[SlrlError] = []
-    with ExitStack() as stack:
-        caught = stack.enter_context(interruptible(tolerated=1))
-        bar = stack.enter_context(progress_bar("{task.fields[factor]:.1f}x real time", quiet=quiet))
-        views_at = VIEWS_AT if keep else frozenset[int]()
-        events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
-        try:
-            started = next(events)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(*caught[:1]) from None
-        assert isinstance(started, Started)
-        begin = time.perf_counter()
-        task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
-        notices = (*started.notices, *((started.compiling,) if started.compiling else ()))
-        for notice in () if quiet else notices:
-            with suppress(OSError):  # stderr may be closed: that is no reason to stop
-                print(f"note: {notice}", file=sys.stderr)
-        counters = RunCounters(started.step.world)
-        recorder = RunRecorder(started) if keep else None
-        writer = open_fcd(fcd) if fcd is not None else None
-        if writer is not None:
-            stack.enter_context(writer)
-        with _collected(failures), suppress(KeyboardInterrupt):
+    with ExitStack() as held:
+        held.enter_context(claimed(outputs, inputs))
+        caught = held.enter_context(interruptible(tolerated=1))
+        with ExitStack() as stack:
+            bar = stack.enter_context(progress_bar("{task.fields[factor]:.1f}x real time", quiet=quiet))
+            views_at = VIEWS_AT if keep else frozenset[int]()
+            events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
+            try:
+                with interruptible():  # nothing is lost yet
+                    started = next(events)
+            except SumoError as error:
+                raise SumoError(f"{error}; no output was written") from None
+            assert isinstance(started, Started)
+            begin = time.perf_counter()
+            task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
+            notices = (*started.notices, *((started.compiling,) if started.compiling else ()))
+            for notice in () if quiet else notices:
+                with suppress(OSError):  # stderr may be closed: that is no reason to stop
+                    print(f"note: {notice}", file=sys.stderr)
+            counters = RunCounters(started.step.world)
+            recorder = RunRecorder(started) if keep else None
+            end = started.step.time
+            writer = open_fcd(fcd) if fcd is not None else None
             if writer is not None:
-                writer.write(started.step.time, started.step.world, started.step.places)
-            for event in events:
-                if isinstance(event, Decision):
-                    if writer is not None:
-                        for step in event.steps:
-                            writer.write(step.time, step.world, step.places, event.modes)
-                    counters.add(event)
-                    elapsed = time.perf_counter() - begin
-                    bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
-                if recorder is not None:
-                    recorder.add(event)
-                if caught:
-                    break
-        if started.decisions is None and counters.decisions == MOST_DECISIONS:
-            reached = (
-                f"ended after {MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h: the scenario has no end and still has "
-                "road users; --until sets a later end"
-            )
-            started = replace(started, notices=(*started.notices, reached))
-            if not quiet:
-                print(f"note: {reached}", file=sys.stderr)
-        wall = time.perf_counter() - begin
-        with _collected(failures):
-            if writer is not None:
-                writer.close()
-    record = recorder.build() if recorder is not None else None
-    figures = RunSummary.of(settings, started, counters, wall, _peak_memory_mib())
-    result = RunResult(settings, figures, record, fcd)
-    with _collected(failures):
-        if summary is not None:
-            write_json(summary, figures.to_dict())
-    with _collected(failures):
-        if report is not None:
-            result.report(report, reference)
+                stack.enter_context(writer)
+            with _collected(failures), suppress(KeyboardInterrupt):
+                if writer is not None:
+                    writer.write(started.step.time, started.step.world, started.step.places)
+                for event in events:
+                    if isinstance(event, Decision):
+                        if writer is not None:
+                            for step in event.steps:
+                                writer.write(step.time, step.world, step.places, event.modes)
+                        counters.add(event)
+                        end = event.steps[-1].time
+                        elapsed = time.perf_counter() - begin
+                        bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
+                    if recorder is not None:
+                        recorder.add(event)
+                    if caught:
+                        break
+            if started.decisions is None and counters.decisions == MOST_DECISIONS:
+                reached = (
+                    f"ended after {MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h: the scenario has no end and still "
+                    "has road users; --until sets a later end"
+                )
+                started = replace(started, notices=(*started.notices, reached))
+                if not quiet:
+                    print(f"note: {reached}", file=sys.stderr)
+            wall = time.perf_counter() - begin
+            with _collected(failures):
+                if writer is not None:
+                    writer.close()
+        record = recorder.build() if recorder is not None else None
+        ended_by = str(failures[0]) if failures else signal.Signals(caught[0]).name if caught else None
+        figures = RunSummary.of(settings, started, counters, end, ended_by, wall, _peak_memory_mib())
+        result = RunResult(settings, figures, record, fcd)
+        written = [fcd] if fcd is not None and not any(isinstance(each, InputError) for each in failures) else []
+        for path, write in (
+            (summary, lambda path: write_json(path, figures.to_dict())),
+            (report, lambda path: result.write_report(path, reference)),
+        ):
+            with _collected(failures):
+                if path is not None:
+                    write(path)
+                    written.append(path)
+        if failures and isinstance(failures[0], SumoError):
+            complete = f"complete up to there: {', '.join(map(str, written))}" if written else "no output was written"
+            failures[0] = SumoError(f"{failures[0]}; {complete}")
     return RunResult(settings, figures, record, fcd, tuple(failures), caught[0] if caught else 0)
 
 

@@ -39,6 +39,12 @@ class RunSummary:
     selector: str
     sumo_step_s: float
     begin_s: float
+    end_s: float
+    """Simulation time of the last whole step, which ends the trace."""
+    interrupted: bool
+    """Whether the run ended before its time."""
+    ended_by: str | None
+    """What ended it then: SIGINT, SIGTERM, SIGHUP, or the message on SUMO's death or a full disk."""
     decisions: int
     decision_interval_s: float
     wall_s: float
@@ -68,9 +74,16 @@ class RunSummary:
 
     @classmethod
     def of(
-        cls, settings: RunSettings, started: Started, counters: RunCounters, wall_s: float, peak_memory_mib: int
+        cls,
+        settings: RunSettings,
+        started: Started,
+        counters: RunCounters,
+        end_s: float,
+        ended_by: str | None,
+        wall_s: float,
+        peak_memory_mib: int,
     ) -> Self:
-        """The summary of a run that is over."""
+        """The summary of a run that is over; `ended_by` where it ended before its time."""
         counted = counters.summary(wall_s, DECISION_INTERVAL)
         per_type = {name: TypeSummary(**values) for name, values in counted.pop("per_type").items()}
         return cls(
@@ -80,6 +93,9 @@ class RunSummary:
             selector=started.selector,
             sumo_step_s=started.step_length,
             begin_s=started.begin,
+            end_s=end_s,
+            interrupted=ended_by is not None,
+            ended_by=ended_by,
             **counted,
             per_type=per_type,
             peak_memory_mib=peak_memory_mib,
@@ -96,6 +112,7 @@ class RunSummary:
         return (
             f"{self.scenario}: {self.agent_steps} agent-steps in {self.wall_s:.1f} s "
             f"({self.real_time_factor or 0:.1f}x real time), {self.ends}, {self.lost} lost"
+            f"{f'; ended at {self.end_s:g} s by: {self.ended_by}' if self.interrupted else ''}"
         )
 
     @property

@@ -6,26 +6,39 @@ import sys
 
 # Commands register themselves: the order here is that of --help.
 from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
-from slrl_sumo.cli.app import app
+from slrl_sumo.cli.app import app, claims
 from slrl_sumo.cli.defect import write_defect
 from slrl_sumo.errors import DefectError, InputError, SumoError
+from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.ray_cluster import LOCAL, is_ray_address
 
 
 def main() -> None:
-    """Entry point. Exit codes: 0 done, 1 an input is wrong (one line on stderr), 2 usage, 3 SUMO died, 4 a defect."""
+    """Entry point. Exit codes: 0 done, 1 an input is wrong (one line on stderr), 2 usage, 3 SUMO died, 4 a defect,
+    128 + n signal n ended it."""
     # PyTorch reads this when it is loaded. Threads that spin while waiting are several times slower on busy machines.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:
-        app(with_ray_address(sys.argv[1:]))
+        _run_app()
     except InputError as error:
         _fail(1, error.as_options())
     except SumoError as error:
         command = shlex.join(["slrl-sumo", *sys.argv[1:]])
-        _fail(3, f"{error}; outputs are complete up to there; repeat it with: {command}")
+        _fail(3, f"{error}; repeat it with: {command}")
     except Exception as error:
         defect = DefectError.of(error)
         _fail(4, f"{defect}; please report it with {write_defect(defect)}")
+
+
+def _run_app() -> None:
+    """Run the command; of one that a signal ends, the exit code is 128 + its number."""
+    with interruptible() as caught, claims:
+        try:
+            app(with_ray_address(sys.argv[1:]))
+        except SystemExit:  # also how the library of the command line passes on a KeyboardInterrupt
+            if caught:
+                sys.exit(128 + caught[0])
+            raise
 
 
 def with_ray_address(words: list[str]) -> list[str]:

@@ -1,9 +1,13 @@
 """The application that every command belongs to, and options that several commands share."""
 
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from slrl_sumo.formats.output_files import Output, claimed
 from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.ray_cluster import check_ray
 from slrl_sumo.version import __version__
@@ -15,6 +19,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+
+claims = ExitStack()
+"""What the command has claimed: `main` gives it back at its end."""
 
 Workers = Annotated[
     int | None,
@@ -35,6 +42,19 @@ def backend_of(workers: int | None, ray: str | None) -> Backend:
     if ray is not None:
         check_ray(ray)
     return Backend(workers, ray)
+
+
+def claim(*outputs: Output, inputs: Iterable[str | Path | None] = (), scenarios: Iterable[str] = ()) -> None:
+    """Claim the outputs of a command until it ends: see `claimed`. `inputs` may be names of shipped data.
+
+    Raises InputError where one of `scenarios` does not exist, too.
+    """
+    from slrl_sumo.sumo.scenario import find_scenario
+    from slrl_sumo.sumo.scenario.options import named_files
+
+    files = [Path(path) for path in inputs if path is not None]
+    files += [path for name in scenarios for path in named_files(find_scenario(name.strip()))]
+    claims.enter_context(claimed(outputs, files))
 
 
 def _version(wanted: bool) -> None:

@@ -1,13 +1,13 @@
 """Commands that learn: import, fit, train."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, app, backend_of
+from slrl_sumo.cli.app import RayAddress, app, backend_of, claim
 from slrl_sumo.errors import InputError, check_whole_number
-from slrl_sumo.formats.output_files import check_parent
+from slrl_sumo.formats.output_files import REPLACED, Output
 
 if TYPE_CHECKING:
     from slrl_sumo.formats.trajectories import Trajectories
@@ -42,10 +42,8 @@ def import_(
     from slrl_sumo.formats.importers.formats import find_recordings, join
     from slrl_sumo.jobs.progress import progress
 
-    check_parent(out)
     single = out.suffix == ".npz"
-    if out.exists() and out.is_dir() == single:
-        raise InputError(f"{out}: is there and is {'a folder' if single else 'no folder'}; give another --out")
+    claim(Output("out", out, () if single else ("*.npz",)), inputs=[path] if path.is_file() else [])
     found = find_recordings(format, path)
     parts: list[tuple[str, Trajectories]] = []
     lines: list[str] = []
@@ -115,15 +113,16 @@ def fit(
     """Learn modes, displacement models and prior from trajectories."""
     from slrl_sumo.formats.trajectory_file import load_trajectories
     from slrl_sumo.learning.supervised.fit import fit as learn
+    from slrl_sumo.models.bundle_folder import check_replaceable
+    from slrl_sumo.studies.prediction.modes_report import MODES_FILES, write_modes
 
-    if report is not None:
-        check_parent(report)
+    pictures = [Output("report", report, MODES_FILES)] if report is not None else []
+    claim(Output("out", out, REPLACED), *pictures, inputs=[*files, *(test or [])])
+    check_replaceable(out)
     recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
     bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
     bundle.save(out)
     if report is not None:
-        from slrl_sumo.studies.prediction.modes_report import write_modes
-
         write_modes(recordings, report, seed)
     typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
 
@@ -160,15 +159,23 @@ def train(
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
     backend = backend_of(workers, ray)
+    from netgen.families import Family
     from slrl_sumo.cli.train_display import train_with_progress
     from slrl_sumo.learning.rl.train import TrainRequest
     from slrl_sumo.learning.rl.training_settings import read_settings
+    from slrl_sumo.models.bundle_folder import check_replaceable
 
-    check_parent(out)
     check_whole_number("episodes", episodes, 0, 1_000_000)
     request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()), ray)
-    if not train_with_progress(request, read_settings(config), resume=resume):
-        raise typer.Exit(130)
+    claim(
+        Output("out", out, REPLACED),
+        Output("out", request.folder, REPLACED),
+        inputs=[bundle, config, *(recording or [])],
+        scenarios=[name for name in scenario.split(",") if name.strip() not in get_args(Family)],
+    )
+    check_replaceable(out)
+    if interrupted_by := train_with_progress(request, read_settings(config), resume=resume):
+        raise typer.Exit(128 + interrupted_by)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
     if episodes:
         from slrl_sumo.cli.train_display import closing_scenario

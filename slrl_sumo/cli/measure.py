@@ -5,9 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of
+from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.output_files import check_parent, check_writable
+from slrl_sumo.formats.output_files import Output
+
+RESULTS = ("results.*", "episodes.jsonl", "runs.jsonl", "conflicts.csv", "*.png")
+"""What studies write into their folders."""
 
 
 @app.command()
@@ -62,7 +65,7 @@ def evaluate(
         if value is not None:
             kind, other = ("a recording", "a scenario") if is_file else ("a scenario", "a recording (.npz)")
             raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
-    check_writable(out, folder=True)
+    claim(Output("out", out, RESULTS), inputs=[what, bundle, recording, net, mask], scenarios=[] if is_file else [what])
     if is_file:
         ground = (net, mask, metres_per_pixel)
         _evaluate_recording(what, bundle, out, names, 5 if starts is None else starts, seed, ground)
@@ -121,7 +124,7 @@ def compare(
     ray: RayAddress = None,
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and measure the differences."""
-    check_writable(out, folder=True)
+    claim(Output("out", out, RESULTS), inputs=[bundle], scenarios=[scenario])
     backend = backend_of(workers, ray)
     from slrl_sumo.studies.compare.comparison import ComparisonSettings, write_compared
 
@@ -198,7 +201,7 @@ def bench(
     from slrl_sumo.studies.bench.bench import BenchSettings, write_bench
 
     if json_file is not None:
-        check_parent(json_file)
+        claim(Output("json", json_file), inputs=[bundle], scenarios=scenarios.split(","))
     settings = BenchSettings(
         scenarios=tuple(dict.fromkeys(name.strip() for name in scenarios.split(","))),
         agents=_numbers("agents", agents),

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import app
+from slrl_sumo.cli.app import app, claim
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.output_files import check_writable
+from slrl_sumo.formats.output_files import Output
 
 
 @app.command()
@@ -24,9 +24,9 @@ def replay(
     """Write a page that plays a trace over its network, in any browser and without a connection."""
     from slrl_sumo.replay.page import write_replay
 
-    check_writable(out)
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out {out}: browsers want a name that ends in .html")
+    claim(Output("out", out), inputs=[fcd, net])
     write_replay(fcd, net, out)
     size = out.stat().st_size
     typer.echo(f"{out}: {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}; open it in a browser")

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of
+from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.output_files import check_parent, write_json
+from slrl_sumo.formats.output_files import Output, write_json
 
 
 @app.command()
@@ -116,6 +116,7 @@ def generate(
     from netgen.errors import NetgenError
     from netgen.families import generate as make
 
+    claim(Output("out", out, ("*.xml", "*.sumocfg", "README.md")))
     try:
         typer.echo(make(family, seed, out, size))
     except NetgenError as error:
@@ -140,7 +141,7 @@ def record(
     from slrl_sumo.simulation.record import record as play
     from slrl_sumo.sumo.scenario import find_scenario
 
-    check_parent(out)
+    claim(Output("out", out, () if seeds is None else ("seed-*.npz", "recordings.json")), scenarios=[scenario])
     if not 0 < seconds < 1e9:
         raise InputError(f"--seconds {seconds:g}: give a number above 0")
     if not 0 <= seed < 2**31:
@@ -178,7 +179,7 @@ def doctor(
     from slrl_sumo.sumo.scenario import find_scenario
 
     if json_file is not None:
-        check_parent(json_file)
+        claim(Output("json", json_file), scenarios=[scenario])
     found = find_scenario(scenario)
     findings = examine(found)
     if json_file is not None:

@@ -1,5 +1,7 @@
 """Progress of a training on the terminal."""
 
+import signal
+
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
@@ -10,8 +12,8 @@ LINE_EVERY = 20
 """Updates between two lines of output if stderr is no terminal."""
 
 
-def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resume: bool) -> bool:
-    """Train as `slrl_sumo.learning.rl.train.train` does. Returns False if the user stopped it (Ctrl-C)."""
+def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resume: bool) -> int:
+    """Train as `slrl_sumo.learning.rl.train.train` does. Returns 0, or the number of the signal that stopped it."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"), TimeElapsedColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal) as bar:
@@ -28,10 +30,10 @@ def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resum
 
         try:
             train(request, settings, resume=resume, report=report)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             console.print(f"stopped; --resume continues from the last checkpoint in {request.folder}")
-            return False
-    return True
+            return int(interrupt.args[0]) if interrupt.args else signal.SIGINT
+    return 0
 
 
 def closing_scenario(trained_in: str) -> str:

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 from slrl_sumo.doctor.finding import Finding, counted, some
 from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.sumo.scenario.command import LOG_OPTIONS
 from slrl_sumo.sumo.scenario.demand import Demand
-from slrl_sumo.sumo.scenario.options import option, switched_on
+from slrl_sumo.sumo.scenario.options import is_output, option, switched_on
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 
 
@@ -122,8 +121,7 @@ def _rerouting_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]
 
 def output_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     """Files that the scenario itself writes."""
-    names = ("summary", "tripinfo", "netstate-dump", *LOG_OPTIONS)
-    written = sorted(name for name in scenario.options if name.endswith("-output") or name in names)
+    written = sorted(filter(is_output, scenario.options))
     if demand.writers:
         written.append(counted(demand.writers, "detector or data collector", "detectors or data collectors"))
     if written:

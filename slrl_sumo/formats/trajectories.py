@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.output_files import replacing
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
@@ -213,27 +214,19 @@ class Trajectories:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write an .npz file that `load_trajectories` reads; an existing file is replaced atomically."""
-        path = Path(path)
-        part = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
-            with open(part, "wb") as file:
-                np.savez_compressed(
-                    file,
-                    kind=np.array(FILE_KIND),
-                    version=np.array(FILE_VERSION),
-                    ids=np.array(self.ids, np.str_),
-                    dt=np.array(self.dt),
-                    t0=np.array(self.t0),
-                    source=np.array(self.source),
-                    licence=np.array(self.licence),
-                    notes=np.array(self.notes, np.str_),
-                    **{name: getattr(self, name) for name in DTYPES},
-                )
-            os.replace(part, path)
-        except OSError as e:
-            raise InputError(f"cannot write {path}: {e.strerror or e}") from e
-        finally:
-            part.unlink(missing_ok=True)
+        with replacing(Path(path)) as part, open(part, "wb") as file:
+            np.savez_compressed(
+                file,
+                kind=np.array(FILE_KIND),
+                version=np.array(FILE_VERSION),
+                ids=np.array(self.ids, np.str_),
+                dt=np.array(self.dt),
+                t0=np.array(self.t0),
+                source=np.array(self.source),
+                licence=np.array(self.licence),
+                notes=np.array(self.notes, np.str_),
+                **{name: getattr(self, name) for name in DTYPES},
+            )
 
 
 DTYPES: dict[str, type[np.generic]] = {

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end long work early without losing finished results."""
+"""SIGINT, SIGTERM and SIGHUP end long work early without losing finished results."""
 
 import signal
 import threading
@@ -6,24 +6,29 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Ctrl-C, a polite `kill`, and the end of the terminal or of the connection."""
+
 
 @contextmanager
 def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
-    """Raise KeyboardInterrupt on SIGINT and SIGTERM; the first `tolerated` signals are only recorded.
+    """Raise KeyboardInterrupt, with the number, on SIGINT, SIGTERM and SIGHUP; the first `tolerated` are only recorded.
 
-    Yields the list of the signal numbers received so far; outside the main thread it stays empty.
+    Yields the list of the signal numbers received so far; outside the main thread it stays empty. SIGHUP stays ignored
+    where it is: `nohup` asks for that.
     """
     caught: list[int] = []
 
     def handle(number: int, frame: FrameType | None) -> None:
         caught.append(number)
         if len(caught) > tolerated:
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt(number)
 
     if threading.current_thread() is not threading.main_thread():  # Python handles signals in the main thread only
         yield caught
         return
-    before = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    ignored = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
+    before = {number: signal.signal(number, handle) for number in SIGNALS if number not in ignored}
     try:
         yield caught
     finally:

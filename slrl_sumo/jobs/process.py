@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
+from slrl_sumo.jobs.interrupt import SIGNALS
 
 PRINTED = "printed"
 """File in the folder of a process that collects its output."""
@@ -43,9 +44,9 @@ class WorkerProcess:
 
     A request has one pickled answer: the return value, the SlrlError that was raised, or a DefectError with the
     traceback of any other exception. If `work` returns a generator, each of its items is an answer, and then None. The
-    process serves many requests because torch loads slowly; it ends with its parent. It ignores SIGINT, keeps its
-    temporary files in a folder that is removed with it, and collects its output there. Raises InputError if that folder
-    cannot be created.
+    process serves many requests because torch loads slowly; it ends with its parent. It ignores SIGINT, SIGTERM and
+    SIGHUP, keeps its temporary files in a folder that is removed with it, and collects its output there. Raises
+    InputError if that folder cannot be created.
     """
 
     def __init__(self, work: bytes) -> None:
@@ -60,7 +61,7 @@ class WorkerProcess:
             raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
         self.pipe, child_end = context.Pipe()
         self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
-        with sigint_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
+        with signals_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
             self._process.start()
         child_end.close()
 
@@ -107,11 +108,14 @@ class WorkerProcess:
 
 
 @contextmanager
-def sigint_blocked() -> Iterator[None]:
-    """Processes started inside ignore Ctrl-C, which reaches the whole process group: the parent handles it."""
-    # Children inherit the mask; the resource tracker, which starts with the first child, would unblock SIGINT.
+def signals_blocked() -> Iterator[None]:
+    """Processes started inside ignore SIGNALS, which terminals and schedulers send to all processes of a command: the
+    parent handles them."""
+    # Children inherit the mask. The resource tracker, which starts with the first child, ignores SIGINT and SIGTERM by
+    # itself, and while it starts it unblocks them here.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
     resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
     finally:

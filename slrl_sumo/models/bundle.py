@@ -24,8 +24,9 @@ from torch import Tensor
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json, read_text
+from slrl_sumo.models.bundle_folder import NOTICE, check_replaceable, find_bundle
 from slrl_sumo.models.displacement import MODES, DisplacementModels
-from slrl_sumo.models.policy import POLICY_FILES, Policy, read_policy, write_policy
+from slrl_sumo.models.policy import Policy, read_policy, write_policy
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
@@ -33,7 +34,6 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 FORMAT_VERSION = 1
-SHIPPED = Path(__file__).parent.parent / "bundles"
 BOUNDS = {
     "displacement.acceleration_bounds": 100.0,
     "displacement.yaw_rate_bounds": 100.0,
@@ -42,8 +42,6 @@ BOUNDS = {
     "mode_centres": 1e4,
 }
 """Highest possible absolute values of tensors with units: m/s², rad/s, 1/m, m/s, m."""
-FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
-NOTICE = "NOTICE"
 
 
 @dataclass(frozen=True)
@@ -127,8 +125,7 @@ class ModelBundle:
         Raises InputError where `folder` holds anything else than a bundle, or cannot be written.
         """
         target = Path(folder)
-        if target.exists() and not _replaceable(target):
-            raise InputError(f"cannot write bundle {target}: something else is there; name a new folder for --out")
+        check_replaceable(target)
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=f".{target.name}-", dir=target.parent) as temporary:
@@ -168,25 +165,13 @@ def tensors(observation: Observation) -> tuple[Tensor, Tensor]:
     return torch.from_numpy(observation.vector), torch.from_numpy(observation.type.astype(np.int64))
 
 
-def shipped_bundles() -> list[str]:
-    """Names of the bundles that come with the package, sorted."""
-    return sorted(path.parent.name for path in SHIPPED.glob("*/config.json"))
-
-
 def load_bundle(name_or_folder: str | Path) -> ModelBundle:
     """Read a bundle: one that comes with the package, by name, or a folder.
 
     A string without a slash is searched among the shipped bundles first. Raises InputError where there is no such
     bundle, or where it is damaged, of another format version or for other features.
     """
-    name = str(name_or_folder)
-    folder = SHIPPED / name if name in shipped_bundles() else Path(name_or_folder)
-    if not folder.is_dir():
-        known = ", ".join(shipped_bundles()) or "none"
-        raise InputError(f"no bundle {name}: neither a folder nor one of the shipped bundles ({known})")
-    missing = [file for file in FILES if not (folder / file).is_file()]
-    if missing:
-        raise InputError(f"bundle {folder}: {', '.join(missing)} missing; give a folder that `slrl-sumo fit` made")
+    folder = find_bundle(name_or_folder)
     values = _read_json(folder / "config.json")
     bundle_name = values.pop("name", None)
     config = BundleConfig.read(values, folder)
@@ -257,11 +242,3 @@ def _read_weights(folder: Path, config: BundleConfig) -> dict[str, Tensor]:
         if key in BOUNDS and float(value.abs().max()) > BOUNDS[key]:
             raise InputError(f"{damaged} ({key} is above {BOUNDS[key]:g}); copy the bundle again")
     return state
-
-
-def _replaceable(target: Path) -> bool:
-    """Whether `target` is an empty folder or holds a bundle and nothing else."""
-    if not target.is_dir():
-        return False
-    names = {path.name for path in target.iterdir()}
-    return not names or (names <= {*FILES, NOTICE, *POLICY_FILES} and "config.json" in names)

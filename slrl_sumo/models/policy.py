@@ -17,6 +17,7 @@ from torch import Tensor, nn
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json
+from slrl_sumo.models.bundle_folder import POLICY_FILES
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
@@ -26,7 +27,6 @@ from slrl_sumo.scene.types import RoadUserType
 
 Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
-POLICY_FILES = ("selector.json", "selector.safetensors")
 
 HEADING = FEATURES.index("heading")
 COUNTS = FEATURES.index("vru_5")

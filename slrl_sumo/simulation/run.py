@@ -1,7 +1,6 @@
 """A whole run of learned road users in a scenario, from settings to a stream of decisions."""
 
 import math
-import shlex
 from collections.abc import Generator
 from contextlib import closing
 
@@ -19,8 +18,6 @@ from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import MOST_DECISIONS, Event, Started, Views
 from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
-from slrl_sumo.sumo.scenario import Scenario, find_scenario
-from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
 
 SHORT_RUN = 150
@@ -45,7 +42,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
 
 def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, None, None]:
     compiling = what_to_expect()
-    scenario = _scenario(settings)
+    scenario = settings.found()
     bundle = load_models(settings)
     with SumoSession(
         scenario, seed=settings.seed, step_length=settings.step_length, keep_outputs=settings.sumo_outputs
@@ -97,16 +94,6 @@ def _views(world: WorldState, learned: WorldState, simulation: CoSimulation, dri
         image = observe(Scene(world, watched, simulation.road_map)).image
     assert image is not None
     return Views(learned.time, tuple(learned.ids[row] for row in watched), image)
-
-
-def _scenario(settings: RunSettings) -> Scenario:
-    given = settings.scenario
-    scenario = given if isinstance(given, Scenario) else find_scenario(str(given))
-    try:
-        words = shlex.split(settings.sumo_options)
-    except ValueError as error:
-        raise InputError(str(error).lower(), argument="sumo_options", value=settings.sumo_options) from None
-    return with_options(scenario, words)
 
 
 def _decisions(settings: RunSettings, begin: float, end: float | None) -> int | None:

@@ -1,13 +1,15 @@
 """What to run, checked at once: plain values that can cross a process border. No simulator, no torch."""
 
 import math
+import shlex
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares
-from slrl_sumo.sumo.scenario import Scenario
+from slrl_sumo.sumo.scenario import Scenario, find_scenario
+from slrl_sumo.sumo.scenario.options import with_options
 
 if TYPE_CHECKING:
     from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
@@ -93,6 +95,15 @@ class RunSettings(LearnedSettings):
             check_whole_number("steps", self.steps, 1, 10**9)
         if self.until is not None and not math.isfinite(self.until):
             raise InputError("give a simulation time in seconds", argument="until", value=self.until)
+
+    def found(self) -> Scenario:
+        """The scenario with `sumo_options`. Raises InputError where there is none, or they are no options."""
+        scenario = self.scenario if isinstance(self.scenario, Scenario) else find_scenario(str(self.scenario))
+        try:
+            words = shlex.split(self.sumo_options)
+        except ValueError as error:
+            raise InputError(str(error).lower(), argument="sumo_options", value=self.sumo_options) from None
+        return with_options(scenario, words)
 
     @property
     def where(self) -> str:

@@ -1,7 +1,6 @@
 """Plain SUMO traffic of many seeds, recorded side by side: a file of trajectories for each."""
 
 import json
-import os
 import sys
 import time
 from contextlib import closing
@@ -53,7 +52,7 @@ def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
                     if finished.record is None:
                         failed.append(finished)
                     else:
-                        _save(finished.record, _file(folder, finished.job))
+                        finished.record.save(_file(folder, finished.job))
                     bar.update(task, advance=1, rate=number / (time.perf_counter() - begin))
         except KeyboardInterrupt:
             bar.stop()
@@ -73,16 +72,6 @@ def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
 
 def _file(folder: Path, seed: int) -> Path:
     return folder / f"seed-{seed}.npz"
-
-
-def _save(trajectories: Trajectories, file: Path) -> None:
-    """Write a complete file or none."""
-    half = file.with_name(f"half-{file.name}")
-    try:
-        trajectories.save(half)
-        os.replace(half, file)
-    except OSError as error:
-        raise InputError(f"{file}: cannot be written ({error.strerror}); make room and go on") from None
 
 
 def _check_folder(wanted: Recordings, name: str, folder: Path) -> None:

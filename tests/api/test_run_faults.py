@@ -8,7 +8,6 @@ import resource
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -73,34 +72,6 @@ def test_all_that_could_not_be_written_stands_in_the_one_line(tmp_path: Path) ->
     done = call(*words, prefix="ulimit -f 1", cwd=tmp_path)
     one_line(done, "s.json", "r: cannot be written")
     assert not (tmp_path / "s.json").exists(), "half a summary"
-
-
-def test_a_pipe_as_trace_gets_the_same_bytes(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.xml")
-    received = []
-    reader = threading.Thread(target=lambda: received.append((tmp_path / "pipe.xml").read_bytes()), daemon=True)
-    reader.start()
-    done = call("--agents", 6, "--steps", 10, "--fcd", "pipe.xml", "--quiet", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
-    reader.join(timeout=60)
-    assert call("--agents", 6, "--steps", 10, "--fcd", "file.xml", "--quiet", cwd=tmp_path).returncode == 0
-    assert received[0] == (tmp_path / "file.xml").read_bytes()
-    assert steps_of(tmp_path / "file.xml") == 11
-
-
-def test_a_pipe_without_a_reader(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.xml")
-
-    def leave_early() -> None:
-        with open(tmp_path / "pipe.xml", "rb") as pipe:
-            pipe.read(5000)
-
-    reader = threading.Thread(target=leave_early, daemon=True)
-    reader.start()
-    words = ("--agents", 40, "--steps", 200, "--fcd", "pipe.xml", "--summary", "s.json", "--quiet")
-    one_line(call(*words, cwd=tmp_path), "pipe.xml", "Broken pipe")
-    reader.join(timeout=60)
-    assert 0 < json.loads((tmp_path / "s.json").read_text())["decisions"] < 200
 
 
 @pytest.mark.parametrize("how", ["reader gone", pytest.param("closed", marks=pytest.mark.slow), "full"])

@@ -248,6 +248,43 @@ WRONG = {
     "generate in a file": (["generate", "intersection", "--out", "/dev/null"], "/dev/null"),
     "size": (["generate", "random", "--size", "0", "--out", "g"], "0"),
 }
+"""Command and words of its message."""
+CLASHES = {
+    "run twice": (
+        ["run", "intersection", "--agents", "3", "--fcd", "same.csv", "--summary", "./same.csv"],
+        "--fcd same.csv and --summary same.csv would overwrite each other",
+    ),
+    "run over its scenario": (["run", "CONFIG", "--agents", "3", "--summary", "CONFIG"], "overwrite the input"),
+    "run over its network": (
+        ["run", "CONFIG", "--agents", "3", "--fcd", "scenario/intersection.rou.xml"],
+        "--fcd scenario/intersection.rou.xml would overwrite the input",
+    ),
+    "run over SUMO's output": (
+        ["run", "CONFIG", "--agents", "3", "--fcd", "scenario/own.xml", "--sumo-outputs"],
+        "--fcd scenario/own.xml would overwrite the input",
+    ),
+    "run over SUMO's added output": (
+        ["run", "CONFIG", "--agents", "3", "--fcd", "b.xml", "--sumo-options", "--tripinfo-output b.xml"],
+        "--fcd b.xml would overwrite the input",
+    ),
+    "record over its scenario": (["record", "CONFIG", "--out", "CONFIG"], "overwrite the input"),
+    "import over its source": (["import", "fcd", "a.npz", "--out", "a.npz"], "overwrite the input a.npz"),
+    "fit over its source": (["fit", "bundle/config.json", "--out", "bundle"], "overwrite the input bundle/config.json"),
+    "fit report in the bundle": (["fit", "a.npz", "--out", "b", "--report", "b"], "overwrite each other"),
+    "train over its bundle": (
+        ["train", "CONFIG", "--bundle", "bundle", "--out", "bundle"],
+        "--out bundle would overwrite the input bundle/config.json",
+    ),
+    "evaluate over its recording": (
+        ["evaluate", "results.npz", "--bundle", "intersection", "--out", "."],
+        "--out . would overwrite the input results.npz",
+    ),
+    "compare in a file": (["compare", "CONFIG", "--bundle", "bundle", "--out", "a.npz"], "a.npz: is a file"),
+    "bench over a scenario": (["bench", "--scenarios", "CONFIG", "--json", "CONFIG"], "overwrite the input"),
+    "doctor over its scenario": (["doctor", "CONFIG", "--json", "CONFIG"], "overwrite the input"),
+    "generate in a missing folder": (["generate", "intersection", "--out", "no/g"], "no does not exist"),
+    "replay over its network": (["replay", "a.npz", "--net", "net.html", "--out", "net.html"], "overwrite the input"),
+}
 SMOKE = ("guard of lanes", "unknown scenario", "too many", "fcd folder", "family")
 
 
@@ -275,6 +312,24 @@ def test_all_wrong_input_gets_one_line(cli: Cli, monkeypatch: pytest.MonkeyPatch
         "slrl_sumo.api.run.run_isolated", lambda settings, views_at, with_surfaces: run(settings, views_at)
     )
     refused(cli(*WRONG[what][0], cwd=tmp_path), WRONG[what][1], tmp_path)
+
+
+@pytest.mark.parametrize("what", CLASHES)
+def test_no_output_overwrites_an_input_or_another(cli: Cli, copy_scenario: Copy, tmp_path: Path, what: str) -> None:
+    config = copy_scenario(
+        "intersection", (".sumocfg", "<time>", '<output><fcd-output value="own.xml"/></output><time>')
+    )
+    for name in ("a.npz", "results.npz", "net.html", "bundle/config.json"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("old")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    words, message = CLASHES[what]
+    done = cli(*(str(config) if word == "CONFIG" else word for word in words), cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (1, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("slrl-sumo: ")
+    assert message in line
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
 BROKEN = {

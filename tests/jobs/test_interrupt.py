@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM in the middle of a run: what is on disk is whole."""
+"""SIGINT, SIGTERM and SIGHUP in the middle of a run: what is on disk is whole."""
 
 import gzip
 import json
@@ -7,11 +7,16 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from lxml import etree
+
+from slrl_sumo.jobs.interrupt import SIGNALS, interruptible
+
+Cli = Callable[..., subprocess.CompletedProcess[str]]
 
 AGENTS = 8
 
@@ -28,30 +33,33 @@ def interrupt(folder: Path, fcd: Path, number: signal.Signals, *more: str) -> su
             assert process.poll() is None, process.stderr.read() if process.stderr else ""
             assert time.monotonic() < deadline, "the trace does not grow"
             time.sleep(0.05)
-        if number == signal.SIGINT:
-            os.killpg(process.pid, number)
-        else:
+        if number == signal.SIGTERM:
             process.send_signal(number)
+        else:  # as from a terminal
+            os.killpg(process.pid, number)
         out, err = process.communicate(timeout=60)
     return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
-def check_steps(times: list[float], learned: list[int], summary: Path) -> None:
+def check_steps(times: list[float], learned: list[int], summary: Path, number: signal.Signals) -> None:
     """Whole time steps one after the other, all road users in each, and as many as the summary says."""
     assert len(times) > 10
     assert all(abs(b - a - 0.4) < 1e-6 for a, b in pairwise(times))
     assert set(learned) == {AGENTS}
-    assert len(times) == 1 + json.loads(summary.read_text())["decisions"]
+    told = json.loads(summary.read_text())
+    assert len(times) == 1 + told["decisions"]
+    assert told["end_s"] == times[-1]
+    assert (told["interrupted"], told["ended_by"]) == (True, number.name)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupted_run_leaves_a_whole_trace(tmp_path: Path, number: signal.Signals, code: int) -> None:
     fcd = tmp_path / "a.xml"
     done = interrupt(tmp_path, fcd, number)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
     root = etree.parse(str(fcd)).getroot()
     learned = [sum(e.get("id", "").startswith("learned_") for e in step) for step in root]
-    check_steps([float(step.get("time", "")) for step in root], learned, tmp_path / "s.json")
+    check_steps([float(step.get("time", "")) for step in root], learned, tmp_path / "s.json", number)
 
 
 @pytest.mark.slow
@@ -61,7 +69,7 @@ def test_compressed_traces_are_whole_too(tmp_path: Path, number: signal.Signals)
     assert interrupt(tmp_path, fcd, number).returncode == 128 + number
     root = etree.fromstring(gzip.decompress(fcd.read_bytes()))
     learned = [sum(e.get("id", "").startswith("learned_") for e in step) for step in root]
-    check_steps([float(step.get("time", "")) for step in root], learned, tmp_path / "s.json")
+    check_steps([float(step.get("time", "")) for step in root], learned, tmp_path / "s.json", number)
 
 
 @pytest.mark.slow
@@ -76,7 +84,34 @@ def test_csv_traces_end_with_a_whole_time_step(tmp_path: Path) -> None:
     for line in lines:
         count.setdefault(float(line[0]), 0)
         count[float(line[0])] += line[1].startswith("learned_")
-    check_steps(list(count), list(count.values()), tmp_path / "s.json")
+    check_steps(list(count), list(count.values()), tmp_path / "s.json", signal.SIGTERM)
+
+
+def test_nohup_stays_in_force() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruptible() as caught:
+            signal.raise_signal(signal.SIGHUP)
+            assert caught == []
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_work_ends_at_once_or_after_what_is_tolerated(number: signal.Signals) -> None:
+    with interruptible(tolerated=1) as caught:
+        signal.raise_signal(number)
+        assert caught == [number]
+        with pytest.raises(KeyboardInterrupt) as interrupt:
+            signal.raise_signal(number)
+    assert interrupt.value.args == (number,)
+
+
+def test_every_command_ends_with_the_code_of_the_signal(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one that makes no provision for interrupts."""
+    monkeypatch.setattr("slrl_sumo.sumo.scenario.shipped_scenarios", lambda: signal.raise_signal(signal.SIGHUP))
+    assert cli("scenarios").returncode == 128 + signal.SIGHUP
 
 
 @pytest.mark.slow

@@ -11,7 +11,9 @@ from safetensors.torch import load_file, save_file
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.models import bundle as module
-from slrl_sumo.models.bundle import FILES, SHIPPED, ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.models import bundle_folder
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle_folder import FILES, SHIPPED, shipped_bundles
 from slrl_sumo.perception.observation import Observation
 
 
@@ -88,7 +90,7 @@ def test_save_that_fails_leaves_the_old_bundle(
 def test_names_are_looked_up_among_the_shipped_bundles(
     bundle: ModelBundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module, "SHIPPED", tmp_path)
+    monkeypatch.setattr(bundle_folder, "SHIPPED", tmp_path)
     assert shipped_bundles() == []
     bundle.save(tmp_path / "west")
     bundle.save(tmp_path / "east")

@@ -142,7 +142,10 @@ def test_when_sumo_dies_everything_up_to_there_is_written(tmp_path: Path, number
     assert f"SUMO died after {times[-1]:g} s" in line
     assert number.name in line
     assert f"slrl-sumo run intersection --agents {AGENTS} --fcd {run.fcd} --steps 1000000" in line
-    assert json.loads(summary.read_text())["decisions"] == len(times) - 1
+    assert f"complete up to there: {run.fcd}, {summary}, {report}; repeat it with: slrl-sumo run" in line
+    told = json.loads(summary.read_text())
+    assert (told["decisions"], told["end_s"], told["interrupted"]) == (len(times) - 1, times[-1], True)
+    assert told["ended_by"].startswith(f"SUMO died after {times[-1]:g} s of simulation time ({number.name}")
     assert (report / "paths.png").stat().st_size > 10_000
     assert gone(family)
     assert list(run.temporary.iterdir()) == []
@@ -195,7 +198,8 @@ def test_a_fatal_error_of_sumo_gives_its_reason(cli_process: Cli, copy_scenario:
     assert "connection" in line
     times = times_of(fcd)
     assert 20 < times[-1] <= 30.4
-    assert json.loads(summary.read_text())["decisions"] == len(times) - 1
+    assert f"complete up to there: {fcd}, {summary}; repeat it with: slrl-sumo run" in line
+    assert json.loads(summary.read_text())["end_s"] == times[-1]
 
 
 def test_a_bug_of_ours_is_not_dressed_up_as_sumos_death() -> None:

@@ -1,8 +1,8 @@
 """Floating car data (FCD) as SUMO writes it (https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html)."""
 
-import gzip
 import os
 import re
+import zlib
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS, Places, check_fcd_path, figures, learned_modes
+from slrl_sumo.formats.output_files import check_writable
 from slrl_sumo.scene.state import WorldState
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ _HEAD = (
     '<fcd-export xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
     'xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">\n'
 )
+
+_TAIL = b"</fcd-export>\n"
 
 # In the order (id, x, y, angle, type, speed, pos, lane or edge).
 _POSE = ' id="%s" x="%.3f" y="%.3f" angle="%.2f" type="%s" speed="%.3f"'
@@ -42,7 +45,8 @@ _TO_ESCAPE = re.compile(r'[&<>"\n\r\t]')
 _TO_QUOTE = re.compile(r'[;"\n\r]')
 _NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
-_FLUSH_CHARACTERS = 1 << 18
+_GZIP = 16 + zlib.MAX_WBITS
+"""Window of zlib that writes the header and the checksum of a gzip file."""
 
 
 def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
@@ -57,28 +61,29 @@ def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
 class FcdWriter:
     """Writes an FCD file as XML or CSV, step by step; a context manager.
 
-    The same worlds give the same bytes. The file on disk is valid at any time, even if the process dies, and after
-    `close` it holds every time step up to the last one that could be written completely. A pipe is valid after `close`.
-    Raises InputError, with path and reason, on construction if the suffix is unknown or the file cannot be written, and
-    in `write` or `close` if writing fails; the file is then closed.
+    The same worlds give the same bytes. Each time step is on disk when `write` returns, and the file is complete and
+    valid after each, also if the process dies. Only a kill inside the one system call that writes a step can cut the
+    file off; `read_fcd` and `replay` then read the steps before it. Raises InputError, with path and reason, on
+    construction if the suffix is unknown or the file cannot be written, and in `write` if writing fails; the file then
+    ends with the step before and is closed.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         suffix = check_fcd_path(path)
-        self._gzip = suffix == ".xml.gz"
+        if suffix == ".parquet":
+            raise InputError(f"{self.path}: Parquet has a writer of its own; call open_fcd")
+        check_writable(self.path)
         self._csv = suffix == ".csv"
-        self._tail = b"" if self._csv else self._encode("</fcd-export>\n")
+        self._stream = zlib.compressobj(4, wbits=_GZIP) if suffix == ".xml.gz" else None
         self._whole = 0
-        """Bytes on disk up to the last complete time step; the tail follows, and the next steps overwrite it."""
-        self._waiting: list[str] = []
-        self._waiting_characters = 0
+        """Bytes on disk up to the last complete time step; the tail follows, and the next step overwrites it."""
+        self._tail = b""
         try:
             self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
         except OSError as e:
             raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
-        self._seekable = self._file.seekable()
-        self._put([";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n" if self._csv else _HEAD])
+        self._put(";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n" if self._csv else _HEAD)
 
     def write(self, time: float, world: WorldState, places: Places, modes: NDArray[np.integer] | None = None) -> None:
         """Add the time step `time` (s): first the vehicles, then the persons, each in the order of `world`.
@@ -119,67 +124,50 @@ class FcdWriter:
                 if text
                 else f'    <timestep time="{stamp}"/>\n'
             )
-        self._waiting.append(text)
-        self._waiting_characters += len(text)
-        if self._waiting_characters >= _FLUSH_CHARACTERS:
-            self._flush()
+        self._put(text)
 
     def close(self) -> None:
         """Finish the file. May be called twice."""
-        if not self._file.closed:
-            self._flush()
-            if not self._seekable:
-                self._put([""])
-            self._file.close()
+        self._file.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _put(self, text: str) -> None:
+        """Write a complete time step, and the tail behind it; if that fails, the file ends as before."""
+        before = self._whole + len(self._tail)
         try:
-            self.close()
-        except InputError:
-            if error is None:  # else the first error says more
-                raise
-
-    def _flush(self) -> None:
-        steps, self._waiting, self._waiting_characters = self._waiting, [], 0
-        if steps:
-            self._put(steps)
-
-    def _encode(self, text: str) -> bytes:
-        # Each piece is a separate gzip member, so that the file can be cut back to the last complete one.
-        return gzip.compress(text.encode(), compresslevel=4, mtime=0) if self._gzip else text.encode()
-
-    def _put(self, steps: list[str]) -> None:
-        """Write complete time steps and the tail; if that fails, as many steps as fit."""
-        try:
-            self._put_text("".join(steps))
-        except OSError as e:
-            # It is unknown how much of the text a pipe has passed on.
+            data, tail = self._encoded(text)
+            self._write(self._whole, data + tail)
+            if self._whole + len(data) + len(tail) < before:
+                self._file.truncate()
+        except BaseException as error:  # an interrupt must not leave half a step behind either
             with suppress(OSError):
-                for step in steps if self._seekable else ():
-                    self._put_text(step)
-            self._file.close()
-            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
-
-    def _put_text(self, text: str) -> None:
-        data = self._encode(text) if text else b""
-        if not self._seekable:
-            self._write(data or self._tail)
-            return
-        try:
-            self._file.seek(self._whole)
-            self._write(data + self._tail)
-        except BaseException:  # an interrupt must not leave half a step behind either
-            with suppress(OSError):  # a device cannot be cut
                 self._file.truncate(self._whole)
-                self._file.seek(self._whole)
-                self._write(self._tail)
-            raise
+                self._write(self._whole, self._tail)
+            self._file.close()
+            if not isinstance(error, OSError):
+                raise
+            raise InputError(f"cannot write {self.path}: {error.strerror or error}") from error
         self._whole += len(data)
+        self._tail = tail
 
-    def _write(self, data: bytes) -> None:
+    def _encoded(self, text: str) -> tuple[bytes, bytes]:
+        """The bytes of `text`, and those that end a valid file behind it."""
+        if self._csv:
+            return text.encode(), b""
+        if self._stream is None:
+            return text.encode(), _TAIL
+        # All of the step leaves the compressor; a copy of it ends the file.
+        data = self._stream.compress(text.encode()) + self._stream.flush(zlib.Z_SYNC_FLUSH)
+        end = self._stream.copy()
+        return data, end.compress(_TAIL) + end.flush()
+
+    def _write(self, at: int, data: bytes) -> None:
+        self._file.seek(at)
         rest = memoryview(data)
         while rest:
             rest = rest[self._file.write(rest) :]

@@ -32,7 +32,8 @@ from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.selector_card import with_selector
 from slrl_sumo.learning.rl.training_log import EpisodeFigures
 from slrl_sumo.learning.rl.training_settings import TrainSettings
-from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.sumo.scenario import find_scenario
 

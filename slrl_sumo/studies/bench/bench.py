@@ -121,8 +121,8 @@ def _means(seconds: list[dict[str, float]]) -> dict[str, float]:
 
 
 def write_bench(settings: BenchSettings, file: Path | None) -> int:
-    """Measure with a progress bar, print the table and write `file`. Returns 0, or the number of the signal (SIGINT or
-    SIGTERM) that interrupted it; finished rows are written and printed in any case."""
+    """Measure with a progress bar, print the table and write `file`. Returns 0, or the number of
+    the signal that interrupted it; finished rows are written and printed in any case."""
     works = workloads(settings)
     rows: list[dict[str, Any]] = []
     left_out: dict[str, None] = {}

@@ -17,7 +17,8 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
-from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.shares import parse_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
@@ -106,8 +107,8 @@ def compare(
 
 
 def write_compared(settings: ComparisonSettings, folder: Path) -> int:
-    """Compare with a progress bar; write and print the result. Returns 0, or the number of the signal (SIGINT or
-    SIGTERM) that interrupted it; the runs finished by then are in `folder`/runs.jsonl."""
+    """Compare with a progress bar; write and print the result. Returns 0, or the number of
+    the signal that interrupted it; the runs finished by then are in `folder`/runs.jsonl."""
     begin = time.perf_counter()
     with interruptible() as caught, progress_bar("{task.completed:.0f} of {task.total} runs") as bar:
         task = bar.add_task(settings.scenario, total=2 * settings.seeds)

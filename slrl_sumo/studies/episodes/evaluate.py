@@ -18,7 +18,8 @@ from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.outcomes import TypeOutcome
-from slrl_sumo.models.bundle import ModelBundle, load_bundle, shipped_bundles
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.simulation.settings import MOST_AGENTS
 from slrl_sumo.studies.episodes.episode import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
 from slrl_sumo.studies.episodes.plan import EpisodePlan
@@ -127,8 +128,8 @@ def evaluate_scenario(
 
 
 def write_evaluation(settings: EvaluationSettings, folder: Path) -> int:
-    """Evaluate with a progress bar; write and print the tables. Returns 0, or the number of the signal (SIGINT or
-    SIGTERM) that interrupted it; the episodes finished by then are in `folder`/episodes.jsonl."""
+    """Evaluate with a progress bar; write and print the tables. Returns 0, or the number of
+    the signal that interrupted it; the episodes finished by then are in `folder`/episodes.jsonl."""
     with interruptible() as caught, progress_bar("{task.fields[rate]:.1f} episodes/s") as bar:
         task = bar.add_task(settings.scenario, total=None, rate=0.0)
         try:

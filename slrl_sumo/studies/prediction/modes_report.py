@@ -15,6 +15,9 @@ from slrl_sumo.models.displacement import MODES
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.prediction.plots import draw_modes
 
+MODES_FILES = ("modes.csv", "modes-*.png")
+"""What is written into the folder."""
+
 
 def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> None:
     """Write modes-TYPE.png for each type of the recordings, and modes.csv, into `folder`, which is created.

@@ -5,8 +5,7 @@ from pathlib import Path
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.scenario.configuration import Scenario
-
-LOG_OPTIONS = ("log", "message-log", "error-log")
+from slrl_sumo.sumo.scenario.options import LOG_OPTIONS, is_output
 
 
 def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, list[str]]:
@@ -100,9 +99,7 @@ def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
     for name, flag in (("seed", "--seed"), ("random", "--seed"), ("remote-port", "slrl_sumo.attach")):
         if name in scenario.added:
             lines.append(f"{name} of --sumo-options is left out; use {flag}")
-    written = [
-        o for o in options if o.endswith("-output") or o in ("summary", "tripinfo", "netstate-dump", *LOG_OPTIONS)
-    ]
+    written = [name for name in options if is_output(name)]
     if written and not outputs_kept:
         lines.append(
             f"the scenario's own outputs are left out ({', '.join(sorted(written))}); --sumo-outputs writes them"

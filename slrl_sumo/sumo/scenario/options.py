@@ -18,6 +18,8 @@ SYNONYMS = {
 }
 """Synonyms that SUMO accepts in a configuration (`sumo --save-template`)."""
 
+LOG_OPTIONS = ("log", "message-log", "error-log")
+
 YES = ("true", "1", "yes", "on", "x", "t")
 
 
@@ -54,6 +56,26 @@ def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
             )
         added[full.get(name, name)] = value
     return replace(scenario, options={**scenario.options, **added}, added={**scenario.added, **added})
+
+
+def is_output(name: str) -> bool:
+    """Whether an option names a file that SUMO writes."""
+    return name.endswith("-output") or name in ("summary", "tripinfo", "netstate-dump", *LOG_OPTIONS)
+
+
+def named_files(scenario: Scenario) -> list[Path]:
+    """The configuration and the files that it names: those that exist, and those that SUMO writes."""
+    files = [scenario.config]
+    for name, value in scenario.options.items():
+        # SUMO reads paths in the configuration from its folder on, those on the command line from the current one on.
+        folder = Path() if name in scenario.added else scenario.config.parent
+        for item in (item.strip() for item in re.split("[,;]", value)):
+            path = folder / os.path.expandvars(item)
+            if is_output(name):
+                files.append(path.with_name(scenario.options.get("output-prefix", "") + path.name) if item else path)
+            elif item and os.path.isfile(path):
+                files.append(path)
+    return files
 
 
 def input_files(scenario: Scenario, name: str) -> list[Path]:

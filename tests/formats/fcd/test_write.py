@@ -1,4 +1,5 @@
 import gzip
+import os
 import resource
 import subprocess
 from dataclasses import replace
@@ -245,14 +246,21 @@ def test_the_file_is_valid_even_while_it_is_written(tmp_path: Path, suffix: str)
     path = tmp_path / f"t{suffix}"
     writer = FcdWriter(path)
     assert len(validate(path)) == 0
-    lengths = []
     for k in range(12):
-        world, places = scene(0.4 * k, 700)
+        world, places = scene(0.4 * k, 0 if k == 7 else 7)
         writer.write(world.time, world, places)
-        lengths.append(len(validate(path)))
+        assert len(validate(path)) == k + 1, "a step that was written is not on disk"
     writer.close()
-    assert 0 < lengths[5] < lengths[-1]
     assert len(validate(path)) == 12
+
+
+def test_csv_on_disk_ends_with_the_last_step(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    with FcdWriter(path) as writer:
+        for k in range(3):
+            writer.write(0.4 * k, *scene(0.4 * k))
+            rows = text_of(path).splitlines()[1:]
+            assert len(rows) == 6 * (k + 1)
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".xml.gz"])
@@ -289,11 +297,16 @@ def test_a_bad_path_is_reported_before_the_run(tmp_path: Path) -> None:
     for name in ("t.parq", "t.txt", "xml", "t.gz"):
         with pytest.raises(InputError, match=r"FCD files end in \.xml, \.xml\.gz, \.csv or \.parquet"):
             open_fcd(tmp_path / name)
-    with pytest.raises(InputError, match=r"cannot write .*/missing/t\.xml: No such file or directory"):
+    with pytest.raises(InputError, match=r"/missing/t\.xml: the folder .*/missing does not exist"):
         FcdWriter(tmp_path / "missing" / "t.xml")
     (tmp_path / "folder.xml").mkdir()
-    with pytest.raises(InputError, match="Is a directory"):
+    with pytest.raises(InputError, match="is a folder; name a file"):
         FcdWriter(tmp_path / "folder.xml")
     (tmp_path / "full.xml").symlink_to("/dev/full")
-    with pytest.raises(InputError, match="No space left on device"):
+    with pytest.raises(InputError, match="is a device or a pipe; name a file"):
         FcdWriter(tmp_path / "full.xml")
+    os.mkfifo(tmp_path / "pipe.xml")  # opening it would wait for a reader
+    with pytest.raises(InputError, match="is a device or a pipe; name a file"):
+        FcdWriter(tmp_path / "pipe.xml")
+    with pytest.raises(InputError, match="open_fcd"):
+        FcdWriter(tmp_path / "t.parquet")
