@@ -114,6 +114,10 @@ class RandomDriver:
         """See Driver."""
         return np.zeros(len(ids), np.bool_)
 
+    def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """See Driver."""
+        return np.zeros(len(ids), np.bool_)
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.decide import Agent, Changed, Situation, consider, decide
 from slrl_sumo.agent.lane_driver import LaneDriver
+from slrl_sumo.agent.path_smoothing import too_sharp
 from slrl_sumo.agent.selectors import Modes, PolicySelector, PriorSelector, Selector
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
@@ -65,6 +66,10 @@ class Driver(Protocol):
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Which of n road users have left their route and cannot go on, (n,), so that SUMO should put them back."""
+        ...
+
+    def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """Which of n road users have a turn ahead that is too sharp for them, (n,), so that SUMO should drive it."""
         ...
 
     def forget(self, ids: tuple[str, ...]) -> None:
@@ -126,6 +131,15 @@ class ModelDriver:
         """See Driver."""
         return np.zeros(len(ids), np.bool_) if self._routes is None else self._routes.off_route(ids)
 
+    def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """See Driver: as the last decision saw it."""
+        situation = self.situation
+        if situation is None or situation.context is None or situation.scene.route is None:
+            return np.zeros(len(ids), np.bool_)
+        rows = np.flatnonzero(too_sharp(situation.scene.route, situation.context.route))
+        sharp = {situation.scene.world.ids[row] for row in rows}
+        return np.array([road_user in sharp for road_user in ids], np.bool_)
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """See Driver."""
         self.agent.deadlock.forget(ids)
@@ -153,6 +167,10 @@ class RouteDriver:
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """See Driver: it keeps to its lanes."""
+        return np.zeros(len(ids), np.bool_)
+
+    def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        """See Driver: no turn is too sharp."""
         return np.zeros(len(ids), np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:

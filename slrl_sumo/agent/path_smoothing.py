@@ -34,6 +34,10 @@ NEIGHBOURS = 3
 CHORD = 3
 """Points from one end to the other of the chords that measure curvature: lanes are drawn with corners."""
 
+FOLLOWED = 3.0
+"""m that smoothing may move a path: in a turn that it moves further, road users would leave their lane altogether. The
+corners of the shipped scenarios are moved by up to 2.5 m, a bend of 130 degrees drawn without a radius by 7 m."""
+
 
 def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -> tuple[RouteAhead, NDArray[np.bool_]]:
     """`route` of the first road users of `users` with smoothed paths and lower desired speeds before curves, and for
@@ -46,6 +50,21 @@ def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -
     largest = np.ascontiguousarray(capability.sharpest)
     _smooth(x, y, desired, np.flatnonzero(driving), users.type, users.speed, largest, changed)
     return replace(route, x=x, y=y, desired=desired), changed
+
+
+def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:
+    """Whose path ahead has a turn that the models cannot follow, (n,): it is farther than FOLLOWED from that of
+    `smoothed`, the result of `smooth_paths`."""
+    moved = np.hypot(route.x - smoothed.x, route.y - smoothed.y)[:, HERE:]
+    return np.asarray(route.known & (moved.max(axis=1, initial=0.0) > FOLLOWED))
+
+
+def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> float:
+    """How far (m) smoothing moves a path, points (k, 2) in m with a distance of SPACING, for a type of road user."""
+    x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
+    right, left = SPARE * capability.sharpest[kind, :, 0]
+    _round(x, y, right, left, np.empty((3, len(x))), np.empty(len(x), np.bool_))
+    return float(np.hypot(x - points[:, 0], y - points[:, 1]).max(initial=0.0))
 
 
 @compiled

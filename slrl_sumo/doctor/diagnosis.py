@@ -6,15 +6,16 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from slrl_sumo.doctor.demand_checks import demand_findings, output_findings, unknown_names
-from slrl_sumo.doctor.finding import Finding, Severity
+from slrl_sumo.doctor.finding import Finding, Severity, counted, some
 from slrl_sumo.doctor.option_checks import missing_inputs, option_findings
+from slrl_sumo.doctor.turn_checks import turn_findings
 from slrl_sumo.doctor.versions import version_findings
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.types import DEFAULT_LENGTH, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.spawn import legal_lanes, starting_points
 from slrl_sumo.sumo.lanes import LanePoints
-from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network import LANE_WIDTH, Network
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.demand import Demand, read_demand
 from slrl_sumo.sumo.session import SumoSession
@@ -53,12 +54,14 @@ def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     try:
         with SumoSession(scenario) as session:
             network = session.network
+            turns = list(turn_findings(session.api, network))
     except InputError as error:
         reason = str(error).removeprefix(f"{scenario.config}: ")
         yield Finding("problem", "SUMO", reason, f"correct it until plain SUMO runs it: sumo -c {scenario.config.name}")
         return
     yield from unknown_names(scenario, demand, frozenset(lane.edge for lane in network.lanes))
     yield from network_findings(network)
+    yield from turns
 
 
 def network_findings(network: Network) -> Iterator[Finding]:
@@ -83,6 +86,7 @@ def network_findings(network: Network) -> Iterator[Finding]:
         "lanes: " + ", ".join(f"{km:.1f} km for {TYPE_NAMES[kind]}s" for kind, km in reach.items()),
         "nothing to do",
     )
+    yield from _odd_lanes(network)
     yield from _short_edges(network)
     yield from _junction_findings(network)
     yield from _bridges(network)
@@ -100,6 +104,26 @@ def _missing_surface(network: Network, kind: RoadUserType) -> tuple[str, str]:
         f"no lane where a {name} may be",
         f"run gives their share to the other types, but refuses a --mix with {name}; to have them, add {mend}",
     )
+
+
+def _odd_lanes(network: Network) -> Iterator[Finding]:
+    """Lanes without a width, and lanes that no class of road users may use."""
+    if network.without_width:
+        yield Finding(
+            "warning",
+            "lane widths",
+            f"{counted(len(network.without_width), 'lane has', 'lanes have')} no width that a lane can have "
+            f"({some(network.without_width)})",
+            f"give them a width in m; run takes {LANE_WIDTH:g} m",
+        )
+    closed = [lane.id for lane in network.lanes if not lane.allowed and not lane.internal]
+    if closed:
+        yield Finding(
+            "note",
+            "permissions",
+            f"{counted(len(closed), 'lane admits', 'lanes admit')} no vehicle class that SUMO knows ({some(closed)})",
+            "none needed if nobody shall use them; else correct allow and disallow",
+        )
 
 
 def _short_edges(network: Network) -> Iterator[Finding]:

@@ -19,6 +19,9 @@ MOST_LANES = 30
 MOST_TABLES = 5_000
 REACH = 150.0
 """m of a path beyond its first lane, if the route is that long."""
+SHARPEST = 2.2
+"""rad (126 degrees): vehicles without a destination take sharper turns, as turnarounds are, only where there are no
+others."""
 
 VIEW = 4.0
 """m by which a line is extended beyond its end, so that vehicles see road users that cross there."""
@@ -136,10 +139,20 @@ class LaneGraph:
             return next((k for k in links if not remaining or self.lanes[k[0]].edge == remaining[0]), None)
         if not remaining:
             exits = [k for k in links if not k[0].startswith(":")]
-            return rng.choice(exits) if rng and exits else None
+            if not rng or not exits:
+                return None
+            usual = [k for k in exits if abs(self._turn(lane, k[0])) < SHARPEST]
+            return rng.choice(usual or exits)
         links = [link for link in links if self.lanes[link[0]].edge == remaining[0]]
         costs = self._lane_changes(remaining, vehicle_class).total
         return min(links, key=lambda k: costs.get(k[0], math.inf), default=None)
+
+    def _turn(self, lane: str, target: str) -> float:
+        """Angle (rad, to the left above 0) from the end of a lane to the begin of the next one."""
+        (x0, y0), (x1, y1) = self.lanes[lane].shape[-2:].tolist()
+        (x2, y2), (x3, y3) = self.lanes[target].shape[:2].tolist()
+        turn = math.atan2(y3 - y2, x3 - x2) - math.atan2(y1 - y0, x1 - x0)
+        return math.remainder(turn, math.tau)
 
     def _lane_changes(self, edges: tuple[str, ...], vehicle_class: str) -> _LaneChanges:
         key = (edges[:MOST_EDGES], vehicle_class)

@@ -35,6 +35,8 @@ HYSTERESIS = 5.0
 
 FAST_LANE = 1.2
 """Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
+TURNING = 10.0
+"""s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
 RIM = 8.0
 """m outside the network's bounding box that a road user of the scenario may be."""
 
@@ -109,6 +111,8 @@ class CoSimulation:
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._finished: set[str] = set()
+        self._turning: dict[str, float] = {}
+        """Until when (s) SUMO keeps road users that cannot follow a turn."""
         self._handed_back: set[str] = set()
         """Road users of the scenario that were learned before, and have not arrived."""
         self._refusals = [simulation.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
@@ -288,10 +292,15 @@ class CoSimulation:
         leaving |= self.population.unsupported()
         if self._fast:
             leaving |= self._on_fast_lane(learned.ids)
+        turning = self._driver.cannot_follow(learned.ids)
+        leaving |= turning
         ending_ids = {learned.ids[row] for row in np.flatnonzero(ending)}
         back = self.population.hand_back(leaving)
         # A road user that is about to arrive is not taken over again.
         self._finished.update(ending_ids.intersection(back))
+        until = self._simulation.time + TURNING
+        self._turning = {user: end for user, end in self._turning.items() if end > self._simulation.time}
+        self._turning |= {learned.ids[row]: until for row in np.flatnonzero(turning)}
         return back
 
     def _on_fast_lane(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -306,7 +315,8 @@ class CoSimulation:
         taken: tuple[str, ...] = ()
         if self._takeover is not None and self._snapshot is not None:
             rule = self._takeover
-            skip = learned_before.union(handed_back, self._finished)
+            turning = {user for user, end in self._turning.items() if end > self._simulation.time}
+            skip = learned_before.union(handed_back, self._finished, turning)
             wanted = drawn(users.ids, users.type, rule.shares, rule.seed)
             wanted &= rule.region.inside(users.x, users.y)
             # Ids of spawned road users are those of road users without a route.

@@ -330,3 +330,30 @@ def test_command_line_of_a_scenario_that_cannot(make: Make, tmp_path: Path) -> N
     assert "remove the option mesosim" in line
     assert "mesosim" in done.stdout
     assert json.loads((tmp_path / "out.json").read_text())["can_run"] is False
+
+
+def test_turns_that_the_models_cannot_follow_are_counted_and_the_tightest_is_named(make: Make, tmp_path: Path) -> None:
+    nodes = STRAIGHT + '<node id="c" x="50" y="60"/>'
+    edges = "".join(f'<edge id="{n}" from="{n[0]}" to="{n[1]}" speed="8"/>' for n in ("ab", "bc"))
+    net = netconvert(tmp_path, nodes, edges)
+    cars, bicycles = (f for f in examine(read_scenario(make("", net=net))) if f.topic == "sharp turns")
+    assert cars.severity == bicycles.severity == "note"
+    assert cars.what.startswith("1 turn of 1 for cars is tighter than the models of bundle 'intersection'")
+    assert "from ab to bc" in bicycles.what
+    # A right angle can be followed.
+    assert network_topics(make, netconvert(tmp_path, nodes.replace('x="50" y="60"', 'x="100" y="60"'), edges)) == []
+
+
+@pytest.mark.parametrize(
+    ("lane", "topic"), [('width="inf"', "lane widths"), ('width="0"', "lane widths"), ('allow="-1"', "permissions")]
+)
+def test_odd_lanes_are_counted(make: Make, tmp_path: Path, lane: str, topic: str) -> None:
+    net = tmp_path / "n.net.xml"
+    name = lane.partition("=")[0]
+    line = re.search('<lane id="in0_0"[^>]*', NET.read_text())
+    assert line
+    bare = re.sub(f' {name}="[^"]*"', "", line[0])
+    net.write_text(NET.read_text().replace(line[0], bare.replace("<lane", f"<lane {lane}")))
+    finding = one(make(net=net), topic)
+    assert finding.what.startswith("1 lane ")
+    assert "in0_0" in finding.what

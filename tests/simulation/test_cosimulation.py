@@ -208,6 +208,9 @@ class _Straight:
         x, y = learned.x + ahead * np.cos(learned.heading), learned.y + ahead * np.sin(learned.heading)
         return Moved(replace(learned, x=x, y=y, speed=np.full(n, 10.0)), None, {})
 
+    def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
+        return np.zeros(len(ids), np.bool_)
+
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         return np.zeros(len(ids), np.bool_)
 

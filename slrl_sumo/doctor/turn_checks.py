@@ -1,0 +1,119 @@
+"""Turns that learned road users cannot follow."""
+
+import math
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from slrl_sumo.agent.path_smoothing import FOLLOWED, path_moved
+from slrl_sumo.doctor.finding import Finding, counted
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.capability import Capability, capability_of
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.route import SPACING
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
+from slrl_sumo.simulation.spawn import legal_lanes
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.links import LaneLinks
+from slrl_sumo.sumo.network import Network
+
+BEND = math.radians(45.0)
+"""Turns below this angle are not looked at."""
+NEAR = 25.0
+"""m of the lanes before and after a junction that belong to a turn."""
+
+
+def turn_findings(api: SumoApi, network: Network) -> Iterator[Finding]:
+    """Turns of cars and bicycles that are too sharp for the models of the usual bundle, in an open simulation."""
+    capability = _capability()
+    links, lanes = LaneLinks(api, network), {lane.id: lane for lane in network.lanes}
+    for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
+        turns = sharp = 0
+        worst, where = 0.0, ""
+        admitting = {lane.id for lane in legal_lanes(network, kind)}
+        for name, line in _turns(lanes, admitting, links):
+            turns += 1
+            moved = path_moved(line, capability, kind)
+            sharp += moved > FOLLOWED
+            if moved > worst:
+                worst, where = moved, name
+        if sharp:
+            yield Finding(
+                "note",
+                "sharp turns",
+                f"{counted(sharp, 'turn', 'turns')} of {turns} for {TYPE_NAMES[kind]}s {'is' if sharp == 1 else 'are'} "
+                f"tighter than the models of bundle '{DEFAULT_BUNDLE}' can follow (the tightest: {where}, by "
+                f"{worst:.1f} m)",
+                "none needed: SUMO drives road users that are taken over through them; spawned ones avoid them or cut "
+                "the corner",
+            )
+
+
+@cache
+def _capability() -> Capability:
+    return capability_of(load_bundle(DEFAULT_BUNDLE))
+
+
+def _turns(lanes: dict[str, Lane], admitting: set[str], links: LaneLinks) -> Iterator[tuple[str, Floats]]:
+    """Name and path, (k, 2) with points every SPACING m, of bends of lanes and of turns from lane to lane."""
+    begins = {lane: _first(lanes[lane].shape) for lane in admitting}
+    ends = {lane: _first(lanes[lane].shape[::-1])[::-1] for lane in admitting}
+    for start in sorted(admitting):
+        shape = _distinct(lanes[start].shape)
+        if len(shape) > 2 and _largest_turn(shape) > BEND:
+            yield f"on {lanes[start].edge}", _sampled(shape)
+        for target, via in links(start):
+            if target not in admitting:
+                continue
+            pieces = [ends[start]]
+            while via and len(pieces) < 5:
+                pieces.append(lanes[via].shape)
+                via = next((further for _, further in links(via)), "")
+            pieces.append(begins[target])
+            line = _distinct(np.concatenate(pieces))
+            if len(line) > 1 and _whole_turn(line) > BEND:
+                yield f"from {lanes[start].edge} to {lanes[target].edge}", _sampled(line)
+
+
+def _distinct(line: Floats) -> Floats:
+    """Without points that lie on the one before."""
+    steps = np.hypot(*np.diff(line, axis=0).T)
+    return np.asarray(line[np.concatenate([[True], steps > 1e-3])])
+
+
+def _headings(line: Floats) -> Floats:
+    steps = np.diff(line, axis=0)
+    return np.arctan2(steps[:, 1], steps[:, 0])
+
+
+def _largest_turn(line: Floats) -> float:
+    return float(np.abs(wrap_angle(np.diff(_headings(line)))).max(initial=0.0))
+
+
+def _whole_turn(line: Floats) -> float:
+    """rad between its first and last piece."""
+    before, after = line[1] - line[0], line[-1] - line[-2]
+    return abs(math.remainder(math.atan2(after[1], after[0]) - math.atan2(before[1], before[0]), math.tau))
+
+
+def _first(line: Floats) -> Floats:
+    """The first NEAR m of a line: its points, and the one in which it is cut."""
+    passed = 0.0
+    for k in range(1, len(line)):
+        step = math.dist(line[k - 1], line[k])
+        if passed + step > NEAR:
+            cut = line[k - 1] + (NEAR - passed) / step * (line[k] - line[k - 1])
+            return np.concatenate([line[:k], cut[None]])
+        passed += step
+    return line
+
+
+def _sampled(line: Floats) -> Floats:
+    """Points every SPACING m along a line, and its ends."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    count = max(2, 1 + math.ceil(along[-1] / SPACING))
+    s = np.linspace(0.0, along[-1], count)
+    return np.column_stack([np.interp(s, along, line[:, 0]), np.interp(s, along, line[:, 1])])

@@ -1,0 +1,78 @@
+"""Turns that are too sharp for the models are left to SUMO."""
+
+import math
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from netgen.binaries import run_program
+from slrl_sumo.agent.path_smoothing import FOLLOWED
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.run import run
+from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+SIDE = 60.0
+"""m of the street before and after the bend."""
+
+
+def bend(folder: Path, degrees: float) -> Path:
+    """A street with one corner, and a car and a bicycle on it."""
+    x, y = SIDE * (1 + math.cos(math.radians(degrees))), SIDE * math.sin(math.radians(degrees))
+    nodes = f'<node id="a" x="0" y="0"/><node id="c" x="{x:.2f}" y="{y:.2f}"/>'
+    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    edge = f'<edge id="ac" from="a" to="c" speed="13.9" shape="0,0 {SIDE},0 {x:.2f},{y:.2f}"/>'
+    (folder / "n.edg.xml").write_text(f"<edges>{edge}</edges>")
+    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], folder)
+    types = '<vType id="car"/><vType id="bicycle" vClass="bicycle"/>'
+    users = "".join(
+        f'<vehicle id="{kind}" type="{kind}" depart="{depart}"><route edges="ac"/></vehicle>'
+        for kind, depart in (("car", 0), ("bicycle", 15))
+    )
+    (folder / "n.rou.xml").write_text(f"<routes>{types}{users}</routes>")
+    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/><step-length value="0.4"/><end value="60"/>'
+    (folder / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
+    return folder / "n.sumocfg"
+
+
+@pytest.mark.parametrize(("degrees", "followed"), [(60, True), (90, True), (130, False), (-130, False)])
+def test_learned_road_users_keep_to_the_street_in_a_bend(tmp_path: Path, degrees: float, followed: bool) -> None:
+    config = bend(tmp_path, degrees)
+    with SumoSession(find_scenario(str(config))) as session:
+        line = session.network.lanes[0].shape
+    farthest, learned = 0.0, 0
+    for event in run(RunSettings(config, takeover="car=1,bicycle=1", steps=140)):
+        if isinstance(event, Decision):
+            world = event.steps[-1].world
+            rows = np.flatnonzero(world.learned)
+            learned += len(rows)
+            places = np.column_stack([world.x, world.y])[rows]
+            farthest = max([farthest, *(_distance(place, line) for place in places)])
+    assert farthest < FOLLOWED
+    # Before and after a sharp bend they are learned, too.
+    assert learned > (80 if followed else 10)
+
+
+def _distance(place: Floats, line: Floats) -> float:
+    distances = []
+    for a, b in pairwise(line):
+        along = np.clip(np.dot(place - a, b - a) / max(np.dot(b - a, b - a), 1e-9), 0.0, 1.0)
+        distances.append(float(np.hypot(*(place - a - along * (b - a)))))
+    return min(distances)
+
+
+def test_spawned_vehicles_turn_around_only_where_there_is_no_other_way(tmp_path: Path) -> None:
+    run_program("netgenerate", ["--grid", "--grid.number", "3", "-o", "n.net.xml"], tmp_path)
+    (tmp_path / "n.sumocfg").write_text('<configuration><net-file value="n.net.xml"/></configuration>')
+    with SumoSession(find_scenario(str(tmp_path))) as session:
+        graph = LaneGraph(session.api, session.network)
+        for seed in range(20):
+            path = graph.path("A0A1_0", (), "passenger", [(0.0, -5.0)], str(seed))
+            edges = [graph.lanes[lane].edge for lane in path.lanes if not lane.startswith(":")]
+            assert len(edges) > 1
+            assert all(a[:2] + a[2:] != b[2:] + b[:2] for a, b in pairwise(edges))
