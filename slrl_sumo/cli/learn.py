@@ -122,8 +122,10 @@ def fit(
     recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
     bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
     bundle.save(out)
+    for kind, reason in bundle.training["left_out"].items():
+        typer.echo(f"note: no models for {kind}: {reason}", err=True)
     if report is not None:
-        write_modes(recordings, report, seed)
+        write_modes(recordings, report, seed, bundle.training["types"])
     typer.echo(f"{out}: bundle '{bundle.name}'; see {out / 'MODEL_CARD.md'}")
 
 

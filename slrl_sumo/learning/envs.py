@@ -114,6 +114,10 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             seen["route"] = spaces.Box(-10.0, 10.0, (len(ROUTE_FEATURES),), np.float32)
         self.observation_space = spaces.Dict(seen)
         self._bundle: ModelBundle = load_bundle(bundle)
+        if ego is not None and not self._bundle.types[TYPE_NAMES.index(ego)]:
+            raise InputError(f"ego={ego!r}: bundle '{self._bundle.name}' has no models for it; give another")
+        mix = np.where(self._bundle.types, DEFAULT_MIX, 0.0)
+        self._mix = mix / mix.sum()
         self._scenario = None if scenario is None else find_scenario(scenario)
         self._ego, self._others, self._enlarge = ego, others, enlarge
         self._settings = ArenaSettings(
@@ -209,7 +213,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         seed = int(self.np_random.integers(2**31))
         settings = self._settings
         if self._others == "sumo":
-            kind = TYPE_NAMES.index(self._ego) if self._ego else int(self.np_random.choice(3, p=DEFAULT_MIX))
+            kind = TYPE_NAMES.index(self._ego) if self._ego else int(self.np_random.choice(3, p=self._mix))
             settings = replace(settings, mix=(float(kind == 0), float(kind == 1), float(kind == 2)))
         with ExitStack() as opened:
             opened.enter_context(one_thread())

@@ -31,7 +31,7 @@ from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 FORMAT_VERSION = 1
 BOUNDS = {
@@ -88,7 +88,7 @@ class BundleConfig:
 
 @dataclass(frozen=True, eq=False)
 class ModelBundle:
-    """The learned models of all three road user types, with where they come from."""
+    """The learned models of the road user types, with where they come from."""
 
     name: str
     config: BundleConfig
@@ -96,7 +96,7 @@ class ModelBundle:
     """(3, modes, 2) m, ego frame: mean of what the modes of each type are clusters of: destinations, or destinations
     relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.fit.goals)."""
     mode_counts: NDArray[np.int64]
-    """(3, modes): windows of each type and mode in training."""
+    """(3, modes): windows of each type and mode in training; 0 for types that the bundle has no models for."""
     displacement: DisplacementModels
     prior: Prior
     training: dict[str, Any]
@@ -107,6 +107,15 @@ class ModelBundle:
     """The trained selector, if any."""
     policy_training: dict[str, Any] | None = None
     """How that was trained, plain JSON values."""
+
+    @property
+    def types(self) -> NDArray[np.bool_]:
+        """Which types it has models for, (3,)."""
+        return np.asarray(self.mode_counts.sum(1) > 0)
+
+    def missing(self, types: NDArray[np.bool_]) -> str:
+        """Names of those of `types` (3,) that it has no models for, for messages; empty where it has all."""
+        return " and ".join(TYPE_NAMES[k] for k in np.flatnonzero(types & ~self.types))
 
     @property
     def max_speed(self) -> Floats:

@@ -347,8 +347,8 @@ class CoSimulation:
 
 def fast_lanes(network: Network, driver: Driver) -> frozenset[str]:
     """Ids of car lanes with a limit above FAST_LANE times the top speed of the cars of `driver`: no vehicle is learned
-    there, because all others would queue behind it."""
-    most = FAST_LANE * float(driver.max_speed[RoadUserType.CAR])
+    there, because all others would queue behind it. None where the driver moves no cars."""
+    most = FAST_LANE * float(driver.max_speed[RoadUserType.CAR]) or np.inf
     return frozenset(
         lane.id
         for lane in network.lanes

@@ -9,7 +9,7 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation, Takeover, fast_lanes
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.settings import LearnedSettings
-from slrl_sumo.simulation.shares import parse_mix, parse_shares
+from slrl_sumo.simulation.shares import parse_mix, parse_shares, served_shares
 from slrl_sumo.simulation.spawn import type_counts
 
 
@@ -39,10 +39,12 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
     """
     notices: list[str] = []
     takeover = None
+    selector = settings.selector or usual_selector(bundle)
+    models = None if selector == "lane" else bundle
     if settings.takeover is not None:
         region = parse_region(settings.region, simulation.network)
-        takeover = Takeover(parse_shares(settings.takeover), region, settings.seed)
-    selector = settings.selector or usual_selector(bundle)
+        shares = parse_shares(settings.takeover) if models is None else served_shares(settings.takeover, models)
+        takeover = Takeover(shares, region, settings.seed)
     driver = make_driver(
         selector,
         bundle,
@@ -59,7 +61,7 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         )
     if settings.agents is not None:
         mix = None if settings.mix is None else parse_mix(settings.mix)
-        counts, mix_notices = type_counts(settings.agents, mix, loop.points, where)
+        counts, mix_notices = type_counts(settings.agents, mix, loop.points, where, models)
         notices += mix_notices
         loop.spawn(counts, bundle.max_speed, settings.seed)
     return Learned(loop, driver, selector, tuple(notices))

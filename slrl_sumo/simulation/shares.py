@@ -6,6 +6,7 @@ from contextlib import suppress
 import numpy as np
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
@@ -16,6 +17,18 @@ Shares = Mapping[str, float] | str
 def parse_shares(given: Shares) -> Floats:
     """Share of each type to take over, (3,), in [0, 1]. Types left out get 0. Raises InputError."""
     return _parsed(given, "takeover", 1.0)
+
+
+def served_shares(given: Shares, bundle: ModelBundle) -> Floats:
+    """As `parse_shares`. Raises InputError as well where the bundle has no models for a type with a share above 0."""
+    shares = parse_shares(given)
+    if unserved := bundle.missing(shares > 0):
+        raise InputError(
+            f"bundle '{bundle.name}' has no models for {unserved}: leave it out, or use another bundle",
+            argument="takeover",
+            value=given,
+        )
+    return shares
 
 
 def parse_mix(given: Shares) -> Floats:

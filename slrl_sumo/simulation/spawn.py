@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.lanes import Lane, LanePoints
@@ -71,12 +72,16 @@ def starting_points(network: Network) -> tuple[LanePoints, ...]:
 
 
 def type_counts(
-    agents: int, mix: NDArray[np.float64] | None, points: tuple[LanePoints, ...], where: str
+    agents: int,
+    mix: NDArray[np.float64] | None,
+    points: tuple[LanePoints, ...],
+    where: str,
+    bundle: ModelBundle | None = None,
 ) -> tuple[NDArray[np.int64], list[str]]:
     """How many road users of each type, (3,), and notices.
 
-    Without a `mix` the shares of types that the network has no surface for go to the others; a given mix that asks for
-    such a type is an InputError.
+    Without a `mix` the shares of types that the network has no surface for, or the bundle no models, go to the others;
+    a given mix that asks for such a type is an InputError.
     """
     if agents < 1:
         raise InputError("at least one learned road user is needed", argument="agents", value=agents)
@@ -93,6 +98,13 @@ def type_counts(
     if missing:
         shares = np.where(possible, shares, 0.0)
         notices.append(f"no surface for {' and '.join(missing)} in this network: their share goes to the other types")
+    if bundle is not None and (unserved := bundle.missing(shares > 0)):
+        if mix is not None:
+            raise InputError(f"bundle '{bundle.name}' has no models for {unserved}; leave it out of `mix`")
+        shares = np.where(bundle.types, shares, 0.0)
+        if not shares.any():
+            raise InputError(f"{where}: bundle '{bundle.name}' has models for none of the types that fit in here")
+        notices.append(f"bundle '{bundle.name}' has no models for {unserved}: their share goes to the other types")
     shares = shares / shares.sum()
     exact = agents * shares
     counts = np.floor(exact).astype(np.int64)

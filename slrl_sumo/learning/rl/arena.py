@@ -124,7 +124,7 @@ class Arena:
         self.simulation = CoSimulation(self._session, self.driver)
         self._points = self.simulation.points
         mix = None if self.settings.mix is None else np.array(self.settings.mix)
-        counts, _ = type_counts(self.settings.agents, mix, self._points, str(self._scenario.config))
+        counts, _ = type_counts(self.settings.agents, mix, self._points, str(self._scenario.config), self.bundle)
         self.simulation.spawn(counts, self.bundle.max_speed, self._seed)
         self.simulation.start()
         n = len(self.simulation.population.world)
@@ -298,8 +298,9 @@ def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
     """
     types = bundle.training.get("types", {})
     recorded = [types.get(name, {}).get("moving_speed_mps") for name in TYPE_NAMES]
-    if all(recorded):
-        return recorded[0], recorded[1], recorded[2]
+    if all(speed for speed, served in zip(recorded, bundle.types, strict=True) if served):
+        car, bicycle, pedestrian = (speed or 0.0 for speed in recorded)  # 0 for types that the bundle lacks
+        return car, bicycle, pedestrian
     # Bundles that were fitted before this was written down: their modes are clusters of positions.
     distance = np.hypot(bundle.mode_centres[..., 0], bundle.mode_centres[..., 1])
     count = np.where(distance > MOVING_DISTANCE, bundle.mode_counts, 0)

@@ -59,6 +59,7 @@ class Demonstrations:
 def demonstrations(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundle, stride: int) -> Demonstrations:
     """All windows of a recording on its ground, with the modes of `bundle`."""
     every = windows([recording], stride)
+    every = every.take(bundle.types[every.type])
     goal = goals(every, str(bundle.training.get("modes_by", "kmeans")))
     mode = np.zeros(len(every), np.int64)
     for t in RoadUserType:

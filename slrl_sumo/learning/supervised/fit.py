@@ -65,14 +65,15 @@ def fit(
     mirror: bool = False,
     forget: float = 0.0,
 ) -> ModelBundle:
-    """Learn a bundle called `name` from recordings of all three road user types.
+    """Learn a bundle called `name` from recordings of at least one road user type.
 
-    Errors are measured on `tests`, recordings of all three types that are not used in training; without them on
-    HELD_OUT of the tracks of each type, which are excluded from training. `stride` > 1 uses every stride-th frame only;
-    `modes` is one of MODES_BY; `mirror` adds mirrored windows for every type, not only for types with few windows;
-    `forget` is passed to train_displacement; `notice` is the text that the data's licence requires in the model card.
-    The same seed and recordings give the same weights on one machine, independent of the number of threads. Raises
-    InputError where the recordings have another interval or too few tracks of a type.
+    The bundle serves the types that the recordings hold enough of, to learn from and to test; others are left out, with
+    the reason in `training["left_out"]`. Errors are measured on `tests`, recordings that are not used in training;
+    without them on HELD_OUT of the tracks of each type, which are excluded from training. `stride` > 1 uses every
+    stride-th frame only; `modes` is one of MODES_BY; `mirror` adds mirrored windows for every type, not only for types
+    with few windows; `forget` is passed to train_displacement; `notice` is the text that the data's licence requires in
+    the model card. The same seed and recordings give the same weights on one machine, independent of the number of
+    threads. Raises InputError where the recordings have another interval or too few tracks of every type.
     """
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
@@ -102,26 +103,29 @@ def _fit(
 ) -> ModelBundle:
     every = windows([*recordings, *tests], stride)
     held_out = every.recording >= len(recordings) if tests else _hold_out(every, seed)
-    _check_types(every, held_out)
+    config = BundleConfig()
+    left_out = _left_out(every, held_out, modes, config.modes)
+    types = [t for t in RoadUserType if TYPE_NAMES[t] not in left_out]
+    if not types:
+        raise InputError(f"nothing can be learned: {'; '.join(f'{name}: {why}' for name, why in left_out.items())}")
+    served = np.isin(every.type, types)
+    every, held_out = every.take(served), held_out[served]
     train = every.take(~held_out)
     few = np.bincount(train.type, minlength=len(RoadUserType)) < MIRROR_BELOW
     few |= mirror
     train = joined([train, mirrored(train.take(few[train.type]))])
-    config = BundleConfig()
-    centres = np.stack(
-        [
-            cluster(goals(train, modes)[train.type == t], config.modes, seed, TYPE_NAMES[t], balanced=modes in BALANCED)
-            for t in RoadUserType
-        ]
-    )
+    centres = np.zeros((len(RoadUserType), config.modes, 2))
+    for t in types:
+        goal = goals(train, modes)[train.type == t]
+        centres[t] = cluster(goal, config.modes, seed, TYPE_NAMES[t], balanced=modes in BALANCED)
     mode = _modes_of(train, modes, centres)
     counts = np.stack([np.bincount(mode[train.type == t], minlength=config.modes) for t in RoadUserType])
 
     models = DisplacementModels(config.modes, config.displacement_hidden)
     prior = Prior(config.modes, config.prior_hidden)
-    _set_bounds(models, train)
+    _set_bounds(models, train, types)
     for networks in (models.networks, prior.networks):
-        _set_normalisation(networks, train)
+        _set_normalisation(networks, train, types)
     generator = torch.Generator().manual_seed(seed)
     # `curved` modes describe a turn of 2 s; models trained for longer would continue it in circles.
     horizon = AT_ONCE if modes == "curved" else FUTURE
@@ -137,7 +141,8 @@ def _fit(
         "modes": config.modes,
         "modes_by": modes,
         "forget": forget,
-        "mirrored": [TYPE_NAMES[t] for t in RoadUserType if few[t]],
+        "mirrored": [TYPE_NAMES[t] for t in types if few[t]],
+        "left_out": left_out,
         "held_out_share": None if tests else HELD_OUT,
         "tests": [recording.source for recording in tests],
         "versions": {
@@ -146,7 +151,7 @@ def _fit(
             "scikit_learn": sklearn.__version__,
         },
         "types": {
-            TYPE_NAMES[t]: _measured(models, prior, every, held_out, centres, counts[t], modes, t) for t in RoadUserType
+            TYPE_NAMES[t]: _measured(models, prior, every, held_out, centres, counts[t], modes, t) for t in types
         },
     }
     return ModelBundle(
@@ -168,20 +173,25 @@ def _hold_out(every: Windows, seed: int) -> NDArray[np.bool_]:
     chosen = []
     for t in RoadUserType:
         tracks = np.unique(identity[every.type == t])
-        chosen.append(random.permutation(tracks)[: max(1, round(HELD_OUT * len(tracks)))])
+        chosen.append(random.permutation(tracks)[: max(1, round(HELD_OUT * len(tracks)))])  # of none it takes none
     return np.isin(identity, np.concatenate(chosen))
 
 
-def _check_types(every: Windows, held_out: NDArray[np.bool_]) -> None:
+def _left_out(every: Windows, held_out: NDArray[np.bool_], modes: str, k: int) -> dict[str, str]:
+    """Names of the types that cannot be learned, with the reason."""
     identity = np.stack([every.recording, every.track])
+    goal = goals(every, modes)
+    reasons = {}
     for t in RoadUserType:
         mine = every.type == t
         train, test = (np.unique(identity[:, mine & part], axis=1).shape[1] for part in (~held_out, held_out))
+        distinct = len(np.unique(np.round(goal[mine & ~held_out], 3), axis=0))
         if not (train and test):
-            raise InputError(
-                f"{TYPE_NAMES[t]}: {train + test} tracks of 6 s or longer in the recordings, a bundle needs at least "
-                f"2 of every type, to learn from and to test; add recordings with {TYPE_NAMES[t]} traffic"
-            )
+            tracks = f"{train + test} track{'s' * (train + test != 1)} of 6 s or longer in the recordings"
+            reasons[TYPE_NAMES[t]] = f"{tracks}, {train} to learn from and {test} to test; at least 1 of each is needed"
+        elif distinct < k:
+            reasons[TYPE_NAMES[t]] = f"{distinct} distinct destinations in the recordings, {k} modes need at least {k}"
+    return reasons
 
 
 def goals(every: Windows, modes: str) -> Floats:
@@ -205,11 +215,11 @@ def _modes_of(every: Windows, modes: str, centres: Floats) -> Longs:
     return mode
 
 
-def _set_bounds(models: DisplacementModels, train: Windows) -> None:
+def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadUserType]) -> None:
     """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
     before = train.vector[:, SPEED].astype(np.float64)
     after = before + train.acceleration * DECISION_INTERVAL
-    for t in RoadUserType:
+    for t in types:
         rows = train.type == t
         moving = rows & (np.maximum(before, after) > 0.1)
         rows = moving if moving.any() else rows
@@ -230,9 +240,9 @@ def _set_bounds(models: DisplacementModels, train: Windows) -> None:
         models.max_speed[t] = float(np.percentile(before[train.type == t], 99))
 
 
-def _set_normalisation(networks: StackedNetworks, train: Windows) -> None:
+def _set_normalisation(networks: StackedNetworks, train: Windows, types: Sequence[RoadUserType]) -> None:
     """Mean and 1 / standard deviation of each feature and type; 0 for features that are constant in a type."""
-    for t in RoadUserType:
+    for t in types:
         vector = train.vector[train.type == t].astype(np.float64)
         mean, deviation = vector.mean(0), vector.std(0)
         mean[HEADING], deviation[HEADING] = 0.0, np.pi / np.sqrt(3)  # uniform, as `turned` draws them

@@ -20,6 +20,12 @@ MODES_BY_TEXT = {
 def model_card(name: str, training: dict[str, Any]) -> str:
     """Markdown text of the model card of bundle `name`, from its training record (see learning.supervised.fit)."""
     kinds = training["types"]
+    names = [kind for kind in TYPE_NAMES if kind in kinds]
+    subjects = " and ".join(f"{kind}s" for kind in names) if len(names) < 3 else "cars, bicycles and pedestrians"
+    left_out = [
+        f"**No models of type {kind}**: {reason}. Such road users stay SUMO's."
+        for kind, reason in training.get("left_out", {}).items()
+    ]
     tracks: dict[tuple[str, str], list[int]] = {}
     for recording in training["recordings"]:
         key = (recording["source"] or "not stated", recording["licence"] or "not stated")
@@ -30,17 +36,17 @@ def model_card(name: str, training: dict[str, Any]) -> str:
     sizes = [
         f"| {kind} | {kinds[kind]['tracks']} | {kinds[kind]['windows']} "
         f"| {kinds[kind]['held_out_windows']} | {kinds[kind]['smallest_mode']} |"
-        for kind in TYPE_NAMES
+        for kind in names
     ]
     errors = [
         f"| {kind} | {kinds[kind]['displacement_error_m']:.3f} | {kinds[kind]['constant_velocity_error_m']:.3f} "
         f"| {kinds[kind]['destination_error_m']:.2f} "
         f"| {kinds[kind]['prior_cross_entropy_nats']:.2f} | {kinds[kind]['frequency_cross_entropy_nats']:.2f} "
         f"| {kinds[kind]['prior_accuracy']:.2f} | {kinds[kind]['most_frequent_accuracy']:.2f} |"
-        for kind in TYPE_NAMES
+        for kind in names
     ]
     bounds = []
-    for kind in TYPE_NAMES:
+    for kind in names:
         brake, gas = kinds[kind]["acceleration_bounds_mps2"]
         right, left = kinds[kind]["yaw_rate_bounds_radps"]
         curvature = f"{kinds[kind]['max_curvature_per_m']:.3f}"
@@ -50,7 +56,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
         )
     few = [
         f"{kind} ({count})"
-        for kind in TYPE_NAMES
+        for kind in names
         if (count := kinds[kind]["windows"] - kinds[kind]["held_out_windows"]) < FEW
     ]
     scarce = (
@@ -68,7 +74,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
         [
             f"# Model bundle `{name}`",
             "",
-            "Learned cars, bicycles and pedestrians for slrl_sumo, after the SLRL method: per type, "
+            f"Learned {subjects} for slrl_sumo, after the SLRL method: per type, "
             f"{training['modes']} modes with one displacement model each, and a prior that chooses among them.",
             "",
             "## Data",
@@ -84,6 +90,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "|---|---|---|---|---|",
             *sizes,
             "",
+            *(line for text in left_out for line in (text, "")),
             "## Errors on held-out tracks",
             "",
             f"{held_out} One step: mean distance to the recorded position after 0.4 s, in the mode of the recorded "

@@ -69,7 +69,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
         selector = work.selector or usual_selector(bundle)
         driver = make_driver(selector, bundle, session.api, session.network, work.seed, stopwatch=stopwatch)
         simulation = CoSimulation(session, driver, stopwatch=stopwatch)
-        counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config))
+        counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config), bundle)
         try:
             simulation.spawn(counts, bundle.max_speed, work.seed)
         except InputError as error:

@@ -20,7 +20,7 @@ from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.simulation.shares import parse_shares
+from slrl_sumo.simulation.shares import parse_shares, served_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, play
 from slrl_sumo.studies.compare.tables import distances, rows
@@ -167,7 +167,7 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
         raise InputError(f"--steps {settings.steps}: at least one decision is needed")
     if settings.seconds is not None and not 0 < settings.seconds < 1e7:
         raise InputError(f"--seconds {settings.seconds:g}: give a number above 0")
-    parse_shares(settings.takeover)
+    _ = parse_shares(settings.takeover) if selector == "lane" else served_shares(settings.takeover, bundle)
     sumo_step_length(scenario, settings.step_length)
     return ComparedScenario(
         scenario=portable_name(settings.scenario),

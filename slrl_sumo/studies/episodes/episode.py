@@ -145,7 +145,7 @@ def _not_in(world: WorldState, ids: frozenset[str]) -> NDArray[np.bool_]:
 def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, episode: Episode) -> None:
     """Add the learned road users as a run does, but not upon the traffic that is there already."""
     points = simulation.points
-    counts, _ = type_counts(episode.agents, None, points, str(session.scenario.config))
+    counts, _ = type_counts(episode.agents, None, points, str(session.scenario.config), bundle)
     background = background_world(session.reader.read(), session.time, frozenset())
     rng = np.random.default_rng(episode.draw)
     try:

@@ -90,7 +90,8 @@ def evaluate(
     `driving`: long rollouts of the prior over 64 steps (see slrl_sumo.studies.prediction.long_rollout).
     `roadmap` is the ground, `surface` says where it comes from; with it there is `off_surface`: per selector and type
     the share of steps that end off the own surface, also of what was recorded. Without it everything is road.
-    `selectors`: of selectors_of(bundle), which is the default.
+    `selectors`: of selectors_of(bundle), which is the default. Types that the bundle has no models for are there as
+    recorded; `notes` names them.
     The figures depend on `seed`, not on `batch`. Raises InputError where nothing can be evaluated.
     """
     known = selectors_of(bundle)
@@ -117,19 +118,25 @@ def evaluate(
     with one_thread():
         for first in range(0, len(starts), batch):
             here = starts[first : first + batch]
-            cast = cast_of(recording, here)
+            cast = cast_of(recording, here, types=bundle.types)
             reversed_ += int(cast.reverses.sum())
             for name in selectors:
                 parts[name].append(_rollouts(recording, cast, here, name, bundle, ground, seed))
             if "prior" in selectors:
-                drives.append(long_rollout(recording, here, partial(_in_a_run, bundle, ground, here, seed)))
+                make = partial(_in_a_run, bundle, ground, here, seed)
+                drives.append(long_rollout(recording, here, make, bundle.types))
             progress(min(first + batch, len(starts)) / max(len(starts), 1))
+    there = np.isin(np.arange(len(TYPE_NAMES)), recording.type)
+    if (unserved := bundle.missing(there)) and not (there & bundle.types).any():
+        raise InputError(f"bundle {bundle.name} has no models for {unserved}, and the recording holds nothing else")
+    notes = [f"bundle {bundle.name} has no models for {unserved}: as recorded, without figures"] if unserved else []
     if not len(starts) or not any((part.steps > 0).any() for part in parts[selectors[0]]):
         raise InputError("no road user of the recording can be simulated: that takes 1.2 s of a track of its own")
     return {
         "recording": recording.source,
         "bundle": bundle.name,
         "seed": seed,
+        "notes": notes,
         "starts": len(starts),
         "starts_every": starts_every,
         "samples": SAMPLES,

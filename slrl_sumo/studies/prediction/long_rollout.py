@@ -38,12 +38,14 @@ class LongRollout:
     """m from the start to the end, (U,)."""
 
 
-def long_rollout(recording: Trajectories, starts: Integers, make: Callable[[Cast], Move]) -> LongRollout:
+def long_rollout(
+    recording: Trajectories, starts: Integers, make: Callable[[Cast], Move], types: NDArray[np.bool_] | None = None
+) -> LongRollout:
     """Simulate all road users present and in motion at the frames `starts` for STEPS, without the recording.
 
-    No road user enters or leaves. `make` gives the motion.
+    No road user enters or leaves, and those of other than `types` (3,) are not there. `make` gives the motion.
     """
-    every = cast_of(recording, starts)
+    every = cast_of(recording, starts, types=types)
     cast = every.take(np.flatnonzero((every.enters == 0) & (every.leaves > 0)))
     row, track = cast.row, recording.track[cast.row]
     world = WorldState(

@@ -1,7 +1,7 @@
 """Pictures and counts of modes, of all ways to find them side by side."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +19,8 @@ MODES_FILES = ("modes.csv", "modes-*.png")
 """What is written into the folder."""
 
 
-def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> None:
-    """Write modes-TYPE.png for each type of the recordings, and modes.csv, into `folder`, which is created.
+def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int, types: Collection[str]) -> None:
+    """Write modes-TYPE.png for each of `types`, names of types, and modes.csv, into `folder`, which is created.
 
     Clustered is what `fit` would learn from, without its mirrored windows.
     """
@@ -28,7 +28,7 @@ def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int) -> 
     rows = []
     try:
         folder.mkdir(exist_ok=True)
-        for t in np.unique(every.type).tolist():
+        for t in (TYPE_NAMES.index(name) for name in types):
             mine = every.take(every.type == t)
             modes = {}
             for name in MODES_BY:

@@ -1,6 +1,7 @@
 """Outputs of an evaluation on a recording: results.json, results.csv, errors.png and a table."""
 
 import csv
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,8 @@ def print_evaluation(result: dict[str, Any]) -> None:
             table.add_row(row["type"], row["selector"], str(row["step"]), *figures, str(row["n"]))
         if rows:
             console.print(table)
+    for note in result["notes"]:
+        print(f"note: {note}", file=sys.stderr)
     if result["driving"]:
         table = Table(title="long rollouts of the prior, 25.6 s", title_justify="left")
         table.add_column("type")

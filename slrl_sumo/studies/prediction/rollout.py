@@ -27,8 +27,8 @@ class Cast:
     """U road users of the rollouts from some start frames: their scenes, and the intervals in which they take part.
 
     A road user is there as recorded until its motion is known (PAST intervals, as in training), then it is simulated,
-    to the end of its track or of the rollout. Parked ones are there as recorded all the time, and so are cars that
-    reverse on the way: nothing here drives backwards, so nothing would be measured.
+    to the end of its track or of the rollout. Parked ones, and types that the bundle lacks, are there as recorded all
+    the time, and so are cars that reverse on the way: nothing here drives backwards, so nothing would be measured.
     """
 
     scene: Integers
@@ -92,8 +92,13 @@ class Errors:
     """Intervals that ended off the own surface, (U,); 0 without a map."""
 
 
-def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Cast:
-    """The cast of the rollouts that begin at the frames `starts` (S,), scene by scene, in the order of tracks."""
+def cast_of(
+    recording: Trajectories, starts: Integers, steps: int = STEPS, types: NDArray[np.bool_] | None = None
+) -> Cast:
+    """The cast of the rollouts that begin at the frames `starts` (S,), scene by scene, in the order of tracks.
+
+    Road users of other than `types` (3,) are there as recorded; without, all types are simulated.
+    """
     first_row = recording.starts[:-1]
     first, last = recording.frame[first_row], recording.frame[recording.starts[1:] - 1]
     scene, track = np.nonzero((first <= starts[:, None] + steps) & (last >= starts[:, None]))
@@ -103,13 +108,16 @@ def cast_of(recording: Trajectories, starts: Integers, steps: int = STEPS) -> Ca
     leaves = np.minimum(last[track] - begin, steps)
     backwards = np.cumsum(reversing(recording))
     reverses = (enters < leaves) & (backwards[row + leaves] > backwards[np.minimum(row + enters - PAST, row + leaves)])
-    reverses &= ~recording.parked[track]
+    as_recorded = recording.parked[track]
+    if types is not None:
+        as_recorded = as_recorded | ~types[recording.type[track]]
+    reverses &= ~as_recorded
     return Cast(
         scene=scene,
         track=track,
         row=row,
         appears=np.maximum(first[track] - begin, 0),
-        enters=np.where(recording.parked[track] | reverses, steps, enters),
+        enters=np.where(as_recorded | reverses, steps, enters),
         leaves=leaves,
         reverses=reverses,
     )

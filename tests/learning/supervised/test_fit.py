@@ -230,10 +230,29 @@ def test_every_group_has_its_share_of_an_epoch(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("kind", RoadUserType)
-def test_a_type_that_is_missing_is_named(traffic: list[Trajectories], kind: RoadUserType) -> None:
-    for keep in (0, 1):
-        with pytest.raises(InputError, match=f"{TYPE_NAMES[kind]}: {keep} tracks .* add recordings"):
-            fit([without(traffic[0], kind, keep)], name="a", seed=1)
+def test_a_type_without_enough_tracks_is_left_out(
+    traffic: list[Trajectories], kind: RoadUserType, tmp_path: Path
+) -> None:
+    keep, name = kind % 2, TYPE_NAMES[kind]
+    bundle = fit([without(traffic[0], kind, keep)], name="two", seed=1, epochs=1, stride=6)
+    others = [t for t in RoadUserType if t != kind]
+    assert np.flatnonzero(bundle.types).tolist() == others
+    assert list(bundle.training["types"]) == [TYPE_NAMES[t] for t in others]
+    assert bundle.training["left_out"][name].startswith(f"{keep} track{'s' * (keep != 1)} of 6 s or longer")
+    assert f"**No models of type {name}**" in bundle.card
+    bundle.save(tmp_path / "two")  # all weights are finite, or it could not be loaded
+    again = load_bundle(tmp_path / "two")
+    assert again.types.tolist() == bundle.types.tolist()
+    assert again.max_speed[kind] == 0
+    assert (again.max_speed[others] > 0.5).all()
+
+
+def test_a_type_alone_is_enough_and_tests_may_lack_others(traffic: list[Trajectories]) -> None:
+    alone = without(without(traffic[0], RoadUserType.CAR, 0), RoadUserType.BICYCLE, 0)
+    bundle = fit(traffic[1:], name="one", seed=1, epochs=1, stride=6, tests=[alone])
+    assert bundle.types.tolist() == [False, False, True]
+    assert "0 to test" in bundle.training["left_out"]["car"]
+    assert bundle.card.splitlines()[2].startswith("Learned pedestrians for slrl_sumo")
 
 
 def test_what_cannot_be_learned_from_is_refused(traffic: list[Trajectories], brief_traffic: Trajectories) -> None:

@@ -23,7 +23,7 @@ def a_result() -> dict[str, object]:
     ]  # fmt: skip
     return {
         "recording": "made", "bundle": "b", "seed": 1, "starts": 3, "starts_every": 5, "samples": 20, "reversing": 2,
-        "surface": "everything is road", "rows": rows, "bends": rows[-1:], "driving": [],
+        "notes": [], "surface": "everything is road", "rows": rows, "bends": rows[-1:], "driving": [],
         "off_surface": [{"selector": "recorded", "type": "car", "share": 0.125, "steps": 80}],
     }  # fmt: skip
 
@@ -75,7 +75,7 @@ def test_pictures_of_modes_for_each_type_and_counts_of_both_clusterings(tmp_path
     turn = random.uniform(-1.0, 1.0, tracks)[:, None] * np.linspace(0, 1, n)
     ways = zip(step * np.cos(turn), step * np.sin(turn), np.zeros(tracks), strict=True)
     made = make_recording(*ways, type=kind)
-    write_modes([made], tmp_path / "modes", seed=1)
+    write_modes([made], tmp_path / "modes", 1, ("car", "pedestrian"))
     assert {path.name for path in (tmp_path / "modes").iterdir()} == {
         "modes-car.png", "modes-pedestrian.png", "modes.csv",
     }  # fmt: skip
