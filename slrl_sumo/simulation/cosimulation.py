@@ -110,6 +110,7 @@ class CoSimulation:
         self._differences = Differences()
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
+        self._taken_at_start: tuple[str, ...] = ()
         self._finished: set[str] = set()
         self._turning: dict[str, float] = {}
         """Until when (s) SUMO keeps road users that cannot follow a turn."""
@@ -135,7 +136,10 @@ class CoSimulation:
         """One SUMO step, after which spawned road users stand at their places and the first ones are taken over."""
         users = self.population.world
         step = self._play(users)
-        self._close(_Interval([users], Moved(users, None, {}), np.zeros(len(users), np.bool_), [step], set(), 0))
+        no_rows = np.zeros(len(users), np.bool_)
+        self._taken_at_start = self._close(
+            _Interval([users], Moved(users, None, {}), no_rows, [step], set(), 0)
+        ).taken_over
         return step
 
     def decide(self) -> Decision:
@@ -232,12 +236,13 @@ class CoSimulation:
         returned = self._return_to_route()
         handed_back = returned + self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())
-        taken_over = self._take_over(self._differences.complete(background), handed_back)
+        taken_over = self._taken_at_start + self._take_over(self._differences.complete(background), handed_back)
+        self._taken_at_start = ()
         arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))
         self._driver.forget(tuple(set(users.ids) - self.population.ids))
         arrived_later = tuple(sorted(self._handed_back & interval.arrived))
         self._handed_back.update(handed_back, self._refused.keys() & set(users.ids))
-        self._handed_back.difference_update(arrived_later, taken_over)
+        self._handed_back.difference_update(arrived_later, self.population.ids)
         self._stopwatch.lap("read")
         return Decision(
             steps=tuple(interval.steps),

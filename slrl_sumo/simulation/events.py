@@ -83,7 +83,8 @@ class Decision:
     under_way: int
     """Road users that are learned, or were before they were handed back, and that are in the network at the end."""
     taken_over: tuple[str, ...]
-    """Road users of the scenario that are learned from the end of this interval on."""
+    """Road users of the scenario that are learned from the end of this interval on; in the first decision also those
+    that have been learned from its beginning on."""
     handed_back: tuple[str, ...]
     """Road users that SUMO moves again from the end of this interval on."""
     returned_to_route: tuple[str, ...]

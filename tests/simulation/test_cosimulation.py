@@ -128,6 +128,7 @@ def test_a_road_user_that_sumo_drops_is_counted_and_comes_back(
 
 def test_those_handed_back_arrive_later_or_are_under_way() -> None:
     taken: set[str] = set()
+    learned: set[str] = set()
     lost, arrived, at_hand_back = 0, [], set()
     settings = RunSettings(
         "intersection",
@@ -140,6 +141,7 @@ def test_those_handed_back_arrive_later_or_are_under_way() -> None:
     for event in run(settings):
         if isinstance(event, Decision):
             taken.update(event.taken_over)
+            learned.update(event.steps[-1].world.ids[: len(event.surface)])
             at_hand_back.update(event.handed_back)
             lost += int(event.lost.sum())
             arrived += event.arrived
@@ -148,6 +150,7 @@ def test_those_handed_back_arrive_later_or_are_under_way() -> None:
     assert taken.issuperset(arrived)
     assert len(at_hand_back.intersection(arrived)) > 5
     assert len(taken) == len(arrived) + under_way + lost
+    assert taken.issuperset(learned)
 
 
 def test_leaving_a_run_early_closes_sumo() -> None:
