@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle_folder import find_bundle
-from slrl_sumo.report.recorder import RunRecorder
+from slrl_sumo.report.recorder import RunRecord, RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
@@ -155,65 +155,23 @@ def write_run(
     sumo_step_length(scenario, settings.step_length)
     inputs = [*named_files(scenario), find_bundle(settings.bundle), *([recording] if recording is not None else ())]
     reference = None if recording is None else _loaded(recording)
-    keep = keep or report is not None
-    failures: list[SlrlError] = []
-    with ExitStack() as held:
-        held.enter_context(claimed(outputs, inputs))
-        caught = held.enter_context(interruptible(tolerated=1))
-        with ExitStack() as stack:
-            bar = stack.enter_context(progress_bar("{task.fields[factor]:.1f}x real time", quiet=quiet))
-            views_at = VIEWS_AT if keep else frozenset[int]()
-            events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
-            try:
-                with interruptible():  # nothing is lost yet
-                    started = next(events)
-            except SumoError as error:
-                raise SumoError(f"{error}; no output was written") from None
-            assert isinstance(started, Started)
-            begin = time.perf_counter()
-            task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
-            notices = (*started.notices, *((started.compiling,) if started.compiling else ()))
-            for notice in () if quiet else notices:
-                with suppress(OSError):  # stderr may be closed: that is no reason to stop
-                    print(f"note: {notice}", file=sys.stderr)
-            counters = RunCounters(started.step.world)
-            recorder = RunRecorder(started) if keep else None
-            end = started.step.time
-            writer = open_fcd(fcd) if fcd is not None else None
-            if writer is not None:
-                stack.enter_context(writer)
-            with _collected(failures), suppress(KeyboardInterrupt):
-                if writer is not None:
-                    writer.write(started.step.time, started.step.world, started.step.places)
-                for event in events:
-                    if isinstance(event, Decision):
-                        if writer is not None:
-                            for step in event.steps:
-                                writer.write(step.time, step.world, step.places, event.modes)
-                        counters.add(event)
-                        end = event.steps[-1].time
-                        elapsed = time.perf_counter() - begin
-                        bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
-                    if recorder is not None:
-                        recorder.add(event)
-                    if caught:
-                        break
-            if started.decisions is None and counters.decisions == MOST_DECISIONS:
-                reached = (
-                    f"ended after {MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h: the scenario has no end and still "
-                    "has road users; --until sets a later end"
-                )
-                started = replace(started, notices=(*started.notices, reached))
-                if not quiet:
-                    print(f"note: {reached}", file=sys.stderr)
-            wall = time.perf_counter() - begin
-            with _collected(failures):
-                if writer is not None:
-                    writer.close()
-        record = recorder.build() if recorder is not None else None
+    with claimed(outputs, inputs), interruptible(tolerated=1) as caught:
+        played = _play(settings, fcd, keep or report is not None, quiet, caught)
+        failures = played.failures
         ended_by = str(failures[0]) if failures else signal.Signals(caught[0]).name if caught else None
-        figures = RunSummary.of(settings, started, counters, end, ended_by, wall, _peak_memory_mib())
-        result = RunResult(settings, figures, record, fcd)
+        notices = _notices(played)
+        _tell(notices, quiet)
+        figures = RunSummary.of(
+            settings,
+            played.started,
+            played.counters,
+            end_s=played.end,
+            ended_by=ended_by,
+            wall_s=played.wall_s,
+            peak_memory_mib=_peak_memory_mib(),
+            notices=notices,
+        )
+        result = RunResult(settings, figures, played.record, fcd)
         written = [fcd] if fcd is not None and not any(isinstance(each, InputError) for each in failures) else []
         for path, write in (
             (summary, lambda path: write_json(path, figures.to_dict())),
@@ -226,7 +184,88 @@ def write_run(
         if failures and isinstance(failures[0], SumoError):
             complete = f"complete up to there: {', '.join(map(str, written))}" if written else "no output was written"
             failures[0] = SumoError(f"{failures[0]}; {complete}")
-    return RunResult(settings, figures, record, fcd, tuple(failures), caught[0] if caught else 0)
+    return replace(result, failures=tuple(failures), interrupted_by=caught[0] if caught else 0)
+
+
+@dataclass(frozen=True)
+class _Played:
+    """A run that is over, as far as it came."""
+
+    started: Started
+    counters: RunCounters
+    record: RunRecord | None
+    end: float
+    """Time of its last step, s."""
+    wall_s: float
+    failures: list[SlrlError]
+    """What ended it before its time."""
+
+
+def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caught: list[int]) -> _Played:
+    """Play the run in its process and write its trace `fcd`; a signal in `caught` ends it after a whole step.
+
+    Raises SumoError where SUMO dies while it loads, and KeyboardInterrupt where a signal came before the start.
+    """
+    failures: list[SlrlError] = []
+    with ExitStack() as stack:
+        bar = stack.enter_context(progress_bar("{task.fields[factor]:.1f}x real time", quiet=quiet))
+        views_at = VIEWS_AT if keep else frozenset[int]()
+        events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
+        try:
+            with interruptible():  # nothing is lost yet
+                started = next(events)
+        except SumoError as error:
+            raise SumoError(f"{error}; no output was written") from None
+        assert isinstance(started, Started)
+        begin = time.perf_counter()
+        task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
+        _tell((*started.notices, *((started.compiling,) if started.compiling else ())), quiet)
+        counters = RunCounters(started.step.world)
+        recorder = RunRecorder(started) if keep else None
+        end = started.step.time
+        writer = open_fcd(fcd) if fcd is not None else None
+        if writer is not None:
+            stack.enter_context(writer)
+        with _collected(failures), suppress(KeyboardInterrupt):
+            if writer is not None:
+                writer.write(started.step.time, started.step.world, started.step.places)
+            for event in events:
+                if isinstance(event, Decision):
+                    if writer is not None:
+                        for step in event.steps:
+                            writer.write(step.time, step.world, step.places, event.modes)
+                    counters.add(event)
+                    end = event.steps[-1].time
+                    elapsed = time.perf_counter() - begin
+                    bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
+                if recorder is not None:
+                    recorder.add(event)
+                if caught:
+                    break
+        wall = time.perf_counter() - begin
+        with _collected(failures):
+            if writer is not None:
+                writer.close()
+    return _Played(started, counters, None if recorder is None else recorder.build(), end, wall, failures)
+
+
+def _notices(played: _Played) -> list[str]:
+    """What there is to say at the end."""
+    notices = []
+    if played.started.decisions is None and played.counters.decisions == MOST_DECISIONS:
+        notices.append(
+            f"ended after {MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h: the scenario has no end and still has road "
+            "users; --until sets a later end"
+        )
+    if played.counters.jam is not None:
+        notices.append(played.counters.jam)
+    return notices
+
+
+def _tell(notices: Sequence[str], quiet: bool) -> None:
+    for notice in () if quiet else notices:
+        with suppress(OSError):  # stderr may be closed: that is no reason to stop
+            print(f"note: {notice}", file=sys.stderr)
 
 
 @contextmanager

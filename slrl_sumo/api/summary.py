@@ -1,5 +1,6 @@
 """The summary of a run, typed."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from typing import Any, Self
@@ -78,12 +79,14 @@ class RunSummary:
         settings: RunSettings,
         started: Started,
         counters: RunCounters,
+        *,
         end_s: float,
         ended_by: str | None,
         wall_s: float,
         peak_memory_mib: int,
+        notices: Sequence[str],
     ) -> Self:
-        """The summary of a run that is over; `ended_by` where it ended before its time."""
+        """The summary of a run that is over; `ended_by` where it ended before its time; `notices`: of its end."""
         counted = counters.summary(wall_s, DECISION_INTERVAL)
         per_type = {name: TypeSummary(**values) for name, values in counted.pop("per_type").items()}
         return cls(
@@ -99,7 +102,7 @@ class RunSummary:
             **counted,
             per_type=per_type,
             peak_memory_mib=peak_memory_mib,
-            notices=[*started.notices, *([counters.jam] if counters.jam else [])],
+            notices=[*started.notices, *notices],
         )
 
     def to_dict(self) -> dict[str, Any]:

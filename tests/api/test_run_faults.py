@@ -14,7 +14,9 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
+import slrl_sumo
 from slrl_sumo.api import run as outputs
+from slrl_sumo.metrics.density import Density
 from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
@@ -151,3 +153,12 @@ def test_memory_does_not_grow_with_the_length_of_a_run(
     assert size > 15e6
     # KiB; the trace of the last nine tenths is many times larger than what may stay in memory.
     assert 1024 * (peaks[1] - peaks[0]) < 0.1 * size
+
+
+def test_a_jam_is_said_at_the_end_and_in_the_summary(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Density, "jam", lambda _: "the traffic jams")
+    result = slrl_sumo.run("intersection", agents=4, steps=3, selector="lane", progress=True)
+    assert capsys.readouterr().err.splitlines()[-1] == "note: the traffic jams"
+    assert result.summary.notices[-1] == "the traffic jams"
