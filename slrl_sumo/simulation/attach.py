@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import Self
 
@@ -24,11 +25,14 @@ class Attached:
     Call `step` instead of `simulationStep`. Leaving the context, also by an exception, hands every road user that was
     taken over and every vehicle that was held back to SUMO, removes the added ones, cancels the subscriptions, and
     leaves the simulation running. Road users that are off every lane are put on the nearest place of their route.
+    Where the script has closed the simulation or loaded another one, leaving does nothing.
     """
 
     def __init__(self, simulation: AttachedSession, loop: CoSimulation) -> None:
         self._simulation, self._loop = simulation, loop
         self._started = self._left = False
+        self._refused: dict[str, str] = {}
+        self._one_at_a_time = Lock()
 
     @property
     def world(self) -> WorldState:
@@ -40,15 +44,30 @@ class Attached:
         """Road users that are learned now."""
         return self._loop.population.world.ids
 
+    @property
+    def refused(self) -> dict[str, str]:
+        """Road users that could not be moved and went back to SUMO, because the script has removed them or SUMO has
+        refused a call, with the reason."""
+        return dict(self._refused)
+
     def step(self) -> WorldState:
-        """One SUMO step, in which the learned road users move. Returns all road users after it, learned ones first."""
-        if self._left:
-            raise InputError("this context has been left; attach again, or call simulationStep")
-        with one_thread():
+        """One SUMO step, in which the learned road users move. Returns all road users after it, learned ones first.
+
+        Road users that the script has removed or stopped are no longer learned. After calls of `simulationStep` in
+        between, the others continue from where SUMO has them. Several threads may call this, one waits for the other.
+        Raises InputError where the context has been left, or another simulation or state was loaded; SumoError where
+        the simulation was closed or SUMO fails.
+        """
+        with self._one_at_a_time, self._simulation.errors(), one_thread():
+            if self._left:
+                raise InputError("this context has been left; attach again, or call simulationStep")
+            self._simulation.check()
             if not self._started:
                 self._started = True
                 return self._loop.start().world
-            step, _ = self._loop.step()
+            step, decision = self._loop.step()
+            if decision is not None:
+                self._refused.update(decision.refused)
             return step.world
 
     def __enter__(self) -> Self:
@@ -57,18 +76,24 @@ class Attached:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._left = True
-        if error is None:
-            self._leave()
-            return
-        # Where SUMO has been closed there is nothing to restore, and the error says more.
-        with suppress(Exception):
-            self._leave()
+        with self._one_at_a_time:
+            self._left = True
+            if error is None:
+                self._leave()
+                return
+            # The error of the script says more than one that follows from it.
+            with suppress(Exception):
+                self._leave()
 
     def _leave(self) -> None:
-        self._loop.release()
-        self._simulation.reader.forget()
-        self._simulation.mark(attached=False)
+        with self._simulation.errors():
+            if not self._simulation.attached:
+                return
+            try:
+                self._loop.release()
+            finally:
+                self._simulation.reader.forget()
+                self._simulation.mark(attached=False)
 
 
 def attach(
@@ -99,7 +124,8 @@ def attach(
 
     Start SUMO with --time-to-teleport -1 and --collision.action warn: its defaults remove road users that stand or
     touch. Raises InputError, before a road user is added or taken over, where an argument is wrong, where SUMO's step
-    does not divide 0.4 s, and for a second attachment to the same simulation.
+    does not divide 0.4 s, and for a second attachment to the same simulation. What a script may do meanwhile:
+    docs/how-to/attach-to-a-script.md.
     """
     settings = LearnedSettings(
         agents=agents,

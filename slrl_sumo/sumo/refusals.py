@@ -5,7 +5,6 @@ All calls for single road users that learned models move, or that are held back 
 itself has removed the road user.
 """
 
-import sys
 from types import TracebackType
 from typing import Self
 
@@ -61,6 +60,9 @@ def is_end(error: BaseException) -> bool:
 
 
 def _is_a(error: BaseException, name: str) -> bool:
-    # libsumo and traci have classes of these names each; neither is imported for a simulation of the other.
-    modules = (sys.modules.get("libsumo"), sys.modules.get("traci.exceptions"))
-    return any(isinstance(error, getattr(module, name)) for module in modules if module is not None)
+    # libsumo and traci have classes of these names each, and neither is imported for a simulation of the other. Where
+    # both are imported, traci.exceptions names libsumo's class, but a TraCI connection raises traci's.
+    return any(
+        base.__name__ == name and base.__module__.partition(".")[0] in ("libsumo", "traci")
+        for base in type(error).__mro__
+    )

@@ -7,6 +7,7 @@ import tempfile
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -16,6 +17,7 @@ from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, read_network
 from slrl_sumo.sumo.reader import Reader
+from slrl_sumo.sumo.refusals import is_end, is_refusal
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import divides_interval, notices, start_command, sumo_step_length
 from slrl_sumo.sumo.scenario.input_check import check_inputs
@@ -136,16 +138,31 @@ def _remove(folder: Path) -> None:
     shutil.rmtree(folder, ignore_errors=True)
 
 
+_ATTACHMENTS = count(1)
+"""Numbers the attachments of this process."""
+
+
 class AttachedSession:
     """A simulation that a user's script has started, seen through `api`: libsumo, traci or a TraCI connection.
 
-    `network`, `reader`, `spawned`, `time` and `step_length` are those of SumoSession. Raises InputError for a step
-    that does not divide the decision interval, and where learned road users are attached already.
+    `network`, `reader`, `spawned`, `time` and `step_length` are those of SumoSession. Raises InputError where `api` is
+    none of these or holds no simulation, for a step that does not divide the decision interval, and where learned road
+    users are attached already.
     """
 
     def __init__(self, api: SumoApi) -> None:
         self.api = api
-        self.step_length = float(api.simulation.getDeltaT())
+        self._name, self._steps = f"{os.getpid()}.{next(_ATTACHMENTS)}", 0
+        try:
+            api.simulation.getTime()  # the step is known without a simulation
+            self.step_length = float(api.simulation.getDeltaT())
+        except Exception as error:
+            raise InputError(
+                f"it holds no running simulation ({' '.join(str(error).split())}); pass libsumo, traci or a TraCI "
+                "connection after SUMO was started",
+                argument="api",
+                value=getattr(api, "__name__", type(api).__name__),
+            ) from None
         if not divides_interval(self.step_length):
             raise InputError(
                 f"the simulation's step of {self.step_length:g} s does not divide the decision interval of "
@@ -166,10 +183,57 @@ class AttachedSession:
     def step(self) -> None:
         """One SUMO step."""
         self.api.simulationStep()
+        self._steps += 1
+        self.mark(attached=True)
 
     def mark(self, attached: bool) -> None:
-        """Record in the simulation whether learned road users are attached."""
-        self.api.vehicletype.setParameter(LEARNED_TYPES[0], ATTACHED, "yes" if attached else "")
+        """Record in the simulation whether learned road users are attached, and after how many steps."""
+        self.api.vehicletype.setParameter(LEARNED_TYPES[0], ATTACHED, self._marking if attached else "")
+
+    @property
+    def attached(self) -> bool:
+        """Whether the simulation is open and still the one that this session was made for."""
+        try:
+            return self._read_mark().startswith(f"{self._name} ")
+        except Exception as error:
+            if is_end(error):
+                return False
+            raise
+
+    def check(self) -> None:
+        """Raise InputError where the script has loaded another simulation or state since the last step.
+
+        States contain the mark: one that was saved after another step shows.
+        """
+        if self._read_mark() != self._marking:
+            raise InputError(
+                "the script has loaded another simulation or state inside this context (load, loadState); leave the "
+                "context before, and attach again"
+            )
+
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """What SUMO raises meanwhile becomes a SumoError."""
+        try:
+            yield
+        except Exception as error:
+            if is_end(error):
+                raise SumoError(f"the simulation was closed inside this context ({error})") from error
+            if is_refusal(error):
+                raise SumoError(f"SUMO stopped: {' '.join(str(error).split())}") from error
+            raise
+
+    @property
+    def _marking(self) -> str:
+        return f"{self._name} {self._steps}"
+
+    def _read_mark(self) -> str:
+        try:
+            return self.api.vehicletype.getParameter(LEARNED_TYPES[0], ATTACHED)
+        except Exception as error:
+            if is_refusal(error):  # the type is not there
+                return ""
+            raise
 
 
 def _sumo_reason(printed: IO[bytes], message: str) -> str:

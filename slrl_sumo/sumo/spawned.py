@@ -141,15 +141,16 @@ class SpawnedControl:
 
     def remove(self, ids: tuple[str, ...]) -> None:
         """Remove those of the road users that were added here and are still in the simulation."""
-        # SUMO lists a staged one, which departs in the next step, in neither.
-        vehicles, persons = set(self._api.vehicle.getIDList()), set(self._api.person.getIDList())
+        # SUMO does not list a staged one, which departs in the next step, nor one that was left beside all lanes. These
+        # calls are refused for one that is gone.
+        gone, on_road = Refusals(), set(self._api.vehicle.getIDList())
         for road_user in self._added.intersection(ids):
-            with self.refusals.of(road_user):
+            with gone.of(road_user):
                 if road_user in self._edge_of_person:
-                    if road_user in persons or road_user in self._staged:
-                        _remove(self._api.person, road_user)
-                elif road_user in vehicles or road_user in self._staged:
-                    self._sublanes.clear(road_user)
+                    _remove(self._api.person, road_user)
+                else:
+                    if road_user in on_road:
+                        self._sublanes.clear(road_user)
                     _remove(self._api.vehicle, road_user)
             self._edge_of_person.pop(road_user, None)
         self._added.difference_update(ids)

@@ -47,6 +47,9 @@ MATCH_THRESHOLD_PERSON = 0.1
 """m; with 5 m SUMO moves persons beside their edge by up to 5 m towards it."""
 
 
+NO_WALK = "it does not walk any more"
+
+
 @dataclass(frozen=True)
 class _Modes:
     """The modes of a vehicle before the takeover, and the lane change mode that it has meanwhile."""
@@ -128,7 +131,10 @@ class TakenOverControl:
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
             lane = next(lanes_under) if walks else -1
             with self.refusals.of(road_user):
-                if walks:
+                if walks and self._does_not_walk(road_user):
+                    # SUMO or a script has begun another stage: a move would let it walk again.
+                    self.refusals.add(road_user, NO_WALK)
+                elif walks:
                     self._shorten_walk(road_user, lane)
                     persons.moveToXY(
                         road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
