@@ -121,7 +121,14 @@ def counts(runs: list[dict[str, Any]]) -> dict[str, int]:
     for row in rows:
         total.update(row["figures"])
     names = ("ok", "refused", "SUMO refuses", *FAILURES)
-    return {"runs": len(runs), "commands": len(rows), **dict(total), **{name: outcomes[name] for name in names}}
+    calls = {"refused calls": total.pop("refused", 0)}
+    return {
+        "runs": len(runs),
+        "commands": len(rows),
+        **dict(total),
+        **calls,
+        **{name: outcomes[name] for name in names},
+    }
 
 
 def report(runs: list[dict[str, Any]]) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from random import Random
@@ -174,28 +175,33 @@ def _check_outputs(verdict: Verdict) -> None:
     """Read summary and trace; the verdict changes where they are invalid, or where a road user was lost."""
     words = verdict.words
     summary: dict[str, Any] = json.loads(Path(words[words.index("--summary") + 1]).read_text())
-    names = ("agent_steps", "decisions", "lost", "taken_over", "handed_back", "arrived", "returned_to_route")
+    names = ("agent_steps", "decisions", "lost", "refused", "taken_over", "handed_back", "arrived", "returned_to_route")
     verdict.figures = {name: int(summary[name]) for name in names}
     trace = Path(words[words.index("--fcd") + 1])
     substeps = round(summary["decision_interval_s"] / summary["sumo_step_s"])
     if ".xml" in trace.name:
         spawned = int(words[words.index("--agents") + 1]) if "--agents" in words else 0
-        wrong = wrong_trace(trace, 1 + summary["decisions"] * substeps, spawned)
+        removed = [refusal["time_s"] for refusal in summary["refusals"] if refusal["id"].startswith("learned_")]
+        wrong = wrong_trace(trace, 1 + summary["decisions"] * substeps, spawned, removed)
         if wrong:
             verdict.outcome, verdict.detail = "invalid output", wrong
     if summary["lost"]:
         verdict.outcome, verdict.detail = "lost", json.dumps(summary["losses"][:5])
 
 
-def wrong_trace(trace: Path, steps: int, spawned: int) -> str:
-    """What is wrong with an FCD file that should have a number of time steps, each with all spawned road users."""
+def wrong_trace(trace: Path, steps: int, spawned: int, removed: Sequence[float] = ()) -> str:
+    """What is wrong with an FCD file that should have a number of time steps, each with all spawned road users.
+
+    `removed`: times (s) at which calls for some of them were refused; they may be missing from then on.
+    """
     found = 0
     try:
         with cast(IO[bytes], gzip.open(trace)) if trace.suffix == ".gz" else trace.open("rb") as stream:
             for _, element in etree.iterparse(stream, tag="timestep"):
                 found += 1
                 ours = sum(user.get("id", "").startswith("learned_") for user in element)
-                if ours != spawned:
+                now = float(element.get("time", 0))
+                if not spawned - sum(time <= now for time in removed) <= ours <= spawned:
                     return f"{ours} of {spawned} spawned road users at {element.get('time')} s"
                 element.clear()
     except (OSError, EOFError, etree.XMLSyntaxError) as error:

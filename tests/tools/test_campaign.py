@@ -68,6 +68,8 @@ def test_traces_that_do_not_fit_the_run(tmp_path: Path, text: str, wrong: str) -
     found = wrong_trace(trace, steps=2, spawned=1)
     assert found.startswith(wrong)
     assert bool(found) == bool(wrong)
+    if wrong.startswith("0 of 1"):
+        assert wrong_trace(trace, steps=2, spawned=1, removed=[0.2]) == ""
 
 
 def test_failures_are_counted() -> None:
