@@ -63,8 +63,8 @@ def since(recording: Trajectories, frame: int) -> Trajectories:
         recording,
         track=np.searchsorted(kept, recording.track[rows]),
         ids=tuple(recording.ids[track] for track in kept.tolist()),
-        **{name: getattr(recording, name)[rows] for name in ("frame", "x", "y", "heading")},
-        **{name: getattr(recording, name)[kept] for name in ("type", "length", "width", "parked")},
+        **{name: getattr(recording, name)[rows] for name in ("frame", "x", "y", "heading", "mode")},
+        **{name: getattr(recording, name)[kept] for name in ("type", "length", "width", "parked", "learned")},
     )
 
 
