@@ -3,14 +3,14 @@
 All functions raise OSError with a reason in words: readers report it as they report a file that is missing.
 
 Content that is larger in memory than on disk is bounded: gzip, NPZ and Parquet files and pictures may take
-SLRL_SUMO_INPUT_MIB (an environment variable, 256 by default) of memory, compressed streams 100 times their size on disk
+SLRL_SUMO_INPUT_MIB (an environment variable, 256 by default) of memory, compressed streams 30 times their size on disk
 if that is more. Settings, which are read at once, may have a sixteenth of it.
 """
 
 import errno
-import gzip
 import io
 import json
+import math
 import os
 import re
 import stat
@@ -21,10 +21,10 @@ from typing import IO, Any, cast
 
 LIMIT_VARIABLE = "SLRL_SUMO_INPUT_MIB"
 DEFAULT_MIB = 256
-RATIO = 100
-"""Highest ratio of content to size on disk beyond the limit: traces and networks have 5 to 40, zeros have 1,000."""
+RATIO = 30
+"""Highest ratio of content to size on disk beyond the limit: XML traces have 6, zeros 1,000."""
 TEXT_SHARE = 16
-"""Settings may have this fraction of the limit: parsed JSON takes up to 20 times the memory of its text."""
+"""Settings may have this fraction of the limit: parsed JSON takes many times the memory of its text."""
 LINE = 1 << 20
 """Bytes: longest line of a table."""
 BLOCK = 1 << 20
@@ -70,7 +70,7 @@ def content_limit() -> int:
 
 
 def check_content(size: int, on_disk: int = 0) -> None:
-    """Raise OSError where content of `size` bytes exceeds the limit, and 100 times the size `on_disk`."""
+    """Raise OSError where content of `size` bytes exceeds the limit, and RATIO times the size `on_disk`."""
     limit = content_limit()
     if size > max(limit, RATIO * on_disk):
         more = f" and {RATIO} times its size" if on_disk else ""
@@ -102,9 +102,16 @@ def read_json(path: str | os.PathLike[str]) -> Any:
 def parse_json(text: str) -> Any:
     """The values in a JSON text. Raises ValueError."""
     try:
-        return json.loads(text)
+        return json.loads(text, parse_float=_finite)
     except RecursionError:
         raise ValueError("its brackets are nested too deeply") from None
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]} is too large")
+    return value
 
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -121,6 +128,17 @@ def text_lines(file: IO[bytes]) -> Iterator[str]:
         if len(line) == LINE and not line.endswith(b"\n"):
             raise refusal(f"it has a line of more than {LINE >> 20} MiB: it is no table")
         yield line.decode()
+
+
+def check_lines(path: str | os.PathLike[str]) -> None:
+    """Raise OSError where a file is no regular one, or has a line longer than LINE: others may then read it whole."""
+    length = 0
+    with open_input(path) as file:
+        while block := file.read(BLOCK):
+            first, last = block.find(b"\n"), block.rfind(b"\n")
+            length = length + len(block) if first < 0 else len(block) - last - 1
+            if length > LINE:
+                raise refusal(f"it has a line of more than {LINE >> 20} MiB: it is no table")
 
 
 def unpacked(file: IO[bytes]) -> IO[bytes]:
@@ -175,25 +193,43 @@ class _Checked(io.RawIOBase):
 
 
 class _Unpacked(_Checked):
-    """The content of a gzip file, up to the limit."""
+    """The content of a gzip file, up to the limit. Zeros behind it are padding, which gzip.GzipFile reads singly."""
 
     def __init__(self, file: IO[bytes]) -> None:
-        super().__init__(gzip.GzipFile(fileobj=file))
-        self._file, self._on_disk = file, os.fstat(file.fileno()).st_size
+        super().__init__(file)
+        self._on_disk = os.fstat(file.fileno()).st_size
+        self.seek(0)
 
-    def close(self) -> None:
-        super().close()
-        self._file.close()
+    def tell(self) -> int:
+        return self._count
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        if offset or whence:
+            raise io.UnsupportedOperation("packed content is read from its beginning")
+        self._count, self._packed = 0, b""
+        self._member: Any = None
+        return self._stream.seek(0)
 
     def _checked(self, size: int) -> bytes:
-        try:
-            data = self._stream.read1(size)
-        except EOFError:
-            raise refusal("it is cut off") from None
-        except (gzip.BadGzipFile, zlib.error) as error:
-            raise refusal(f"it is not a sound gzip file ({error})") from None
-        check_content(self._stream.tell(), self._on_disk)
-        return data
+        while True:
+            self._packed = self._packed or self._stream.read1(CHUNK)
+            if self._member is None:
+                if not self._packed.lstrip(b"\0"):
+                    return b""
+                self._member = zlib.decompressobj(31)
+            if not self._packed:
+                raise refusal("it is cut off")
+            try:
+                data = self._member.decompress(self._packed, size)
+            except zlib.error as error:
+                raise refusal(f"it is not a sound gzip file ({error})") from None
+            self._packed = self._member.unconsumed_tail
+            if self._member.eof:
+                self._packed, self._member = self._member.unused_data, None
+            self._count += len(data)
+            check_content(self._count, self._on_disk)
+            if data:
+                return bytes(data)
 
 
 class _PlainXml(_Checked):
@@ -208,11 +244,14 @@ class _PlainXml(_Checked):
         data = self._stream.read1(size)
         # In another encoding the declaration would look otherwise.
         if begins and data:
-            encoding = _ENCODING.match(data.removeprefix(b"\xef\xbb\xbf"))
-            if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:4]:
+            text = data.removeprefix(b"\xef\xbb\xbf")
+            encoding = _ENCODING.match(text)
+            if not text.lstrip().startswith(b"<"):
                 raise refusal("it is no XML text in UTF-8")
             if encoding and not _PLAIN_ENCODING.match(encoding[1]):
                 raise refusal(f"its encoding is {encoding[1].decode(errors='replace')}; write it in UTF-8")
+        if b"\0" in data:
+            raise refusal("it holds zero bytes: it is damaged, or no XML text in UTF-8")
         if _DECLARATION in self._before + data:
             raise refusal("it declares a document type or entities (<!DOCTYPE), which are not read; remove that")
         self._before = (self._before + data)[-len(_DECLARATION) :]

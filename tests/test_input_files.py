@@ -36,7 +36,7 @@ def test_packed_content_has_a_limit_that_the_environment_raises(
         unpacked(packed).read()
 
 
-def test_packed_content_below_a_hundred_times_its_size_is_read(tmp_path: Path) -> None:
+def test_packed_content_below_thirty_times_its_size_is_read(tmp_path: Path) -> None:
     file = tmp_path / "noise.gz"
     file.write_bytes(gzip.compress(os.urandom(1 << 17) * 16))
     with open_input(file) as packed:

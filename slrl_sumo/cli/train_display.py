@@ -5,7 +5,8 @@ import signal
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from slrl_sumo.learning.rl.train import Figures, TrainRequest, train
+from slrl_sumo.learning.rl.train import TrainRequest, train
+from slrl_sumo.learning.rl.training_log import Figures
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 
 LINE_EVERY = 20

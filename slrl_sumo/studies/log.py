@@ -68,7 +68,7 @@ class StudyLog:
                 values = self._parsed(line)
                 try:
                     entry = parse(values)
-                except (ValueError, TypeError, KeyError, AttributeError):
+                except (ValueError, TypeError, KeyError, AttributeError, ArithmeticError, IndexError):
                     raise self._damaged() from None
                 yield entry
 
@@ -86,6 +86,8 @@ class StudyLog:
         with open(self.file, "rb") as stream:
             end = size
             while end:
+                if size - end > LINE:
+                    raise self._damaged()
                 begin = max(0, end - BLOCK)
                 stream.seek(begin)
                 newline = stream.read(end - begin).rfind(b"\n")

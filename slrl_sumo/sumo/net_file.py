@@ -18,7 +18,7 @@ def read_net_file(net: Path) -> Network:
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         config = Path(folder) / "net.sumocfg"
         config.write_text(
-            f"<configuration><input><net-file value={quoteattr(str(net.resolve()))}/></input></configuration>",
+            f"<configuration><input><net-file value={quoteattr(str(net.absolute()))}/></input></configuration>",
             encoding="utf-8",
         )
         try:

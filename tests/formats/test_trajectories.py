@@ -294,7 +294,7 @@ def test_arrays_that_unpack_to_more_than_the_limit_are_not_read(
     zeros = io.BytesIO()
     np.save(zeros, np.zeros(1 << 20))
     pack(file, entries(file) | {"x.npy": zeros.getvalue()})
-    with pytest.raises(InputError, match="more than 1 MiB and 100 times its size; set SLRL_SUMO_INPUT_MIB"):
+    with pytest.raises(InputError, match="more than 1 MiB and 30 times its size; set SLRL_SUMO_INPUT_MIB"):
         load_trajectories(file)
 
 

@@ -37,7 +37,7 @@ def test_the_limit_is_that_of_all_input(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setenv("SLRL_SUMO_INPUT_MIB", "4")
     with pytest.raises(InputError, match="more than 4 MiB; set SLRL_SUMO_INPUT_MIB"):
         ground_of_mask(file, 0.05)
-    monkeypatch.setenv("SLRL_SUMO_INPUT_MIB", "5")
+    monkeypatch.setenv("SLRL_SUMO_INPUT_MIB", "6")
     ground_of_mask(file, 0.05)
 
 

@@ -37,7 +37,10 @@ def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = Non
     table, flaw = read_table(path)
     if flaw is not None:
         raise flaw
-    return _resample(os.fspath(path), table, user_types(table, types or {}))
+    try:
+        return _resample(os.fspath(path), table, user_types(table, types or {}))
+    except ValueError as error:  # Trajectories that cannot be
+        raise InputError(f"{os.fspath(path)}: {error}") from None
 
 
 def _resample(name: str, table: FcdTable, user_type: NDArray[np.int8]) -> Trajectories:

@@ -1,6 +1,5 @@
 """All rows of an FCD file as compact columns."""
 
-import math
 import os
 import re
 from array import array
@@ -14,6 +13,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.steps import FcdRow, FcdStep, csv_steps, xml_steps
 from slrl_sumo.formats.sumo_time import parse_time
+from slrl_sumo.formats.trajectories import MAX_POSITION
 from slrl_sumo.input_files import open_input, plain_xml
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
@@ -145,7 +145,7 @@ def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
         x, y, angle = float(row.x), float(row.y), float(row.angle)
     except ValueError:
         x = y = angle = np.nan
-    if not np.isfinite(x + y + angle):
+    if not (abs(x) <= MAX_POSITION and abs(y) <= MAX_POSITION and abs(angle) <= 1e4):
         raise InputError(
             f"{name}, line {row.line}: {row.id!r} needs numbers as x, y and angle, "
             f"they are {row.x!r}, {row.y!r}, {row.angle!r}"
@@ -166,7 +166,7 @@ def _numbers(name: str, row: FcdRow) -> tuple[float, float, float, float, int]:
 
 def _milliseconds(name: str, step: FcdStep) -> int:
     seconds = parse_time(step.time)
-    if seconds is None or not math.isfinite(seconds):
+    if seconds is None or not abs(seconds) <= 1e10:
         raise InputError(f"{name}, line {step.line}: {step.time!r} is not a time")
     return round(1000 * seconds)
 

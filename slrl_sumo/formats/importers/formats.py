@@ -78,7 +78,10 @@ class Recording:
 
     def read(self) -> Trajectories:
         """Its trajectories. Raises InputError if a file is invalid or no road user is there for a whole interval."""
-        trajectories = self.format.read(self.path)
+        try:
+            trajectories = self.format.read(self.path)
+        except ValueError as error:  # Trajectories that cannot be
+            raise InputError(f"{self.path}: {error}") from None
         if not len(trajectories):
             raise InputError(f"{self.path} holds no road user at any whole interval of {trajectories.dt} s")
         return trajectories

@@ -9,12 +9,15 @@ from scipy.interpolate import make_smoothing_spline
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.headings import against_motion, checked_headings
 from slrl_sumo.formats.importers.motion import heading_from_motion
-from slrl_sumo.formats.trajectories import Integers, Trajectories, track_names
+from slrl_sumo.formats.trajectories import MAX_POSITION, Integers, Trajectories, track_names
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 TOP_SPEED = np.array([70.0, 17.0, 9.0])
 """m/s per type; a higher speed between two rows is a jump, at which the track is split."""
+
+MOST_S, MOST_M = 1e10, MAX_POSITION
+"""Highest time and position. Times may count from 1970."""
 
 JUMP = 0.5
 """m; tolerance of a position in addition."""
@@ -141,6 +144,12 @@ def _ordered(samples: Samples) -> tuple[Integers, tuple[str, ...]]:
     Trackers write two rows of one time where they lose and find a road user: in TAF-BW 104 of 12,079, with positions
     0.6 m apart on average. The later one is that from which the source goes on.
     """
+    for name, values, most in (("time", samples.time, MOST_S), ("x", samples.x, MOST_M), ("y", samples.y, MOST_M)):
+        if not (within := np.abs(values) <= most).all():
+            row = int(np.flatnonzero(~within)[0])
+            raise InputError(
+                f"{samples.file}: {name} of {samples.ids[samples.user[row]]!r} is {values[row]:g}; possible is {most:g}"
+            )
     order = np.lexsort((samples.time, samples.user))
     order = order[samples.type[samples.user[order]] >= 0]
     user, time = samples.user[order], samples.time[order]

@@ -11,6 +11,7 @@ from slrl_sumo.formats.importers.classes import BICYCLE, CAR, PEDESTRIAN, RoadUs
 from slrl_sumo.formats.importers.resample import SMOOTHING, Samples, resample
 from slrl_sumo.formats.importers.table import codes, read_table
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.input_files import read_text
 from slrl_sumo.scene.types import RoadUserType
 
 LICENCE = "CC BY-NC-SA 3.0 (Robicquet et al. 2016, Stanford Drone Dataset)"
@@ -91,7 +92,12 @@ def _scale(annotations: Path) -> float:
     if file is None:
         raise InputError(f"{annotations}: there is no {SCALES} in the folders above; put it beside the scenes")
     names: list[str] = []
-    for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        lines = read_text(file).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
+        raise InputError(f"cannot read {file}: {reason}") from None
+    for number, line in enumerate(lines, 1):
         match = re.match(r"( *)([^\s:#]+):\s*(\S*)", line)
         if match is None:
             continue

@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Integers
-from slrl_sumo.input_files import open_input
+from slrl_sumo.input_files import check_lines, open_input
 from slrl_sumo.scene.geometry import Floats
 
+MOST = 1e15
+"""Highest whole number; all are exact up to there."""
 _WORD = 32
 """Longest word kept, characters."""
 
@@ -40,6 +42,9 @@ class Table:
         if (odd := values != np.round(values)).any():
             row = int(np.flatnonzero(odd)[0])
             raise InputError(f"{self.where(row)}: column {column!r} needs whole numbers, it is {values[row]:g}")
+        if (odd := np.abs(values) > MOST).any():
+            row = int(np.flatnonzero(odd)[0])
+            raise InputError(f"{self.where(row)}: column {column!r} is {values[row]:g}: at most {MOST:g} is possible")
         return values.astype(np.int64)
 
     def words(self, column: str) -> NDArray[np.str_]:
@@ -76,6 +81,7 @@ def read_table(
     """
     header = not names
     try:
+        check_lines(path)
         delimiter = _delimiter(path) if delimiter == "," else delimiter
         lines = _lines(path, delimiter)
         if header:

@@ -8,7 +8,6 @@ checkpoint.pt     policy, optimiser and number of updates
 log.csv           figures of every update; tensorboard/ has the same as charts
 """
 
-import csv
 import json
 import os
 import time
@@ -26,18 +25,18 @@ from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
 from slrl_sumo.learning.rl.arena_slots import ArenaSource
+from slrl_sumo.learning.rl.checkpoint import read_checkpoint, read_record, restore, save_checkpoint, write_record
 from slrl_sumo.learning.rl.imitation import demonstrations, imitate, recorded_traffic
 from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.selector_card import with_selector
-from slrl_sumo.learning.rl.training_log import EpisodeFigures
+from slrl_sumo.learning.rl.training_log import EpisodeFigures, Figures, TrainingLog, read_rows
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.sumo.scenario import find_scenario
 
-Figures = dict[str, float]
 Report = Callable[[str, int, int, Figures], None]
 """Called with a stage, how much of it is done, its total, and its figures."""
 
@@ -92,6 +91,9 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     total = max(1, round(request.steps / rollout_size))
     record = _record(request, settings)
     state = _prepare(folder, record, resume)
+    if state is not None:
+        imitated = read_record(folder / "imitation.json")
+    rows = [] if state is None else read_rows(folder, state["iteration"])
     scenarios = _scenarios(request.scenarios, settings, folder / "networks")
     device = _device(request.device)
     torch.set_num_threads(request.threads or min(request.workers, os.cpu_count() or 1))
@@ -101,25 +103,25 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     agent = Agent(policy, bundle.prior, settings.ppo, device)
     done = 0
     if state is None:
-        figures = _imitated(policy, bundle, request, scenarios, settings, report)
-        _write_json(folder / "imitation.json", figures)
+        imitated = _imitated(policy, bundle, request, scenarios, settings, report)
+        write_record(folder / "imitation.json", imitated)
         agent.begin.load_state_dict(policy.state_dict())
-        _save_checkpoint(folder, agent, 0)
+        save_checkpoint(folder, agent, 0)
     else:
-        done = int(state["iteration"])
+        done = state["iteration"]
+        if not 0 <= done <= 10**12:
+            raise InputError(f"{folder}: its checkpoint is damaged ({done} updates); delete it to start again")
         if done < total and done % settings.networks.reset_every:
             raise InputError(
                 f"{folder}: ended after {done} updates, in the middle of {settings.networks.reset_every} with the same "
                 "simulations, and cannot be resumed; start a new training with more `steps`"
             )
-        agent.policy.load_state_dict(state["policy"])
-        agent.begin.load_state_dict(state["begin"])
-        agent.optimizer.load_state_dict(state["optimizer"])
+        restore(agent, state, folder / "checkpoint.pt")
     extended = settings.policy.preset == "extended"
     arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher, extended=extended)
     source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
+    log = TrainingLog(folder, rows, done, rollout_size)
     rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Backend(request.workers, request.ray))
-    log = _Log(folder, done, rollout_size)
     episodes = EpisodeFigures(request.workers * arena.agents)
     reset_every = settings.networks.reset_every
     clock = time.perf_counter()
@@ -135,7 +137,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         log.add(iteration, figures)
         report("training", (iteration + 1) * rollout_size, total * rollout_size, figures)
         if (iteration + 1) % reset_every == 0 or iteration + 1 == total:
-            _save_checkpoint(folder, agent, iteration + 1)
+            save_checkpoint(folder, agent, iteration + 1)
 
     try:
         learn(
@@ -151,7 +153,6 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     finally:
         rollouts.close()
         log.close()
-    imitated = json.loads((folder / "imitation.json").read_text(encoding="utf-8"))
     trained = with_selector(bundle, agent.policy.cpu(), record | {"imitation": imitated}, log.rows)
     trained = replace(trained, name=request.out.name)
     trained.save(request.out)
@@ -175,23 +176,22 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
     if checkpoint.exists() and not resume:
         raise InputError(f"{folder}: holds a training already; continue it with `resume=True`, or give another `out`")
     if resume and asked.exists():
-        before = json.loads(asked.read_text(encoding="utf-8"))
-        longer = max(before.get("steps", 0), record["steps"])
+        before = read_record(asked)
+        steps = before.get("steps", 0)
+        if not isinstance(steps, int):
+            raise InputError(f"{asked}: is damaged (its steps are {steps!r}); delete {folder} to start again")
+        longer = max(steps, record["steps"])
         odd = _difference(before | {"steps": longer}, record)
         if odd:
             raise InputError(f"{folder}: was started with another {odd}; resume with the same settings")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        _write_json(asked, record)
+        write_record(asked, record)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror}); give another `out`") from None
     if not checkpoint.exists():
         return None
-    try:
-        state: dict[str, Any] = torch.load(checkpoint, weights_only=True)
-    except Exception as error:
-        raise InputError(f"{checkpoint}: is damaged ({error}); delete it to start again") from None
-    return state
+    return read_checkpoint(checkpoint)
 
 
 def _difference(a: Any, b: Any, where: str = "") -> str:
@@ -259,10 +259,6 @@ def _imitated(
     return last
 
 
-def _write_json(file: Path, values: Any) -> None:
-    file.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-
-
 def _device(name: str) -> torch.device:
     if name == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
@@ -271,53 +267,3 @@ def _device(name: str) -> torch.device:
     except (RuntimeError, AssertionError):
         raise InputError("PyTorch has no such device here; use cpu, or auto", argument="device", value=name) from None
     return torch.device(name)
-
-
-def _save_checkpoint(folder: Path, agent: Agent, iteration: int) -> None:
-    """Write atomically: a training killed while it writes resumes from the checkpoint before."""
-    state = {
-        "iteration": iteration,
-        "policy": agent.policy.state_dict(),
-        "begin": agent.begin.state_dict(),
-        "optimizer": agent.optimizer.state_dict(),
-    }
-    torch.save(state, folder / "checkpoint.new")
-    os.replace(folder / "checkpoint.new", folder / "checkpoint.pt")
-
-
-class _Log:
-    """log.csv and TensorBoard; rows after the checkpoint of a stopped training are dropped."""
-
-    def __init__(self, folder: Path, done: int, rollout_size: int) -> None:
-        from torch.utils.tensorboard.writer import SummaryWriter
-
-        self.rows: list[dict[str, float]] = []
-        self._file = folder / "log.csv"
-        self._size = rollout_size
-        if done and self._file.exists():
-            with self._file.open(newline="", encoding="utf-8") as file:
-                rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
-            self.rows = [row for row in rows if row["iteration"] < done]
-        self._open = self._file.open("w", newline="", encoding="utf-8")
-        self._writer: csv.DictWriter[str] | None = None
-        for row in self.rows:
-            self._write(row)
-        self._charts = SummaryWriter(str(folder / "tensorboard"), purge_step=done * rollout_size)
-
-    def add(self, iteration: int, figures: Figures) -> None:
-        row = {"iteration": float(iteration), "agent_steps": float((iteration + 1) * self._size), **figures}
-        self.rows.append(row)
-        self._write(row)
-        self._open.flush()
-        for name, value in figures.items():
-            self._charts.add_scalar(name, value, (iteration + 1) * self._size)
-
-    def close(self) -> None:
-        self._open.close()
-        self._charts.close()
-
-    def _write(self, row: dict[str, float]) -> None:
-        if self._writer is None:
-            self._writer = csv.DictWriter(self._open, list(row))
-            self._writer.writeheader()
-        self._writer.writerow(row)

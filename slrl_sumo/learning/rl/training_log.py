@@ -1,13 +1,21 @@
-"""Figures of a training per update: episodes, rewards and motion, by road-user type."""
+"""Figures of a training per update: episodes, rewards and motion, by road-user type; and the file that keeps them."""
 
+import csv
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import read_text
 from slrl_sumo.learning.rl.ppo import Batch
 from slrl_sumo.learning.rl.rewards import TERMS
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
+
+Figures = dict[str, float]
+
+LOG = "log.csv"
 
 
 class EpisodeFigures:
@@ -54,3 +62,51 @@ class EpisodeFigures:
 
 def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if len(values) else float("nan")
+
+
+def read_rows(folder: Path, done: int) -> list[Figures]:
+    """The figures of the first `done` updates. Raises InputError where the file is damaged."""
+    file = folder / LOG
+    if not done or not file.exists():
+        return []
+    try:
+        lines = csv.DictReader(read_text(file).splitlines())
+        rows = [{key: float(value) for key, value in line.items()} for line in lines]
+        return [row for row in rows if row["iteration"] < done]
+    except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise InputError(f"{file}: is damaged ({reason}); delete it, the training goes on") from None
+
+
+class TrainingLog:
+    """log.csv and TensorBoard; rows after the checkpoint of a stopped training are dropped."""
+
+    def __init__(self, folder: Path, rows: list[Figures], done: int, rollout_size: int) -> None:
+        """`rows`: those of the updates before `done`, see `read_rows`."""
+        from torch.utils.tensorboard.writer import SummaryWriter
+
+        self.rows = rows
+        self._size = rollout_size
+        self._open = (folder / LOG).open("w", newline="", encoding="utf-8")
+        self._writer: csv.DictWriter[str] | None = None
+        for row in self.rows:
+            self._write(row)
+        self._charts = SummaryWriter(str(folder / "tensorboard"), purge_step=done * rollout_size)
+
+    def add(self, iteration: int, figures: Figures) -> None:
+        row = {"iteration": float(iteration), "agent_steps": float((iteration + 1) * self._size), **figures}
+        self.rows.append(row)
+        self._write(row)
+        self._open.flush()
+        for name, value in figures.items():
+            self._charts.add_scalar(name, value, (iteration + 1) * self._size)
+
+    def close(self) -> None:
+        self._open.close()
+        self._charts.close()
+
+    def _write(self, row: dict[str, float]) -> None:
+        if self._writer is None:
+            self._writer = csv.DictWriter(self._open, list(row))
+            self._writer.writeheader()
+        self._writer.writerow(row)

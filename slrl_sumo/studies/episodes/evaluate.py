@@ -86,11 +86,16 @@ def evaluate_scenario(
     plan = _plan(settings, selectors)
     tables = EpisodeTables((*plan.parties, RECORDED), settings.steps, settings.episodes)
     ended = bytearray(len(plan))
-    for episode, outcome in log.read(_parsed):
+
+    def add(line: dict[str, Any]) -> None:
+        episode, outcome = _parsed(line)
         index = plan.index(episode)
         if index is not None and not ended[index]:
             ended[index] = True
             tables.add(episode, outcome)
+
+    for _ in log.read(add):
+        pass
     done = already = sum(ended)
     missing = (episode for index, episode in enumerate(plan) if not ended[index])
     left_out: list[Finished[Episode, Outcome]] = []

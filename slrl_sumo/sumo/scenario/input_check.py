@@ -4,12 +4,13 @@ SUMO waits for the writer of a pipe, follows files that include themselves until
 whatever a file holds.
 """
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.input_files import BLOCK, open_xml
+from slrl_sumo.input_files import CHUNK, open_xml, refusal
 from slrl_sumo.sumo.scenario.configuration import Scenario
 from slrl_sumo.sumo.scenario.options import input_files
 
@@ -18,6 +19,8 @@ MAX_INCLUDED = 1000
 """Files that one file may include, directly and through others: each may include the next twice."""
 
 _INCLUDE = re.compile(rb"""<include\s[^<>]*?href\s*=\s*(?:"([^"<]*)"|'([^'<]*)')""")
+MAX_DEPTH = 1000
+"""Elements within each other: SUMO's files have 6, and with 100,000 SUMO takes longer than minutes."""
 _TAG = 4096
 """Bytes: a longer <include> is not followed."""
 
@@ -42,13 +45,14 @@ def _fault(path: Path) -> str | None:
     while pending:
         file, above = pending.pop()
         named = "" if file == path else f"{file}: "
-        if file.resolve() in above:
+        real = Path(os.path.realpath(file))  # Path.resolve raises where a link leads to itself
+        if real in above:
             return f"{above[-1]} includes {file.name}, which includes it; remove that <include>"
         count += 1
         if count > MAX_INCLUDED:
             return f"it includes more than {MAX_INCLUDED} files; write them into one"
         try:
-            pending += [(file.parent / href, (*above, file.resolve())) for href in _included(file)]
+            pending += [(file.parent / href, (*above, real)) for href in _included(file)]
         except FileNotFoundError:
             continue
         except OSError as error:
@@ -58,9 +62,15 @@ def _fault(path: Path) -> str | None:
 
 def _included(file: Path) -> list[str]:
     found: list[str] = []
-    before = b""
+    before, depth = b"", 0
     with open_xml(file) as stream:
-        while block := stream.read(BLOCK):
+        while block := stream.read(CHUNK):
+            closing = block.count(b"</")
+            # Those that are open at the end of a block, give or take a few that its borders cut through.
+            others = closing + block.count(b"<!") + block.count(b"<?")
+            depth += block.count(b"<") - others - closing - block.count(b"/>")
+            if depth > MAX_DEPTH:
+                raise refusal(f"its elements are nested more than {MAX_DEPTH} deep")
             text = before + block
             place = 0
             # Nearly all files have none: the search for the word is ten times faster than the expression.

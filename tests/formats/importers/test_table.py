@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -68,3 +69,13 @@ def test_codes_number_values_in_their_order() -> None:
     assert values.tolist() == [2, 5, 9]
     assert first.tolist() == [2, 0, 5]
     assert which.tolist() == [1, 1, 0, 0, 1, 2]
+
+
+def test_pipes_and_endless_lines_are_no_tables(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match="it is a pipe"):
+        read_table(tmp_path / "pipe.csv", ["a"])
+    (tmp_path / "long.csv").write_text("a\n1\n")
+    os.truncate(tmp_path / "long.csv", 3 << 20)
+    with pytest.raises(InputError, match="a line of more than 1 MiB"):
+        read_table(tmp_path / "long.csv", ["a"])

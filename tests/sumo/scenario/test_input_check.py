@@ -46,8 +46,9 @@ def test_files_that_each_include_the_next_twice_are_refused(tmp_path: Path) -> N
     ("routes", "reason"),
     [
         (LAUGHS, "declares a document type"),
+        ("<routes>" + "<param>" * 100_000 + "</param>" * 100_000 + "</routes>", "nested more than 1000 deep"),
         (gzip.compress(LAUGHS.encode()), "declares a document type"),
-        (gzip.compress(b"<routes>" + bytes(2 << 20)), "takes more than 1 MiB"),
+        (gzip.compress(b"<routes>" + b" " * (2 << 20)), "takes more than 1 MiB"),
     ],
 )
 def test_bombs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, routes: str | bytes, reason: str) -> None:
@@ -61,6 +62,10 @@ def test_pipes_are_not_waited_for(tmp_path: Path) -> None:
     (tmp_path / "a.rou.xml").unlink()
     os.mkfifo(tmp_path / "a.rou.xml")
     with pytest.raises(InputError, match="it is a pipe"):
+        check_inputs(read_scenario(config))
+    (tmp_path / "a.rou.xml").unlink()
+    (tmp_path / "a.rou.xml").symlink_to("a.rou.xml")
+    with pytest.raises(InputError, match=r"a\.rou\.xml: cannot be read"):
         check_inputs(read_scenario(config))
     config.unlink()
     os.mkfifo(config)
