@@ -78,6 +78,12 @@ def check_whole_number(argument: str, value: int, least: int, most: int) -> None
         raise InputError(f"give a whole number from {least} to {most}", argument=argument, value=value)
 
 
+def check_type(argument: str, value: Any, kinds: tuple[type, ...], expected: str) -> None:
+    """Raise InputError where `value` is of none of the types; `expected` says in words what to give."""
+    if not isinstance(value, kinds):
+        raise InputError(f"give {expected}", argument=argument, value=value)
+
+
 _REFERENCE = re.compile(r"`([a-z_]+)(?:=([^`]*))?`")
 
 

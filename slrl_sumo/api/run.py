@@ -27,7 +27,7 @@ from slrl_sumo.report.recorder import RunRecord, RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import sumo_step_length
@@ -96,7 +96,7 @@ def run(
         bundle=bundle,
         selector=selector,
         guard=guard,
-        without=tuple(without),
+        without=constraint_names(without),
         steps=steps,
         until=until,
         seed=seed,

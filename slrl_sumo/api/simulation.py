@@ -10,7 +10,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.region import RegionSpec
 from slrl_sumo.simulation.run import run
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.scenario import Scenario
 
@@ -57,7 +57,7 @@ class Simulation:
             bundle=bundle,
             selector=selector,
             guard=guard,
-            without=tuple(without),
+            without=constraint_names(without),
             steps=steps,
             until=until,
             seed=seed,

@@ -13,7 +13,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.region import RegionSpec
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.session import AttachedSession
@@ -135,7 +135,7 @@ def attach(
         bundle=bundle,
         selector=selector,
         guard=guard,
-        without=tuple(without),
+        without=constraint_names(without),
         seed=seed,
         background_yields=background_yields,
     )

@@ -110,6 +110,8 @@ def parse_region(given: str | RegionSpec | None, network: Network) -> Region:
         return Region(str(given), box=(x0, y0, x1, y1))
     if isinstance(spec, EdgesRegion):
         return _surface(given, spec.edges, network)
+    if not isinstance(spec, JunctionRegion):
+        raise _wrong(given, f"not understood; write {FORMS}")
     if spec.radius <= 0.0:
         raise _wrong(given, "the radius must be above 0; write for example radius=80")
     if spec.junction in network.junction_positions:

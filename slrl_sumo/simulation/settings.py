@@ -2,11 +2,12 @@
 
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slrl_sumo.errors import InputError, check_whole_number
+from slrl_sumo.errors import InputError, check_type, check_whole_number
 from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
@@ -17,6 +18,13 @@ if TYPE_CHECKING:
 DEFAULT_BUNDLE = "intersection"
 MOST_AGENTS = 1_000_000
 """No network holds more."""
+
+
+def constraint_names(without: Sequence[str]) -> tuple[str, ...]:
+    """The names in `without`. Raises InputError where it is no sequence of texts."""
+    if isinstance(without, str) or not isinstance(without, Sequence) or not all(isinstance(i, str) for i in without):
+        raise InputError("give a list of names of constraints", argument="without", value=without)
+    return tuple(without)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +53,10 @@ class LearnedSettings:
     """Whether SUMO's vehicles brake for learned road users."""
 
     def __post_init__(self) -> None:
+        check_type("bundle", self.bundle, (str, Path), "the name or the folder of a bundle")
+        check_type("selector", self.selector, (str, type(None)), "the name of a selector")
+        check_type("guard", self.guard, (bool,), "True or False")
+        check_type("background_yields", self.background_yields, (bool,), "True or False")
         if self.agents is None and self.takeover is None:
             raise InputError(
                 "no learned road user: give `agents=N`, or `takeover='car=0.3'` to take over the scenario's own"
@@ -89,6 +101,11 @@ class RunSettings(LearnedSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_type("scenario", self.scenario, (str, Path, Scenario), "the name, folder or .sumocfg of a scenario")
+        check_type("until", self.until, (int, float, type(None)), "a simulation time in seconds")
+        check_type("step_length", self.step_length, (int, float, type(None)), "a time in seconds")
+        check_type("sumo_outputs", self.sumo_outputs, (bool,), "True or False")
+        check_type("sumo_options", self.sumo_options, (str,), "options as on SUMO's command line, as one text")
         if self.steps is not None and self.until is not None:
             raise InputError("`steps` and `until` were both given; give one of them")
         if self.steps is not None:

@@ -48,8 +48,10 @@ def _parsed(given: Shares, argument: str, most: float) -> Floats:
     if isinstance(given, str):
         items = [item.partition("=") for item in given.split(",")]
         pairs = [(name.strip(), share.strip()) for name, _, share in items]
-    else:
+    elif isinstance(given, Mapping):
         pairs = given.items()
+    else:
+        raise wrong("give shares by type, as {'car': 0.3} or 'car=0.3'")
     shares = np.full(len(TYPE_NAMES), np.nan)
     for name, value in pairs:
         if name not in TYPE_NAMES:

@@ -349,8 +349,44 @@ def test_leaving_at_once_and_closing_without_a_step(user: User) -> None:
     user.close()
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"agents": "5"}, "agents='5': give a whole number"),
+        ({"agents": 1, "seed": 1.5}, r"seed=1\.5: give a whole number"),
+        ({"takeover": 0.5}, r"takeover=0\.5: give shares by type"),
+        ({"agents": 1, "mix": 3}, "mix=3: give shares by type"),
+        ({"agents": 1, "bundle": None}, "bundle: give the name or the folder"),
+        ({"agents": 1, "selector": 7}, "selector=7: give the name"),
+        ({"agents": 1, "guard": "yes"}, "guard='yes': give True or False"),
+        ({"agents": 1, "without": 5}, "without=5: give a list"),
+        ({"agents": 1, "without": "speed_cap"}, "without='speed_cap': give a list"),
+        ({"takeover": "car=1", "region": 5}, "region=5: not understood"),
+    ],
+)
+def test_arguments_of_wrong_types_are_named(user: User, words: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        slrl_sumo.attach(user.open(), **words)
+    user.open().simulationStep()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"until": "5"}, "until='5': give a simulation time"),
+        ({"step_length": "0.4"}, r"step_length='0\.4': give a time"),
+        ({"sumo_options": None}, "sumo_options: give options"),
+        ({"scenario": 5}, "scenario=5: give the name"),
+        ({"sumo_outputs": 1}, "sumo_outputs=1: give True or False"),
+    ],
+)
+def test_arguments_of_wrong_types_of_a_simulation_are_named(words: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        slrl_sumo.Simulation(**{"scenario": "intersection", "agents": 1, **words})
+
+
 @pytest.mark.parametrize("api", [None, 5, "libsumo", libsumo])
-def test_what_holds_no_simulation_is_refused_in_one_line(api: Any) -> None:
-    assert not libsumo.isLoaded()
+def test_what_holds_no_simulation_is_refused_in_one_line(user: User, api: Any) -> None:
+    user.close()
     with pytest.raises(InputError, match="it holds no running simulation"):
         slrl_sumo.attach(api, agents=1)
