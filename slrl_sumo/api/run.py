@@ -25,7 +25,7 @@ from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle_folder import find_bundle
 from slrl_sumo.report.recorder import RunRecord, RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Started
+from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Event, Started
 from slrl_sumo.simulation.isolated_run import run_isolated
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
@@ -137,7 +137,7 @@ def write_run(
     Outputs are claimed before SUMO starts (see `claimed`), and none is touched before all road users are at their
     starting places. An interrupt (SIGINT, SIGTERM, SIGHUP), a full disk, the death of SUMO or a defect ends the run
     after a whole step; the outputs that can still be written are, the summary says what ended the run, and the result
-    lists the failures. A second interrupt does not wait for the end of a step. Raises InputError where the settings are
+    lists the failures. Raises InputError where the settings are
     wrong, SumoError where SUMO dies while it loads, and KeyboardInterrupt with the number of the signal where one came
     before the start.
     """
@@ -202,7 +202,7 @@ class _Played:
 
 
 def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caught: list[int]) -> _Played:
-    """Play the run in its process and write its trace `fcd`; a signal in `caught` ends it after a whole step.
+    """Play the run in its process and write its trace `fcd`. A signal, added to `caught`, ends it after a decision.
 
     Raises SumoError where SUMO dies while it loads, and KeyboardInterrupt where a signal came before the start.
     """
@@ -229,7 +229,7 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
         with _collected(failures), suppress(KeyboardInterrupt):
             if writer is not None:
                 writer.write(started.step.time, started.step.world, started.step.places)
-            for event in events:
+            for event in _until_interrupted(events, caught):
                 if isinstance(event, Decision):
                     if writer is not None:
                         for step in event.steps:
@@ -240,13 +240,26 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
                     bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
                 if recorder is not None:
                     recorder.add(event)
-                if caught:
-                    break
         wall = time.perf_counter() - begin
         with _collected(failures):
             if writer is not None:
                 writer.close()
     return _Played(started, counters, None if recorder is None else recorder.build(), end, wall, failures)
+
+
+def _until_interrupted(events: Iterator[Event], caught: list[int]) -> Iterator[Event]:
+    """The events up to a signal, which is added to `caught`. It does not wait for an event that is being computed, nor
+    does it come while one is counted and written: what is finished is whole."""
+    while not caught:
+        try:
+            with interruptible():
+                event = next(events, None)
+        except KeyboardInterrupt as interrupt:
+            caught.append(interrupt.args[0])
+            return
+        if event is None:
+            return
+        yield event
 
 
 def _notices(played: _Played) -> list[str]:

@@ -35,7 +35,10 @@ def _run_app() -> None:
     with interruptible() as caught, claims:
         try:
             app(with_ray_address(sys.argv[1:]))
-        except SystemExit:  # also how the library of the command line passes on a KeyboardInterrupt
+        except (SystemExit, KeyboardInterrupt):  # the library of the command line makes the one of the other
+            # Where an interrupt came inside an `exec`, as in the imports of dataclasses, CPython remembers it and would
+            # end by SIGINT, whatever the exit code is; the next `exec` makes it forget.
+            exec("")
             if caught:
                 sys.exit(128 + caught[0])
             raise

@@ -1,5 +1,6 @@
 """Commands that run SUMO: scenarios, run, generate, record, doctor."""
 
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -138,8 +139,7 @@ def record(
 ) -> None:
     """Record plain SUMO traffic as trajectories: training data for `fit`."""
     from slrl_sumo.jobs.progress import progress
-    from slrl_sumo.simulation.record import record as play
-    from slrl_sumo.sumo.scenario import find_scenario
+    from slrl_sumo.simulation.record import record_isolated
 
     claim(Output("out", out, () if seeds is None else ("seed-*.npz", "recordings.json")), scenarios=[scenario])
     if not 0 < seconds < 1e9:
@@ -157,9 +157,10 @@ def record(
         return
     if workers is not None or ray is not None:
         raise InputError(f"--{'ray' if ray else 'workers'}: one recording is one simulation; give --seeds, too")
-    with progress() as bar:
+    playing = record_isolated(scenario, seconds=seconds, seed=seed, step_length=step_length)
+    with closing(playing), progress() as bar:
         task = bar.add_task("recording", total=1.0)
-        for item in play(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length):
+        for item in playing:
             if isinstance(item, float):
                 bar.update(task, completed=item)
             else:

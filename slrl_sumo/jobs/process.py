@@ -9,6 +9,7 @@ import os
 import pickle
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Generator, Iterator
@@ -28,6 +29,14 @@ TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's mallopt (https://man7.org/linux/man-pages/man3/mallopt.3.html)."""
 EXIT_S = 5.0
 """s that a process may take to exit after its pipe was closed."""
+GUARD = """read -r end
+for second in 1 2 3 4 5; do kill -0 "$1" && sleep 1; done
+kill -9 "$1"
+rm -rf -- "$2"
+"""
+"""A shell that waits for the end of this process, of which it reads nothing but the end of its input: then it gives the
+child $1 EXIT_S to exit, kills it, and removes its folder $2. A child cannot do so itself: libsumo holds the interpreter
+while it loads, which takes minutes in cities, and a process that is killed removes nothing."""
 
 
 class WorkerDiedError(SumoError):
@@ -55,14 +64,21 @@ class WorkerProcess:
         self.requests = 0
         """How many were sent."""
         context = multiprocessing.get_context("spawn")
-        try:
-            self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
-        except OSError as error:
-            raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
-        self.pipe, child_end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
         with signals_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
+            try:
+                self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+            except OSError as error:
+                raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
+            self.pipe, child_end = context.Pipe()
+            self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
             self._process.start()
+            self._guard = subprocess.Popen(
+                ["/bin/sh", "-c", GUARD, "guard", str(self.pid), str(self._folder)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
         child_end.close()
 
     @property
@@ -88,11 +104,14 @@ class WorkerProcess:
     def close(self, timeout: float = 0.0) -> None:
         """End the process: it may take `timeout` s to exit, then it is killed."""
         self.pipe.close()
-        if timeout:
-            self._process.join(timeout)
-        self._process.kill()
-        self._process.join()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        try:
+            if timeout:
+                self._process.join(timeout)
+        finally:  # also where the user does not wait
+            self._process.kill()
+            self._process.join()
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._guard.communicate()
 
     def _death(self) -> WorkerDiedError:
         self._process.join(EXIT_S)

@@ -1,9 +1,12 @@
 """Plain SUMO traffic as trajectories: the teacher data of the supervised models."""
 
-from collections.abc import Iterator
+import pickle
+from collections.abc import Generator, Iterator
 
+from slrl_sumo.errors import SumoError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
+from slrl_sumo.jobs.process import WorkerDiedError, WorkerProcess
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -31,6 +34,29 @@ def record(
             before = world
             yield (k + 1) / intervals
     yield builder.build()
+
+
+def record_isolated(
+    scenario: str, *, seconds: float, seed: int, step_length: float | None
+) -> Generator[float | Trajectories, None, None]:
+    """The same as `record` for a scenario by name, from a child process. Raises SumoError where it dies."""
+    process = WorkerProcess(pickle.dumps(_recorded))
+    process.send(pickle.dumps((scenario, seconds, seed, step_length)))
+    try:
+        while (item := pickle.loads(process.receive())) is not None:
+            if isinstance(item, BaseException):
+                raise item
+            yield item
+    except WorkerDiedError as death:
+        raise SumoError(f"SUMO died: {death}; no output was written") from None
+    finally:
+        process.close()
+
+
+def _recorded(job: tuple[str, float, int, float | None]) -> Iterator[float | Trajectories]:
+    """The recording of the child process."""
+    scenario, seconds, seed, step_length = job
+    yield from record(find_scenario(scenario), seconds=seconds, seed=seed, step_length=step_length)
 
 
 def recorded_whole(scenario: str, seconds: float, step_length: float | None, seed: int) -> Trajectories:

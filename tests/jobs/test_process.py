@@ -1,8 +1,17 @@
 """Processes of ours that hold a SUMO."""
 
+import os
+import pickle
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+
+import pytest
+
+from slrl_sumo.jobs.interrupt import SIGNALS
+from slrl_sumo.jobs.process import EXIT_S, WorkerProcess
 
 PROGRAM = """
 import ctypes, os, sys, tempfile
@@ -29,3 +38,37 @@ def test_what_is_printed_and_left_behind_lies_in_its_folder_and_freed_memory_is_
     done = subprocess.run([sys.executable, "-c", PROGRAM, tmp_path], capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")
     assert (tmp_path / "printed").read_text().splitlines() == [str(tmp_path), "from C++True"]
+
+
+ORPHANED = """
+import os, pickle, signal, time
+from slrl_sumo.jobs.process import WorkerProcess
+process = WorkerProcess(pickle.dumps(time.sleep))
+process.send(pickle.dumps(100))  # as deaf as libsumo while it loads
+print(process.pid, flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.slow
+def test_a_child_and_its_folder_end_with_a_killed_parent(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ORPHANED], env={**os.environ, "TMPDIR": str(tmp_path)}, capture_output=True, text=True
+    )
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    child, deadline = Path("/proc") / done.stdout.strip(), time.monotonic() + EXIT_S + 10
+    while (child.exists() or list(tmp_path.iterdir())) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not child.exists() or "Z" in (child / "stat").read_text().split()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_child_ignores_what_the_command_handles(number: signal.Signals) -> None:
+    process = WorkerProcess(pickle.dumps(abs))
+    try:
+        os.kill(process.pid, number)
+        process.send(pickle.dumps(-3))
+        assert pickle.loads(process.receive(60.0)) == 3
+    finally:
+        process.close()
