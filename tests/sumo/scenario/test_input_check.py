@@ -50,6 +50,7 @@ def test_files_that_each_include_the_next_twice_are_refused(tmp_path: Path) -> N
         (gzip.compress(LAUGHS.encode()), "declares a document type"),
         (gzip.compress(b"<routes>" + b" " * (2 << 20)), "takes more than 1 MiB"),
     ],
+    ids=("entities", "depth", "packed entities", "packed spaces"),
 )
 def test_bombs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, routes: str | bytes, reason: str) -> None:
     monkeypatch.setenv("SLRL_SUMO_INPUT_MIB", "1")
