@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from slrl_sumo.api.result import REPORT_FILES, RunResult
 from slrl_sumo.api.summary import RunSummary
-from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
+from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError, check_type
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.output_files import Output, claimed, write_json
@@ -87,6 +87,8 @@ def run(
     Raises InputError where an argument is wrong or an output cannot be written, SumoError where SUMO dies, DefectError
     where this package fails, and KeyboardInterrupt; outputs are complete up to the last whole step.
     """
+    for name, path in (("fcd", fcd), ("summary", summary), ("report", report), ("recording", recording)):
+        check_type(name, path, (str, Path, type(None)), "a path")
     settings = RunSettings(
         scenario,
         agents=agents,

@@ -14,7 +14,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import replacing
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
+from slrl_sumo.scene.types import DECISION_INTERVAL, MAX_POSITION, TYPE_NAMES
 
 Integers = NDArray[np.int64]
 
@@ -24,8 +24,6 @@ FILE_VERSION = 2
 
 MAX_FRAME = 10_000_000
 """Highest number of a frame, also below 0: 46 days of 0.4 s. Some figures need memory for every frame."""
-MAX_POSITION = 1e8
-"""m; map projections stay below 1e7."""
 MAX_SIZE = 1000.0
 """m; longest box."""
 

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Area, Ribbon, Shape
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import MAX_POSITION
 
-MAX_POSITION = 1e8
-"""m; map projections stay below 1e7."""
 MAX_PIECES = 1_000_000
 """Shapes times tiles in which they show; a city of 20 by 30 km covers 36,600 tiles."""
 

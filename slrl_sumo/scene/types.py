@@ -27,5 +27,7 @@ DEFAULT_LENGTH = np.array([5.0, 1.6, 0.215])
 
 DEFAULT_WIDTH = np.array([1.8, 0.65, 0.478])
 """Box width in m per type, from the same source."""
+MAX_POSITION = 1e8
+"""m from the origin beyond which a position is an error; those of map projections stay below 1e7."""
 SPAWNED_PREFIX = "learned_"
 """How ids, vTypes and routes of spawned road users begin in SUMO."""

@@ -8,7 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
+from slrl_sumo.scene.types import MAX_POSITION
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import ALL_CLASSES, MOTOR_CLASSES, Lane, LanePoints
 
@@ -72,7 +74,7 @@ def is_walking_area(lane_id: str) -> bool:
 
 
 def read_network(api: SumoApi) -> Network:
-    """Read the loaded network: about 4 us a lane and call with libsumo."""
+    """Read the loaded network: about 4 us a lane and call with libsumo. Raises InputError where a lane is nowhere."""
     lanes, without_width = [], []
     # Lanes share their sets of classes and the names of their edges, to save memory.
     known: dict[frozenset[str], frozenset[str]] = {}
@@ -98,6 +100,12 @@ def read_network(api: SumoApi) -> Network:
                 surface=_lane_surface(lane_id, classes),
             )
         )
+    for lane in lanes:
+        if not np.abs(lane.shape).max(initial=0.0) <= MAX_POSITION:  # also where it is NaN
+            raise InputError(
+                f"lane {lane.id} has a point without position, or farther than {MAX_POSITION:g} m from the origin; "
+                "correct the network"
+            )
     junctions = _junctions(api, lanes)
     # A walking area between carriageways that admit pedestrians is part of the common surface: the middle of a shared
     # space. Where sidewalks lie beside the carriageway, a walking area is for pedestrians only.

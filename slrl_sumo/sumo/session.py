@@ -82,6 +82,9 @@ class SumoSession:
             self.network: Network = read_network(libsumo)
             self.spawned = SpawnedControl(libsumo, self.network)
             self.reader = Reader(libsumo)
+        except InputError as error:
+            self.close()
+            raise InputError(f"{self.scenario.config}: {error}") from None
         except BaseException:
             self.close()
             raise

@@ -385,6 +385,12 @@ def test_arguments_of_wrong_types_of_a_simulation_are_named(words: dict[str, Any
         slrl_sumo.Simulation(**{"scenario": "intersection", "agents": 1, **words})
 
 
+@pytest.mark.parametrize("name", ["fcd", "summary", "report", "recording"])
+def test_paths_of_wrong_types_are_named(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name}=5: give a path"):
+        slrl_sumo.run("intersection", agents=1, **{name: 5})  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("api", [None, 5, "libsumo", libsumo])
 def test_what_holds_no_simulation_is_refused_in_one_line(user: User, api: Any) -> None:
     user.close()

@@ -1,5 +1,6 @@
 """Lanes, junctions and the surfaces that they make."""
 
+import re
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -8,6 +9,7 @@ import libsumo
 import numpy as np
 import pytest
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface
 from slrl_sumo.sumo.lanes import Lane
@@ -138,3 +140,14 @@ def test_a_city_network_has_lanes_of_every_kind(game: Path) -> None:
 def test_the_junctions_of_a_signal() -> None:
     with SumoSession(find_scenario("signalised")) as session:
         assert list(session.network.signal_junctions.values()) == [("centre",)]
+
+
+def test_a_lane_that_is_nowhere_is_named_with_its_scenario(copy_scenario: Callable[..., Path]) -> None:
+    config = copy_scenario("intersection")
+    net = next(config.parent.glob("*.net.xml"))
+    net.write_text(re.sub(r'(<lane id="in0_2"[^>]* shape=")[^ ]*', r"\g<1>1e30,5", net.read_text()))
+    with (
+        pytest.raises(InputError, match=r"^.*\.sumocfg: lane in0_2 has a point .* correct the network$"),
+        SumoSession(find_scenario(str(config))),
+    ):
+        pass

@@ -13,9 +13,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.steps import FcdRow, FcdStep, csv_steps, xml_steps
 from slrl_sumo.formats.sumo_time import parse_time
-from slrl_sumo.formats.trajectories import MAX_POSITION
 from slrl_sumo.input_files import open_input, plain_xml
-from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import MAX_POSITION, TYPE_NAMES, RoadUserType
 
 _BICYCLE = re.compile("bike|cycl")
 _PEDESTRIAN = re.compile("pedestrian|default_pedtype")

@@ -9,9 +9,9 @@ from scipy.interpolate import make_smoothing_spline
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.headings import against_motion, checked_headings
 from slrl_sumo.formats.importers.motion import heading_from_motion
-from slrl_sumo.formats.trajectories import MAX_POSITION, Integers, Trajectories, track_names
+from slrl_sumo.formats.trajectories import Integers, Trajectories, track_names
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, MAX_POSITION, TYPE_NAMES, RoadUserType
 
 TOP_SPEED = np.array([70.0, 17.0, 9.0])
 """m/s per type; a higher speed between two rows is a jump, at which the track is split."""

@@ -101,7 +101,7 @@ def test_command_says_what_is_wrong_in_one_line(
     for words, message in (
         (("hc", street / "D2.csv", "--out", out), "D2.csv, line 1: unknown type '8'"),
         (("hc", street, "--out", tmp_path / "no" / "a.npz"), "does not exist; create it or name another"),
-        (("hc", street, "--out", street / "D1.csv"), "is there and is no folder"),
+        (("hc", street, "--out", street / "D1.csv"), "is a file; name a folder"),
         (("mars", street, "--out", out), "'mars' is not a format"),
     ):
         assert imported(monkeypatch, *words) == 1
