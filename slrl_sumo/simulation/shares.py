@@ -2,13 +2,16 @@
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
+
+if TYPE_CHECKING:
+    from slrl_sumo.models.bundle import ModelBundle  # torch takes its time
 
 Shares = Mapping[str, float] | str
 """By type name: {"car": 0.3, "bicycle": 1}, or as text 'car=0.3,bicycle=1'."""
@@ -19,7 +22,7 @@ def parse_shares(given: Shares) -> Floats:
     return _parsed(given, "takeover", 1.0)
 
 
-def served_shares(given: Shares, bundle: ModelBundle) -> Floats:
+def served_shares(given: Shares, bundle: "ModelBundle") -> Floats:
     """As `parse_shares`. Raises InputError as well where the bundle has no models for a type with a share above 0."""
     shares = parse_shares(given)
     if unserved := bundle.missing(shares > 0):

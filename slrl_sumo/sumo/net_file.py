@@ -25,7 +25,8 @@ def read_net_file(net: Path) -> Network:
             with SumoSession(read_scenario(config)) as session:
                 return session.network
         except InputError as error:
-            raise InputError(f"--net {net}: {str(error).removeprefix(f'{config}: ')}") from None
+            reason = str(error).removeprefix(f"{config}: ").removeprefix(f"{net.absolute()}: ")
+            raise InputError(f"--net {net}: {reason}") from None
 
 
 def find_net(text: str) -> tuple[Path, Scenario | None]:

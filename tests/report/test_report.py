@@ -205,8 +205,7 @@ def test_a_folder_that_cannot_be_written_is_told(builder: RunRecorder, tmp_path:
 
 def test_a_recording_that_cannot_be_compared_with_is_told_before_anything_runs(tmp_path: Path) -> None:
     def call(recording: Path, report: Path | None) -> None:
-        nobody = RunSettings("nowhere", agents=1)  # SUMO is not asked
-        write_run(nobody, report=report, recording=recording)
+        write_run(RunSettings("intersection", agents=1), report=report, recording=recording)
 
     with pytest.raises(InputError, match=r"the report compares with it; add `report=DIR`"):
         call(tmp_path / "a.npz", None)
