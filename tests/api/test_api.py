@@ -88,6 +88,7 @@ def test_report_and_replay_can_be_written_afterwards(result: slrl_sumo.RunResult
         _ = bare.trajectories
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_main_guard_and_its_threads_may_run(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(

@@ -69,6 +69,7 @@ def test_a_full_disk_costs_only_what_does_not_fit(tmp_path: Path, name: str, kib
     assert 20 < whole <= decisions + 2 < 150
 
 
+@pytest.mark.slow
 def test_all_that_could_not_be_written_stands_in_the_one_line(tmp_path: Path) -> None:
     words = ("--agents", 10, "--steps", 2, "--summary", "s.json", "--report", "r", "--quiet")
     done = call(*words, prefix="ulimit -f 1", cwd=tmp_path)

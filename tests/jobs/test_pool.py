@@ -55,6 +55,7 @@ def outcomes(played: Iterable[Played]) -> dict[Episode, object]:
     return {each.job: each.record for each in played}
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_replaced_and_nothing_changes() -> None:
     settings = EpisodeSettings("intersection", "intersection", steps=100)
     undisturbed = outcomes(play_all(settings, episodes(5, agents=24), 1))
@@ -154,6 +155,7 @@ def test_only_as_many_jobs_are_drawn_as_can_run_and_each_comes_back_once() -> No
     assert sorted(found) == [(number, number / 2) for number in range(100, 130)]
 
 
+@pytest.mark.slow
 def test_a_job_that_always_dies_is_left_out_with_the_signal_and_the_others_are_done() -> None:
     found = {each.job: each for each in run_jobs(half_or_die, range(5), Backend(2))}
     assert {job: each.record for job, each in found.items()} == {0: 0.0, 1: 0.5, 2: 1.0, 3: None, 4: 2.0}

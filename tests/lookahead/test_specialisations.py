@@ -5,6 +5,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 PROGRAM = """
 import json, sys
 from slrl_sumo.simulation.settings import RunSettings
@@ -32,6 +34,7 @@ RUNS = (
 )
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_twice() -> None:
     command = [sys.executable, "-c", PROGRAM, json.dumps(RUNS)]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)

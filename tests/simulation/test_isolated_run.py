@@ -178,6 +178,7 @@ def test_an_interrupt_lets_sumo_finish_the_scenarios_own_outputs(copy_scenario: 
     assert own[: len(ours)] == pytest.approx(ours)
 
 
+@pytest.mark.slow
 def test_a_fatal_error_of_sumo_gives_its_reason(cli_process: Cli, copy_scenario: Copy, tmp_path: Path) -> None:
     # No connection leads from in0 back to in0's begin: SUMO finds out when the vehicle is to depart.
     config = copy_scenario(

@@ -156,6 +156,7 @@ def test_time_steps_hold_vehicles_first_as_sumos_do(short_run: tuple[Path, dict[
     assert persons > 0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_trace_and_another_seed_another(
     cli: Cli, short_run: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:

@@ -35,6 +35,7 @@ def test_no_crash_and_no_road_user_lost(tmp_path: Path) -> None:
             assert sum(run["jumps"] for run in moved) == 0
 
 
+@pytest.mark.slow
 def test_a_run_that_dies_is_counted_with_the_command_that_repeats_it(tmp_path: Path) -> None:
     words = ("--scenarios", tmp_path / "gone.sumocfg", "--motions", "prior", "--agent-steps", 10)
     done = soak(*words, "--json", tmp_path / "soak.json")

@@ -8,6 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parents[3]
 
 
@@ -32,6 +34,7 @@ ROUTES = """<routes><vehicle id="a" depart="1"><route edges="in0 out1"/></vehicl
 <vehicle id="b" depart="9"><route edges="in0 nowhere"/></vehicle></routes>"""
 
 
+@pytest.mark.slow
 def test_runs_are_kept_and_a_run_that_fails_does_not_stop_the_others(tmp_path: Path) -> None:
     # SUMO reads routes as it goes, and gives up at the second one.
     shutil.copy(ROOT / "sumo_scenarios" / "intersection" / "intersection.net.xml", tmp_path)

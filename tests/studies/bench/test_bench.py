@@ -63,6 +63,7 @@ def _killed(work: Workload) -> Generator[None, None, int]:
     return 0
 
 
+@pytest.mark.slow
 def test_each_copy_has_a_process_of_its_own_and_errors_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
     # Where the new processes find this module.
     monkeypatch.syspath_prepend(Path(__file__).parents[3])

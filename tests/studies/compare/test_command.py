@@ -72,6 +72,7 @@ def test_what_is_written(compared: tuple[Path, str]) -> None:
     assert (folder / "comparison.png").stat().st_size > 20_000
 
 
+@pytest.mark.slow
 def test_a_comparison_that_was_cut_off_goes_on_and_says_the_same(
     compared: tuple[Path, str], cli: Cli, tmp_path: Path
 ) -> None:
