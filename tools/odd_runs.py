@@ -24,7 +24,7 @@ from tools.odd_demand import read_streets
 
 BUNDLES = Path(__file__).parents[1] / "slrl_sumo" / "bundles"
 RULES = tuple(rule.name for rule in fields(Constraints) if rule.name != "guard")
-WORK = (2_000, 9_000)
+WORK = (6_000, 24_000)
 """Learned road users times decisions of a run, from and to."""
 SPACE = 25.0
 """m of lanes for each spawned road user at least: fewer find no place."""
@@ -61,7 +61,7 @@ def draw_run(random: Random, scenario: Scenario, out: Path) -> list[str]:
     net = input_files(scenario, "net-file")[0]
     streets = read_streets(net)
     room = sum(length for street in streets.edges for _, _, _, length in street.lanes)
-    agents = max(1, min(random.choice((1, 8, 24, 48, 64)), int(room / SPACE)))
+    agents = max(1, min(random.choice((1, 16, 48, 96, 160)), int(room / SPACE)))
     words = ["run", str(scenario.config), "--seed", str(random.randrange(1000))]
     motion = random.choice(("agents", "agents", "takeover", "takeover", "both"))
     if motion != "takeover":
@@ -75,7 +75,7 @@ def draw_run(random: Random, scenario: Scenario, out: Path) -> list[str]:
     selector = random.choice(("prior", "lane", *(("greedy", "sampled") * trained)))
     words += ["--bundle", bundle, "--selector", selector]
     steps = random.randint(*WORK) // max(agents, 16)
-    words += ["--steps", str(min(steps, 250))] if random.random() < 0.95 else []
+    words += ["--steps", str(min(steps, 600))] if random.random() < 0.95 else []
     for share, more in (
         (0.2 * (selector != "lane"), ["--guard"]),
         (0.2, ["--no-yield"]),
@@ -108,17 +108,19 @@ def _region(random: Random, net: Path) -> list[str]:
 
 
 def draw_others(random: Random, scenario: Scenario, out: Path) -> list[list[str]]:
-    """The words of further commands on the same scenario: always `doctor`, of the others one in some runs."""
+    """The words of further commands on the same scenario: one in half of the runs."""
     config = str(scenario.config)
     few = ["--seed", str(random.randrange(1000))]
     few += ["--bundle", "intersection"]
     episodes = ["--agents", "4", "--episodes", "2", "--steps", "10"]
     others = (
+        ["doctor", config],
+        ["doctor", config],
         ["record", config, "--out", str(out / "recording.npz"), "--seconds", "20", *few[:2]],
         ["evaluate", config, "--out", str(out / "evaluation"), *episodes, *few],
         ["compare", config, "--out", str(out / "comparison"), "--seeds", "1", "--steps", "25", *few],
     )
-    return [["doctor", config], *([random.choice(others)] if random.random() < 0.3 else [])]
+    return [random.choice(others)] if random.random() < 0.5 else []
 
 
 def execute(words: list[str], scenario: Scenario, limit: float = HANG) -> Verdict:
