@@ -87,6 +87,15 @@ def network_findings(network: Network) -> Iterator[Finding]:
         "nothing to do",
     )
     yield from _odd_lanes(network)
+    if network.calibrated:
+        edges = sorted(network.calibrated)
+        yield Finding(
+            "note",
+            "calibrators",
+            f"{counted(len(edges), 'edge has a calibrator', 'edges have calibrators')} ({some(edges)}), which may "
+            "remove vehicles",
+            "none needed: SUMO drives vehicles that are taken over along them; added ones are removed before them",
+        )
     yield from _short_edges(network)
     yield from _junction_findings(network)
     yield from _bridges(network)

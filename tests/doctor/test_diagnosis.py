@@ -357,3 +357,11 @@ def test_odd_lanes_are_counted(make: Make, tmp_path: Path, lane: str, topic: str
     finding = one(make(net=net), topic)
     assert finding.what.startswith("1 lane ")
     assert "in0_0" in finding.what
+
+
+def test_edges_with_calibrators_are_counted(make: Make) -> None:
+    calibrator = (
+        '<calibrator id="c" edge="in0" pos="0" period="60"><flow begin="0" end="60" vehsPerHour="0"/></calibrator>'
+    )
+    finding = one(make(additional=calibrator), "calibrators")
+    assert finding.what == "1 edge has a calibrator (in0), which may remove vehicles"
