@@ -235,3 +235,18 @@ def test_reading_right_after_forgetting_reads_all_road_users() -> None:
         assert len(before.ids) > 3
         assert after.ids == before.ids
         assert np.array_equal(after.x, before.x)
+
+
+def test_a_vehicle_without_an_angle_keeps_its_heading(monkeypatch: pytest.MonkeyPatch) -> None:
+    with SumoSession(find_scenario("intersection")) as session:
+        for _ in range(20):
+            session.step()
+        before = session.reader.read()
+        monkeypatch.setattr(libsumo.vehicle, "getAngle", lambda vehicle: float("nan"))
+        now = session.reader.read()
+        assert now.ids == before.ids
+        assert (~now.person).sum() > 0
+        for name in ("x", "y", "heading"):
+            assert np.array_equal(getattr(now, name), getattr(before, name))
+        session.reader = Reader(libsumo)
+        assert np.isfinite(session.reader.read().x).all()
