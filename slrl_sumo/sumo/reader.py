@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import MAX_POSITION, RoadUserType
 from slrl_sumo.sumo.api import PersonDomain, SumoApi, VehicleDomain
 
 # Numbers of TraCI variables and commands, the same in libsumo and traci
@@ -151,9 +151,9 @@ def _vehicles(domain: VehicleDomain, subscribed: Mapping[str, Mapping[int, Any]]
         # A vehicle beside all lanes, as moved ones may be, is missing in the context subscription.
         values = subscribed.get(vehicle)
         if values is not None:
-            if values[POSITION][0] >= INVALID:
+            if _is_place(values[POSITION]):
                 rows.append(_subscribed_row(vehicle, values, values[LANE_ID]))
-        elif (position := domain.getPosition(vehicle))[0] >= INVALID:
+        elif _is_place(position := domain.getPosition(vehicle)):
             rows.append(
                 (
                     vehicle,
@@ -174,9 +174,9 @@ def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) 
     for person in domain.getIDList():
         values = subscribed.get(person)
         if values is not None:
-            if values[POSITION][0] >= INVALID and not values[RIDES_IN]:
+            if _is_place(values[POSITION]) and not values[RIDES_IN]:
                 rows.append(_subscribed_row(person, values, values[ROAD_ID]))
-        elif (position := domain.getPosition(person))[0] >= INVALID and not domain.getVehicle(person):
+        elif _is_place(position := domain.getPosition(person)) and not domain.getVehicle(person):
             rows.append(
                 (
                     person,
@@ -189,6 +189,12 @@ def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) 
                 )
             )
     return rows
+
+
+def _is_place(position: tuple[float, ...]) -> bool:
+    """Whether a position is one: SUMO gives INVALID to what is not on the network, and infinity on lanes without a
+    width."""
+    return abs(position[0]) < MAX_POSITION and abs(position[1]) < MAX_POSITION
 
 
 def _subscribed_row(road_user: str, values: Mapping[int, Any], place: str) -> _Row:

@@ -250,3 +250,14 @@ def test_a_vehicle_without_an_angle_keeps_its_heading(monkeypatch: pytest.Monkey
             assert np.array_equal(getattr(now, name), getattr(before, name))
         session.reader = Reader(libsumo)
         assert np.isfinite(session.reader.read().x).all()
+
+
+@pytest.mark.parametrize("place", [(float("inf"), 0.0), (5.0, float("-inf")), (float("nan"), 5.0)])
+def test_a_vehicle_at_infinity_is_on_no_network(monkeypatch: pytest.MonkeyPatch, place: tuple[float, float]) -> None:
+    with SumoSession(find_scenario("intersection")) as session:
+        for _ in range(20):
+            session.step()
+        vehicles = libsumo.vehicle.getIDList()
+        assert vehicles
+        monkeypatch.setattr(libsumo.vehicle, "getPosition", lambda vehicle: place)
+        assert set(session.reader.read().ids).isdisjoint(vehicles)
