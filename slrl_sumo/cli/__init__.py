@@ -11,11 +11,13 @@ from slrl_sumo.cli.defect import write_defect
 from slrl_sumo.errors import DefectError, InputError, SumoError
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.ray_cluster import LOCAL, is_ray_address
+from slrl_sumo.jobs.standard_streams import open_closed_streams
 
 
 def main() -> None:
     """Entry point. Exit codes: 0 done, 1 an input is wrong (one line on stderr), 2 usage, 3 SUMO died, 4 a defect,
     128 + n signal n ended it."""
+    open_closed_streams()
     # PyTorch reads this when it is loaded. Threads that spin while waiting are several times slower on busy machines.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     try:

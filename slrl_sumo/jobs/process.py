@@ -22,6 +22,7 @@ from typing import Any
 
 from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
 from slrl_sumo.jobs.interrupt import SIGNALS
+from slrl_sumo.jobs.standard_streams import open_closed_streams
 
 PRINTED = "printed"
 """File in the folder of a process that collects its output."""
@@ -59,7 +60,7 @@ class WorkerProcess:
     """
 
     def __init__(self, work: bytes) -> None:
-        _open_closed_streams()
+        open_closed_streams()
         self.work = work
         self.requests = 0
         """How many were sent."""
@@ -172,16 +173,6 @@ def set_up_process(folder: str | Path) -> None:
     if mallopt is not None:
         mallopt(MMAP_THRESHOLD, 32 << 20)
         mallopt(TRIM_THRESHOLD, 256 << 20)
-
-
-def _open_closed_streams() -> None:
-    """Open standard streams that the user has closed on /dev/null: otherwise the next files opened take their numbers
-    and receive printed text."""
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
 
 
 def _serve(pipe: Connection, work: bytes, folder: Path) -> None:

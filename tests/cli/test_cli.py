@@ -347,7 +347,7 @@ BROKEN = {
 @pytest.mark.slow
 @pytest.mark.parametrize("what", [*BROKEN, "net cut in the middle", "not xml"])
 def test_broken_scenarios_get_one_line(cli: Cli, copy_scenario: Copy, tmp_path: Path, what: str) -> None:
-    changes, words = BROKEN.get(what, ([], ".net.xml" if what.startswith("net") else "not a SUMO configuration"))
+    changes, words = BROKEN.get(what, ([], ".net.xml" if what.startswith("net") else "it is no XML text in UTF-8"))
     config = copy_scenario("intersection", *changes)
     if what.startswith("net"):
         net = config.with_name("intersection.net.xml")
