@@ -1,6 +1,6 @@
 """Reading all road users out of SUMO, once per step."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,7 +91,7 @@ class Reader:
         front = np.array(positions, np.float64).reshape(-1, 2)
         heading = self._without_nan(ids, heading_from_sumo(np.array(angles, np.float64)))
         x, y = centre_from_front(front[:, 0], front[:, 1], heading, length)
-        along = np.array(lane_positions, np.float64)
+        along = _finite(lane_positions)
         return Snapshot(
             ids=ids,
             person=person,
@@ -100,7 +100,7 @@ class Reader:
             y=y,
             heading=heading,
             # After rounding, SUMO reports tiny negative speeds.
-            speed=np.maximum(np.array(speeds, np.float64), 0.0),
+            speed=np.maximum(_finite(speeds), 0.0),
             length=length,
             width=width,
             sumo_type=types,
@@ -189,6 +189,13 @@ def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) 
                 )
             )
     return rows
+
+
+def _finite(values: Sequence[float]) -> Floats:
+    """The values, (n,), with 0 for those that are not finite: libsumo 1.28 gave a person in a walking area NaN for its
+    speed and its position along it."""
+    given = np.array(values, np.float64)
+    return np.where(np.isfinite(given), given, 0.0)
 
 
 def _is_place(position: tuple[float, ...]) -> bool:

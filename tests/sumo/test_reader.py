@@ -261,3 +261,15 @@ def test_a_vehicle_at_infinity_is_on_no_network(monkeypatch: pytest.MonkeyPatch,
         assert vehicles
         monkeypatch.setattr(libsumo.vehicle, "getPosition", lambda vehicle: place)
         assert set(session.reader.read().ids).isdisjoint(vehicles)
+
+
+def test_speeds_and_positions_that_are_no_numbers_are_zero(monkeypatch: pytest.MonkeyPatch) -> None:
+    with SumoSession(find_scenario("intersection")) as session:
+        for _ in range(20):
+            session.step()
+        for name in ("getSpeed", "getLanePosition"):
+            monkeypatch.setattr(libsumo.vehicle, name, lambda vehicle: float("nan"))
+        snapshot = session.reader.read()
+        assert (~snapshot.person).any()
+        assert (snapshot.speed[~snapshot.person] == 0.0).all()
+        assert (snapshot.lane_position[~snapshot.person] == 0.0).all()
