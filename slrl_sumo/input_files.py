@@ -16,6 +16,7 @@ import re
 import stat
 import tomllib
 import zlib
+from abc import abstractmethod
 from collections.abc import Iterator
 from typing import IO, Any, cast
 
@@ -188,8 +189,9 @@ class _Checked(io.RawIOBase):
         buffer[: len(data)] = data
         return len(data)
 
+    @abstractmethod
     def _checked(self, size: int) -> bytes:
-        raise NotImplementedError
+        """The next bytes, at most `size`; none at the end."""
 
 
 class _Unpacked(_Checked):

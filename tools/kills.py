@@ -87,10 +87,10 @@ class Command:
             if pid != self.process.pid and b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
         ]
 
-    def send(self, number: int, whom: str) -> bool:
+    def send(self, number: int, target: str) -> bool:
         """Send a signal; whether there was a process to receive it."""
-        targets = self.children() if whom != "parent" else []
-        targets += [self.process.pid] if whom != "child" else []
+        targets = self.children() if target != "parent" else []
+        targets += [self.process.pid] if target != "child" else []
         for pid in targets:
             os.kill(pid, number)
         return bool(targets)
@@ -104,13 +104,13 @@ def one(seed: int, number: int) -> dict[str, Any]:
     if name == "run":
         words.append(f"a{random.choice(('.xml', '.xml.gz', '.csv', '.parquet'))}")
         words += random.choice(([], [], ["--report", "pictures"]))
-    kind, whom = random.choice(SIGNALS), random.choice(("parent", "child", "both"))
+    kind, target = random.choice(SIGNALS), random.choice(("parent", "child", "both"))
     loading, share = random.random() < 0.4, random.random()
     with tempfile.TemporaryDirectory(prefix="kills_") as folder:
         command = Command(words, Path(folder))
         try:
-            row = {"signal": kind, "whom": whom} | _killed(
-                command, kind, whom, f"out/{_trace(words)}" if name == "run" else FIRST[name], loading, share
+            row = {"signal": kind, "target": target} | _killed(
+                command, kind, target, f"out/{_trace(words)}" if name == "run" else FIRST[name], loading, share
             )
             row["failures"] = list(_failures(command, words, row))
         finally:
@@ -121,17 +121,17 @@ def one(seed: int, number: int) -> dict[str, Any]:
     return {"number": number, "command": " ".join(words), "when": when, **row}
 
 
-def _killed(command: Command, kind: str, whom: str, first: str, loading: bool, share: float) -> dict[str, Any]:
+def _killed(command: Command, kind: str, target: str, first: str, loading: bool, share: float) -> dict[str, Any]:
     """Send the signal, wait for the end, and note both."""
     begin = time.monotonic()
     if not loading:
         while not list(command.out.parent.glob(first)) and time.monotonic() < begin + FIRST_S:
             time.sleep(0.05)
     time.sleep(share * (LOADING_S if loading else WORKING_S))
-    while not command.send(signal.Signals[f"SIG{kind}"], whom) and command.process.poll() is None:
+    while not command.send(signal.Signals[f"SIG{kind}"], target) and command.process.poll() is None:
         time.sleep(0.05)
     sent, survived = time.monotonic(), False
-    if whom == "child":
+    if target == "child":
         try:
             command.process.wait(2.0)
         except subprocess.TimeoutExpired:
@@ -162,7 +162,7 @@ def _failures(command: Command, words: list[str], row: dict[str, Any]) -> Iterat
     if "Traceback" in errors or "hang" in errors:
         yield errors.strip().splitlines()[-1]
     hard = code in (-signal.SIGKILL, -signal.SIGSEGV)  # the command itself was killed
-    if code not in (expected := expected_codes(row["signal"], row["whom"], row["survived"])):
+    if code not in (expected := expected_codes(row["signal"], row["target"], row["survived"])):
         yield f"exit code {code}, not {' or '.join(map(str, expected))}: {errors.strip()}"
     files = sorted(path.name for path in command.out.iterdir())
     if parts := [name for name in files if name.startswith(".") and not hard]:
@@ -178,12 +178,12 @@ def _failures(command: Command, words: list[str], row: dict[str, Any]) -> Iterat
         yield f"invalid output: {type(error).__name__}: {error}"
 
 
-def expected_codes(kind: str, whom: str, survived: bool) -> set[int]:
+def expected_codes(kind: str, target: str, survived: bool) -> set[int]:
     """Exit codes that are documented."""
     number = int(signal.Signals[f"SIG{kind}"])
     if survived:  # a run may be writing its report
         return {128 + signal.SIGTERM} | (set() if kind in POLITE else {3, 1})
-    if whom != "child":
+    if target != "child":
         # Before the command has begun, Python itself dies of the signal.
         return {-number} if kind not in POLITE else {128 + number, -number}
     # SUMO's death; while it loads, a segmentation fault is one of the input.
@@ -247,12 +247,12 @@ def report(rows: list[dict[str, Any]]) -> None:
     print("| signal | to the command | to its child | to both | failures |\n|---|---|---|---|---|")
     for kind in SIGNALS:
         mine = [row for row in rows if row["signal"] == kind]
-        sent = Counter(row["whom"] for row in mine)
+        sent = Counter(row["target"] for row in mine)
         wrong = sum(bool(row["failures"]) for row in mine)
         print(f"| SIG{kind} | {sent['parent']} | {sent['child']} | {sent['both']} | {wrong} |")
     for row in rows:
         for failure in row["failures"]:
-            print(f"{row['number']}: {row['command']}: {row['signal']} to {row['whom']} ({row['when']}): {failure}")
+            print(f"{row['number']}: {row['command']}: {row['signal']} to {row['target']} ({row['when']}): {failure}")
 
 
 def main() -> None:
@@ -272,7 +272,7 @@ def main() -> None:
         for row in pool.map(lambda number: one(options.seed, number), numbers):
             rows.append(row)
             text = ", ".join(row["failures"]) or "ok"
-            print(f"{row['number']}: {row['command'][:40]} {row['signal']} {row['whom']}: {text}", file=sys.stderr)
+            print(f"{row['number']}: {row['command'][:40]} {row['signal']} {row['target']}: {text}", file=sys.stderr)
             if options.json is not None:
                 options.json.write_text(json.dumps({"kills": rows}, indent=1) + "\n")
     report(rows)

@@ -131,7 +131,7 @@ def _odd_lanes(network: Network) -> Iterator[Finding]:
             "note",
             "permissions",
             f"{counted(len(closed), 'lane admits', 'lanes admit')} no vehicle class that SUMO knows ({some(closed)})",
-            "none needed if nobody shall use them; else correct allow and disallow",
+            "none needed if no road user shall use them; else correct allow and disallow",
         )
 
 

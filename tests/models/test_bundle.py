@@ -126,6 +126,14 @@ def test_half_the_weights_are_damage(bundle: ModelBundle, tmp_path: Path) -> Non
         load_bundle(tmp_path / "a")
 
 
+def refused_with(file: Path, key: str, value: object, message: str) -> None:
+    """Change a value in a JSON file of a bundle, which is then refused in one line."""
+    file.write_text(json.dumps(json.loads(file.read_text()) | {key: value}))
+    with pytest.raises(InputError, match=message) as error:
+        load_bundle(file.parent)
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
@@ -145,11 +153,7 @@ def test_another_configuration_is_refused(
     bundle: ModelBundle, tmp_path: Path, key: str, value: object, message: str
 ) -> None:
     bundle.save(tmp_path / "a")
-    file = tmp_path / "a" / "config.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | {key: value}))
-    with pytest.raises(InputError, match=message) as error:
-        load_bundle(tmp_path / "a")
-    assert "\n" not in str(error.value)
+    refused_with(tmp_path / "a" / "config.json", key, value, message)
 
 
 def test_weights_of_another_shape_or_not_finite_are_refused(bundle: ModelBundle, tmp_path: Path) -> None:
@@ -226,11 +230,7 @@ def test_nothing_is_allocated_before_the_sizes_are_those_of_the_weights(
 )
 def test_a_selector_of_impossible_sizes_is_refused(tmp_path: Path, key: str, value: object) -> None:
     shutil.copytree(SHIPPED / "intersection", tmp_path / "a")
-    file = tmp_path / "a" / "selector.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | {key: value}))
-    with pytest.raises(InputError, match="selector") as error:
-        load_bundle(tmp_path / "a")
-    assert "\n" not in str(error.value)
+    refused_with(tmp_path / "a" / "selector.json", key, value, "selector")
 
 
 def test_bounds_that_no_road_user_has_are_refused(bundle: ModelBundle, tmp_path: Path) -> None:

@@ -173,7 +173,7 @@ def test_refusals_keep_the_first_reason_and_let_other_errors_through() -> None:
 
 def test_a_refused_call_of_ours_outside_is_a_defect_and_a_closed_simulation_is_sumos_end() -> None:
     with pytest.raises(libsumo.TraCIException), SumoSession(find_scenario("intersection")):
-        libsumo.vehicle.getSpeed("nobody")
+        libsumo.vehicle.getSpeed("absent")
 
     def close_inside() -> None:
         with SumoSession(find_scenario("intersection")) as session:

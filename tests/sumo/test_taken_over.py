@@ -225,7 +225,7 @@ def test_road_users_that_have_gone_are_forgotten_and_the_rest_released(session: 
     control.take_over(["car", "walker"], np.array([False, True]))
     _carry(session, control, "car", 8.0, 1)
     _carry(session, control, "walker", 1.2, 1)
-    control.abandon(["car", "nobody"])
+    control.abandon(["car", "absent"])
     assert control.ids == {"walker"}
     control.take_over(["car"], VEHICLE)
     libsumo.person.remove("walker")

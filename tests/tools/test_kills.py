@@ -65,5 +65,5 @@ def test_exit_codes_are_those_of_the_documentation() -> None:
 @pytest.mark.slow
 def test_a_kill() -> None:
     row = one(1, 5)
-    assert (row["signal"], row["whom"], row["command"].split()[0]) == ("TERM", "both", "run")
+    assert (row["signal"], row["target"], row["command"].split()[0]) == ("TERM", "both", "run")
     assert row["failures"] == []
