@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +38,15 @@ class Network:
     """The junctions that each traffic light controls, by its id."""
     without_width: tuple[str, ...] = ()
     """Lanes whose width in SUMO is not above 0 and up to WIDEST: they have LANE_WIDTH here."""
+    infinitely_wide: frozenset[str] = frozenset()
+    """Lanes of infinite width."""
     calibrated: frozenset[str] = frozenset()
     """Edges with a calibrator, which may remove vehicles."""
+
+    @cached_property
+    def classes_on_foot(self) -> frozenset[str]:
+        """SUMO vehicle classes that may use a crossing or a walking area."""
+        return frozenset[str]().union(*(lane.allowed for lane in self.lanes if _is_on_foot(lane.id)))
 
     @cached_property
     def walks(self) -> LanePoints:
@@ -73,9 +81,16 @@ def is_walking_area(lane_id: str) -> bool:
     return _WALKING_AREA.match(lane_id) is not None
 
 
+def _is_on_foot(lane_id: str) -> bool:
+    return is_walking_area(lane_id) or _CROSSING.match(lane_id) is not None
+
+
 def read_network(api: SumoApi) -> Network:
-    """Read the loaded network: about 4 us a lane and call with libsumo. Raises InputError where a lane is nowhere."""
-    lanes, without_width = [], []
+    """Read the loaded network: about 4 us a lane and call with libsumo.
+
+    Raises InputError where a lane is nowhere, and where a crossing or a walking area admits cars.
+    """
+    lanes, without_width, infinitely_wide = [], [], set()
     # Lanes share their sets of classes and the names of their edges, to save memory.
     known: dict[frozenset[str], frozenset[str]] = {}
     edges: dict[str, str] = {}
@@ -86,6 +101,8 @@ def read_network(api: SumoApi) -> Network:
         edge, width = api.lane.getEdgeID(lane_id), api.lane.getWidth(lane_id)
         if not 0.0 < width <= WIDEST:
             without_width.append(lane_id)
+            if width == inf:
+                infinitely_wide.add(lane_id)
             width = LANE_WIDTH
         lanes.append(
             Lane(
@@ -105,6 +122,12 @@ def read_network(api: SumoApi) -> Network:
             raise InputError(
                 f"lane {lane.id} has a point without position, or farther than {MAX_POSITION:g} m from the origin; "
                 "correct the network"
+            )
+        # SUMO 1.28 crashes some steps after it has mapped a moved vehicle to one.
+        if "passenger" in lane.allowed and _is_on_foot(lane.id):
+            raise InputError(
+                f'lane {lane.id} of a crossing or walking area admits cars; give it allow="pedestrian", as netconvert '
+                "does"
             )
     junctions = _junctions(api, lanes)
     # A walking area between carriageways that admit pedestrians is part of the common surface: the middle of a shared
@@ -129,6 +152,7 @@ def read_network(api: SumoApi) -> Network:
         positions,
         _signal_junctions(api),
         tuple(without_width),
+        frozenset(infinitely_wide),
         calibrated,
     )
 

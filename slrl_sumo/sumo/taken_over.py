@@ -48,6 +48,7 @@ MATCH_THRESHOLD_PERSON = 0.1
 
 
 NO_WALK = "it does not walk any more"
+INFINITELY_WIDE = "it is on a lane of infinite width, where SUMO has persons nowhere"
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ class TakenOverControl:
     def eligible(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Which of n road users on the network can be taken over, (n,); `person`: which of them are persons, (n,).
 
-        Eligible are walking persons, and vehicles on a lane without stops ahead that are no trains, ships or aircraft.
+        Eligible are walking persons, and vehicles on a lane without stops ahead that are no trains, ships or aircraft,
+        and of no class that crossings admit.
         """
         return self._each(ids, person, self._vehicle_eligible, self._person_eligible)
 
@@ -134,6 +136,8 @@ class TakenOverControl:
                 if walks and self._does_not_walk(road_user):
                     # SUMO or a script has begun another stage: a move would let it walk again.
                     self.refusals.add(road_user, NO_WALK)
+                elif walks and lane >= 0 and self._network.walks.lanes[lane].id in self._network.infinitely_wide:
+                    self.refusals.add(road_user, INFINITELY_WIDE)
                 elif walks:
                     self._shorten_walk(road_user, lane)
                     persons.moveToXY(
@@ -216,7 +220,10 @@ class TakenOverControl:
         vehicle = self._api.vehicle
         if vehicle.getLaneID(road_user) == "" or self._is_interrupted(road_user):
             return False
-        return vehicle.getVehicleClass(road_user) not in LEFT_TO_SUMO
+        # SUMO 1.28 crashes in the step after a move has put a vehicle onto a walking area or a crossing. In networks of
+        # netconvert only vehicles of class "pedestrian" can be mapped to one.
+        vehicle_class = vehicle.getVehicleClass(road_user)
+        return vehicle_class not in LEFT_TO_SUMO and vehicle_class not in self._network.classes_on_foot
 
     def _person_eligible(self, road_user: str) -> bool:
         person = self._api.person

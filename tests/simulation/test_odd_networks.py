@@ -11,6 +11,7 @@ from netgen.binaries import run_program
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.sumo.taken_over import INFINITELY_WIDE
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -68,3 +69,16 @@ def test_streets_may_be_shorter_than_a_metre(cli: Cli, tmp_path: Path, options: 
     done = cli("run", config, "--agents", 4, "--takeover", "car=1", "--selector", "prior", "--steps", 12)
     assert (done.returncode, done.stderr.count("Traceback")) == (0, 0), done.stderr
     assert " 0 lost" in done.stdout
+
+
+def test_a_person_before_a_lane_of_infinite_width_is_handed_to_sumo(tmp_path: Path) -> None:
+    """SUMO has persons on such a lane at infinity: they were lost."""
+    config = scenario(tmp_path, lanes='width="inf"')
+    routes = tmp_path / "n.rou.xml"
+    walks = "<personFlow id='p' begin='0' end='6' period='1'><walk from='A0A1' to='B1B0'/></personFlow></routes>"
+    routes.write_text(routes.read_text().replace("</routes>", walks))
+    settings = RunSettings(config, takeover="pedestrian=1", selector="lane", steps=200)
+    decisions = [event for event in run(settings) if isinstance(event, Decision)]
+    assert not any(decision.lost.any() for decision in decisions)
+    reasons = {reason for decision in decisions for _, reason in decision.refused}
+    assert reasons == {INFINITELY_WIDE}

@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from netgen.binaries import run_program
+from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import front_from_centre, heading_to_sumo, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
 from slrl_sumo.sumo.scenario import find_scenario
@@ -143,6 +145,45 @@ def test_a_car_may_leave_its_lane_while_its_rear_is_on_another_one(game: Path) -
 
 def test_sumo_dies_of_a_car_that_leaves_its_lane_while_its_rear_is_on_another_one(game: Path) -> None:
     crashes("naive_car_beside_its_lane", game / "fkk_in.sumocfg")
+
+
+# --- 7: vehicles on walking areas
+
+
+@pytest.fixture
+def footpath(tmp_path: Path) -> Path:
+    """A street of two edges with a sidewalk, and a walking area between the edges."""
+    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 50), ("c", 100)))
+    edge = '<edge id="{0}{1}" from="{0}" to="{1}" numLanes="1" speed="10" sidewalkWidth="2"/>'
+    (tmp_path / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    (tmp_path / "n.edg.xml").write_text(f"<edges>{edge.format('a', 'b')}{edge.format('b', 'c')}</edges>")
+    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "--walkingareas", "-o", "n.net.xml"], tmp_path)
+    # On a sidewalk such a vehicle has no way into the next edge.
+    walker = '<vehicle id="v" type="t" depart="0" departLane="0" departPos="last" departSpeed="0"><route edges="{}"/>'
+    walker = f'<vType id="t" vClass="pedestrian" length="0.2"/>{walker.format("ab bc")}</vehicle>'
+    (tmp_path / "n.rou.xml").write_text(f"<routes>{walker}</routes>")
+    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/><step-length value="0.4"/>'
+    config = tmp_path / "n.sumocfg"
+    config.write_text(f'<configuration>{files}<ignore-route-errors value="true"/></configuration>')
+    return config
+
+
+def test_vehicles_that_may_use_walking_areas_are_left_to_sumo(footpath: Path) -> None:
+    assert survived("lent_vehicle_on_a_walking_area", footpath) == {"lane": "ab_0", "eligible": False}
+
+
+def test_sumo_dies_of_vehicles_on_walking_areas() -> None:
+    crashes("naive_vehicles_on_walking_areas")
+
+
+def test_networks_in_which_walking_areas_admit_cars_are_refused(footpath: Path) -> None:
+    net = footpath.with_name("n.net.xml")
+    text = net.read_text()
+    area = ' allow="pedestrian"'
+    at = text.index(area, text.index(':b_w0_0"'))
+    net.write_text(text[:at] + text[at + len(area) :])
+    with pytest.raises(InputError, match=r":b_w0_0 of a crossing or walking area admits cars"), _session(footpath):
+        pass
 
 
 # --- the situations, each in its own process
@@ -402,6 +443,41 @@ def naive_car_beside_its_lane(config: str) -> dict[str, Any]:
     return {}
 
 
+def _session(config: Path | str) -> SumoSession:
+    return SumoSession(find_scenario(str(config)))
+
+
+def lent_vehicle_on_a_walking_area(config: str) -> dict[str, Any]:
+    with _session(config) as session:
+        session.step()
+        session.step()
+        control = TakenOverControl(libsumo, session.network)
+        eligible = bool(control.eligible(["v"], np.array([False]))[0])
+        return {"lane": libsumo.vehicle.getLaneID("v"), "eligible": eligible}
+
+
+def naive_vehicles_on_walking_areas() -> dict[str, Any]:
+    """Of class pedestrian, around the crossings of a junction."""
+    with _session("intersection") as session:
+        libsumo.vehicletype.copy("DEFAULT_VEHTYPE", "t")
+        libsumo.vehicletype.setVehicleClass("t", "pedestrian")
+        libsumo.vehicletype.setLength("t", 0.2)
+        libsumo.route.add("r", ["in0"])
+        ids = tuple(f"v{i}" for i in range(16))
+        for i, road_user in enumerate(ids):
+            libsumo.vehicle.add(road_user, "r", typeID="t", departLane="0", departPos=str(5.0 + 4.0 * i))
+        session.step()
+        session.step()
+        crowd = Wanderers(len(ids), CENTRE, 1.4)
+        for _ in range(600):
+            for i, angle in enumerate(heading_to_sumo(crowd.heading).tolist()):
+                libsumo.vehicle.moveToXY(ids[i], "", -1, float(crowd.x[i]), float(crowd.y[i]), angle, 2, 5.0)
+                libsumo.vehicle.setSpeed(ids[i], 1.4)
+            session.step()
+            crowd.wander()
+    return {}
+
+
 SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
     function.__name__: function
     for function in (
@@ -411,6 +487,7 @@ SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
         person_on_the_road,
         *(standing_cars, naive_standing_cars),
         *(car_beside_its_lane, naive_car_beside_its_lane),
+        *(lent_vehicle_on_a_walking_area, naive_vehicles_on_walking_areas),
     )
 }
 
