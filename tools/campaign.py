@@ -5,7 +5,8 @@
 
 Run NUMBER of a seed is always the same: a scenario (two thirds random networks of netgenerate, see `odd_networks` and
 `odd_demand`; the others shipped, of the SUMO wheel, or of `netgen`), `slrl-sumo run` with random options, and in half
-of the runs `doctor` or another command (`odd_runs`). An agent-step is one learned road user in one decision of 0.4 s.
+of the runs `doctor` or another command (`odd_runs`). Few runs have no length; in a scenario that plain SUMO does not
+end either, they end after 300 s. An agent-step is one learned road user in one decision of 0.4 s.
 Failures: tracebacks, SUMO's death where plain SUMO lives (exit 3), crashes, hangs, outputs that do not fit the run,
 road users that are lost. Refused input is no failure, but is listed with its line. Folders of failures are kept. The
 file of --json is written after every run, and a campaign that finds one of the same seed continues it. Exit code 1 if

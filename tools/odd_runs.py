@@ -30,6 +30,10 @@ SPACE = 25.0
 """m of lanes for each spawned road user at least: fewer find no place."""
 HANG = 600.0
 """s of wall clock after which a command counts as hung."""
+PATIENCE = 20.0
+"""s of wall clock after which plain SUMO counts as without an end: small scenarios without one pass hours in it."""
+UNTIL = 300.0
+"""s of simulation time of runs in such scenarios."""
 FAILURES = ("traceback", "exit 3", "crash", "hang", "invalid output", "lost", "usage")
 
 
@@ -75,7 +79,11 @@ def draw_run(random: Random, scenario: Scenario, out: Path) -> list[str]:
     selector = random.choice(("prior", "lane", *(("greedy", "sampled") * trained)))
     words += ["--bundle", bundle, "--selector", selector]
     steps = random.randint(*WORK) // max(agents, 16)
-    words += ["--steps", str(min(steps, 600))] if random.random() < 0.95 else []
+    if random.random() < 0.95:
+        words += ["--steps", str(min(steps, 600))]
+    elif scenario.seconds("end") is None and not ends_by_itself(scenario):
+        # The run would go on with plain SUMO's road users for ever.
+        words += ["--until", f"{(scenario.seconds('begin') or 0.0) + UNTIL:g}"]
     for share, more in (
         (0.2 * (selector != "lane"), ["--guard"]),
         (0.2, ["--no-yield"]),
@@ -160,14 +168,25 @@ def judged(code: int, errors: str, scenario: Scenario) -> tuple[str, str]:
     return ("ok", "") if code == 0 else ("refused", last)
 
 
-def _plain_sumo(scenario: Scenario) -> str:
-    """What plain SUMO says where it cannot run the scenario either; else ''."""
-    begin = scenario.seconds("begin") or 0.0
-    more = ["--end", f"{begin + 120:g}", "--no-step-log", "--no-warnings", "--time-to-teleport", "-1"]
+def ends_by_itself(scenario: Scenario) -> bool:
+    """Whether plain SUMO comes to the end of a scenario that gives none: persons may wait for ever, vehicles jam."""
+    return _plain(scenario, PATIENCE) is not None
+
+
+def _plain(scenario: Scenario, patience: float, *options: str) -> subprocess.CompletedProcess[str] | None:
+    """Plain SUMO in the scenario, without teleports as in runs; None where it has not ended after `patience` s."""
+    more = ["--no-step-log", "--no-warnings", "--time-to-teleport", "-1", *options]
     command = [binary("sumo"), "-c", str(scenario.config), *more]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=HANG, check=False)
+        return subprocess.run(command, capture_output=True, text=True, timeout=patience, check=False)
     except subprocess.TimeoutExpired:
+        return None
+
+
+def _plain_sumo(scenario: Scenario) -> str:
+    """What plain SUMO says where it cannot run the scenario either; else ''."""
+    done = _plain(scenario, HANG, "--end", f"{(scenario.seconds('begin') or 0.0) + 120:g}")
+    if done is None:
         return ""
     lines = [line for line in done.stderr.splitlines() if line.startswith("Error")]
     return (lines[0] if lines else f"exit code {done.returncode}") if done.returncode else ""

@@ -10,7 +10,7 @@ import pytest
 
 from slrl_sumo.sumo.scenario import find_scenario
 from tools.campaign import counts, draw_scenario, one
-from tools.odd_runs import Verdict, draw_others, draw_run, judged, wrong_trace
+from tools.odd_runs import Verdict, draw_others, draw_run, ends_by_itself, judged, wrong_trace
 
 ROOT = Path(__file__).parents[2]
 STEP = '<timestep time="{}"><vehicle id="learned_car.0"/></timestep>'
@@ -51,6 +51,19 @@ def test_what_plain_sumo_refuses_is_no_failure_of_the_package(tmp_path: Path) ->
     outcome, line = judged(3, "", find_scenario(str(tmp_path)))
     assert outcome == "SUMO refuses"
     assert "gone.net.xml" in line
+
+
+@pytest.mark.parametrize(("plan", "ends"), [('<stop lane="in0_0" duration="1e9"/>', False), ("", True)])
+def test_scenarios_that_plain_sumo_does_not_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plan: str, ends: bool
+) -> None:
+    net = find_scenario("intersection").config.with_name("intersection.net.xml")
+    person = f'<person id="p" depart="0">{plan}<walk from="in0" to="out2"/></person>'
+    (tmp_path / "n.rou.xml").write_text(f"<routes>{person}</routes>")
+    files = f'<net-file value="{net}"/><route-files value="n.rou.xml"/><step-length value="0.4"/>'
+    (tmp_path / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
+    monkeypatch.setattr("tools.odd_runs.PATIENCE", 3.0)
+    assert ends_by_itself(find_scenario(str(tmp_path))) == ends
 
 
 @pytest.mark.parametrize(
