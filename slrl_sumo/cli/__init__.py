@@ -5,7 +5,7 @@ import shlex
 import sys
 
 # Commands register themselves: the order here is that of --help.
-from slrl_sumo.cli import simulate, measure, show, learn  # noqa: F401  # isort: skip
+from slrl_sumo.cli import simulate, measure, bench, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app, claims
 from slrl_sumo.cli.defect import write_defect
 from slrl_sumo.errors import DefectError, InputError, SumoError

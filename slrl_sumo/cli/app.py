@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output, claimed
 from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.ray_cluster import check_ray
@@ -55,6 +56,14 @@ def claim(*outputs: Output, inputs: Iterable[str | Path | None] = (), scenarios:
     files = [Path(path) for path in inputs if path is not None]
     files += [path for name in scenarios for path in named_files(find_scenario(name.strip()))]
     claims.enter_context(claimed(outputs, files))
+
+
+def numbers(option: str, text: str) -> tuple[int, ...]:
+    """The whole numbers of an option that takes several. Raises InputError."""
+    try:
+        return tuple(dict.fromkeys(int(number) for number in text.split(",")))
+    except ValueError:
+        raise InputError(f"--{option} {text}: give whole numbers separated by commas, e.g. 16,32,64") from None
 
 
 def _version(wanted: bool) -> None:

@@ -1,11 +1,11 @@
-"""Commands that measure: evaluate, compare, bench."""
+"""Commands that measure traffic: evaluate, compare."""
 
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim
+from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim, numbers
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output
 
@@ -72,7 +72,7 @@ def evaluate(
         return
     given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
     if agents is not None:
-        given["agents"] = _numbers("agents", agents)
+        given["agents"] = numbers("agents", agents)
     backend = backend_of(workers, ray)
     from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, write_evaluation
 
@@ -82,13 +82,6 @@ def evaluate(
     interrupted_by = write_evaluation(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
-
-
-def _numbers(option: str, text: str) -> tuple[int, ...]:
-    try:
-        return tuple(dict.fromkeys(int(number) for number in text.split(",")))
-    except ValueError:
-        raise InputError(f"--{option} {text}: give whole numbers separated by commas, e.g. 16,32,64") from None
 
 
 @app.command()
@@ -179,39 +172,3 @@ def _evaluate_recording(
         )
     write_evaluation(result, out)
     print_evaluation(result)
-
-
-@app.command()
-def bench(
-    json_file: Annotated[Path | None, typer.Option("--json", help="The table as JSON.")] = None,
-    scenarios: Annotated[
-        str, typer.Option(help="Shipped names, folders or .sumocfg, separated by commas.")
-    ] = "intersection,shared-space,district",
-    agents: Annotated[str, typer.Option(help="Learned road users, separated by commas.")] = "16,64,256,1024",
-    cores: Annotated[
-        str | None, typer.Option(help="Numbers of simulations side by side, e.g. 1,4. [default: 1 and all cores]")
-    ] = None,
-    steps: Annotated[int, typer.Option(help="Measured decisions of each measurement.")] = 60,
-    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
-    selector: Annotated[str | None, typer.Option(help="As in `run`. [default: the bundle's usual one]")] = None,
-    mix: Annotated[str, typer.Option(help="Shares of types, as in `run`.")] = "car=0.2,bicycle=0.2,pedestrian=0.6",
-    seed: Annotated[int, typer.Option(help="Of SUMO, the starting places and the choices.")] = 1,
-) -> None:
-    """Measure throughput on this machine, beside plain SUMO and the bare library calls."""
-    from slrl_sumo.studies.bench.bench import BenchSettings, write_bench
-
-    if json_file is not None:
-        claim(Output("json", json_file), inputs=[bundle], scenarios=scenarios.split(","))
-    settings = BenchSettings(
-        scenarios=tuple(dict.fromkeys(name.strip() for name in scenarios.split(","))),
-        agents=_numbers("agents", agents),
-        cores=() if cores is None else _numbers("cores", cores),
-        steps=steps,
-        bundle=bundle,
-        selector=selector,
-        mix=mix,
-        seed=seed,
-    )
-    interrupted_by = write_bench(settings, json_file)
-    if interrupted_by:
-        raise typer.Exit(128 + interrupted_by)

@@ -24,13 +24,13 @@ BLOCK = 65536
 
 def inputs_header(scenario: Scenario, bundle: ModelBundle) -> dict[str, Any]:
     """Version, scenario and bundle on which the results of a study depend: names, and hashes of the contents."""
-    return {
-        "version": __version__,
-        "scenario": scenario.name,
-        "scenario_sha256": _scenario_hash(scenario),
-        "bundle": bundle.name,
-        "bundle_sha256": _bundle_hash(bundle),
-    }
+    named = {"version": __version__, "scenario": scenario.name, "scenario_sha256": _scenario_hash(scenario)}
+    return named | bundle_header(bundle)
+
+
+def bundle_header(bundle: ModelBundle) -> dict[str, Any]:
+    """Version and bundle on which the results of a study depend: its name, and a hash of its contents."""
+    return {"version": __version__, "bundle": bundle.name, "bundle_sha256": _bundle_hash(bundle)}
 
 
 class StudyLog:

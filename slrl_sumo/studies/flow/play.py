@@ -1,0 +1,110 @@
+"""One run of a situation: with SUMO's own models, or with learned road users."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import torch
+
+from netgen.errors import NetgenError
+from slrl_sumo.agent.constraints import Constraints
+from slrl_sumo.agent.driver import GUARDED, make_driver
+from slrl_sumo.errors import SumoError
+from slrl_sumo.metrics.encounters import ALL, EncounterCounts
+from slrl_sumo.metrics.signal_crossings import SignalCrossings
+from slrl_sumo.metrics.trips import Trips
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.studies.flow.figures import motion_figures, trip_figures
+from slrl_sumo.studies.flow.greens import Greens
+from slrl_sumo.studies.flow.situations import SITUATIONS
+from slrl_sumo.studies.flow.trace import Trace, TraceBuilder, on_lanes
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+SUMO = "sumo"
+"""The arm in which SUMO's own models drive everything."""
+Record = dict[str, Any]
+
+
+@dataclass(frozen=True, order=True)
+class Run:
+    """One run; runs of the same situation and seed have the same demand."""
+
+    situation: str
+    arm: str
+    """SUMO, or a selector, with GUARDED where it runs with the guard."""
+    seed: int
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a run has recorded; see `figures`."""
+
+    trace: Trace
+    network: Network
+    greens: dict[str, list[float]]
+    record: Record
+
+
+def play(bundle: str, share: float, run: Run) -> Record:
+    """Do a run in this process. The record, ready for JSON, depends on the arguments alone.
+
+    `bundle`: name or folder; `share`: of the road users of each type that are learned. `trips`: departure and arrival
+    (None: has not arrived), s, by vehicle; `figures`: see FIGURES; `under_way_by_minute`: vehicles in the network.
+    Raises InputError where the bundle cannot be used, SumoError where SUMO or its programs fail.
+    """
+    situation = SITUATIONS[run.situation]
+    with TemporaryDirectory(prefix="slrl_flow_") as name:
+        try:
+            config = situation.build(Path(name))
+        except NetgenError as error:
+            raise SumoError(f"{run.situation}: {error}") from None
+        played = simulate(config, bundle, share, run, situation.seconds)
+    on = on_lanes(played.trace, played.network.lanes)
+    figures = played.record["figures"] | motion_figures(played.trace, on, played.greens, situation.desired)
+    return played.record | {"figures": figures}
+
+
+def simulate(config: Path, bundle: str, share: float, run: Run, seconds: float) -> Played:
+    """Run the scenario `config` for `seconds` s of simulated time."""
+    # The models are so small that more threads only wait for each other.
+    torch.set_num_threads(1)
+    learning = run.arm != SUMO
+    with SumoSession(find_scenario(str(config)), seed=run.seed, step_length=DECISION_INTERVAL) as session:
+        api, network = session.api, session.network
+        selector, guard = run.arm.removesuffix(GUARDED), run.arm.endswith(GUARDED)
+        driver = make_driver(
+            selector if learning else "lane", load_bundle(bundle), api, network, run.seed,
+            constraints=Constraints(guard=guard),
+        )  # fmt: skip
+        takeover = Takeover(np.full(3, share), parse_region(None, network), run.seed) if learning else None
+        loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
+        trips, signals, greens = Trips(api, session.step_length), SignalCrossings(api, network), Greens(api)
+        builder, encounters = TraceBuilder(), EncounterCounts()
+        passed = red = 0
+        loop.start()
+        while session.time < seconds:
+            step, _ = loop.step()
+            world = step.world
+            trips.update(world, session.time)
+            crossings = signals.update(world, world.ids)
+            passed, red = passed + len(crossings), red + sum(one.aspect == "red" for one in crossings)
+            greens.update(world.time)
+            encounters.add(world, np.ones(len(world), np.bool_))
+            builder.add(world)
+    figures = trip_figures(trips.all, seconds)
+    figures["collisions"] = round(1e3 * int(encounters.collisions[ALL]) / max(len(trips.all), 1), 3)
+    figures["red_runs"] = round(1e3 * red / passed, 3) if passed else None
+    record = {
+        "seconds": seconds,
+        "trips": {name: [trip.departed, trip.arrived] for name, trip in trips.all.items()},
+        "under_way_by_minute": figures.pop("under_way_by_minute"),
+        "figures": figures,
+    }
+    return Played(builder.build(), network, greens.begins, record)
