@@ -51,7 +51,7 @@ def _text(stage: str, figures: Figures) -> str:
     """The most important figures, in one line."""
     if stage == "training":
         rate, mean_return = figures["speed/agent_steps_per_s"], figures["episode/return"]
-        return f"{rate:.0f} steps/s  return {mean_return:.2f}  success {figures['episode/success']:.0%}"
+        return f"{rate:.0f} steps/s  return {mean_return:.2f}  completed {figures['episode/completed']:.0%}"
     if stage == "imitation":
         right, by_prior = figures["imitation/accuracy"], figures["imitation/prior_accuracy"]
         return f"{right:.0%} of modes predicted, {by_prior:.0%} by the prior"

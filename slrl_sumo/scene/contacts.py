@@ -27,13 +27,8 @@ def colliding_pairs(world: WorldState) -> Pairs:
     return close_pairs(world, COLLISION_DISTANCE)
 
 
-def overlapping_pairs(world: WorldState) -> Pairs:
-    """Pairs whose boxes intersect. (p, 2), sorted."""
-    return contact_pairs(world)[1]
-
-
 def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
-    """`colliding_pairs` and `overlapping_pairs` by one search."""
+    """`colliding_pairs`, and the pairs whose boxes intersect, (p, 2), sorted, by one search."""
     if len(world) < 2:
         return np.zeros((0, 2), np.intp), np.zeros((0, 2), np.intp)
     reach = np.hypot(world.length, world.width)

@@ -7,7 +7,7 @@ import pytest
 from builders import make_world
 from numpy.typing import NDArray
 
-from slrl_sumo.scene.contacts import close_pairs, colliding_pairs, overlapping_pairs
+from slrl_sumo.scene.contacts import close_pairs, colliding_pairs, contact_pairs
 from slrl_sumo.scene.state import WorldState, empty_world
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ def listed(pairs: NDArray[np.intp]) -> list[tuple[int, int]]:
 @pytest.mark.parametrize("count", [0, 1])
 def test_fewer_than_two_road_users_have_no_contacts(count: int) -> None:
     alone = empty_world() if count == 0 else world([(0, 0, 0, 5, 2)])
-    for pairs in (colliding_pairs(alone), overlapping_pairs(alone), close_pairs(alone, 100.0)):
+    for pairs in (colliding_pairs(alone), contact_pairs(alone)[1], close_pairs(alone, 100.0)):
         assert pairs.shape == (0, 2)
 
 
@@ -77,15 +77,15 @@ def test_a_collision_is_less_than_half_a_metre_between_centres() -> None:
 def test_boxes_overlap_by_their_size_and_heading() -> None:
     car = (5.0, 1.8)
     behind = world([(0, 0, 0, *car), (4.9, 0, 0, *car)])
-    assert listed(overlapping_pairs(behind)) == [(0, 1)]
+    assert listed(contact_pairs(behind)[1]) == [(0, 1)]
     gap = world([(0, 0, 0, *car), (5.1, 0, 0, *car)])
-    assert listed(overlapping_pairs(gap)) == []
+    assert listed(contact_pairs(gap)[1]) == []
     side_by_side = world([(0, 0, 0, *car), (0, 1.9, 0, *car)])
-    assert listed(overlapping_pairs(side_by_side)) == []
+    assert listed(contact_pairs(side_by_side)[1]) == []
     crosswise = world([(0, 0, 0, *car), (0, 1.9, np.pi / 2, *car)])
-    assert listed(overlapping_pairs(crosswise)) == [(0, 1)]
+    assert listed(contact_pairs(crosswise)[1]) == [(0, 1)]
     corner_to_corner = world([(0, 0, 0, *car), (4.0, 2.4, np.pi / 4, *car)])
-    assert listed(overlapping_pairs(corner_to_corner)) == [(0, 1)]
+    assert listed(contact_pairs(corner_to_corner)[1]) == [(0, 1)]
 
 
 def test_a_long_bus_reaches_far_and_leaves_the_others_as_they_are() -> None:
@@ -96,20 +96,20 @@ def test_a_long_bus_reaches_far_and_leaves_the_others_as_they_are() -> None:
         (0, 1.7, 0.0, 0.2, 0.5),
     ]
     bus = world([*walkers, (0.0, 0.0, 0.0, 18.0, 2.5)])
-    assert listed(overlapping_pairs(bus)) == [(0, 4), (2, 4)]
+    assert listed(contact_pairs(bus)[1]) == [(0, 4), (2, 4)]
     turned = world([*walkers, (0.0, 0.0, np.pi / 2, 18.0, 2.5)])
-    assert listed(overlapping_pairs(turned)) == [(3, 4)]
+    assert listed(contact_pairs(turned)[1]) == [(3, 4)]
 
 
 def test_two_long_ones_meet_at_their_ends() -> None:
     ordinary = [(200.0 + 10 * i, 0.0, 0.0, 5.0, 1.8) for i in range(8)]
     trams = [(0.0, 0.0, 0.0, 42.0, 2.65), (41.5, 0.5, 0.0, 42.0, 2.65)]
-    assert listed(overlapping_pairs(world(ordinary + trams))) == [(8, 9)]
+    assert listed(contact_pairs(world(ordinary + trams))[1]) == [(8, 9)]
 
 
 def test_pairs_are_sorted_with_the_smaller_row_first() -> None:
     rows = crowd(5, 80, 30.0)
-    for pairs in (overlapping_pairs(world(rows)), close_pairs(world(rows), 3.0)):
+    for pairs in (contact_pairs(world(rows))[1], close_pairs(world(rows), 3.0)):
         assert len(pairs) > 20
         assert (pairs[:, 0] < pairs[:, 1]).all()
         assert listed(pairs) == sorted(set(listed(pairs)))
@@ -128,5 +128,5 @@ def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float) -> No
         if distance < 45.0 and clipped_area(rows[i], rows[j]) > 1e-9:
             overlapping.append((i, j))
     assert listed(close_pairs(everybody, 2.0)) == close
-    assert listed(overlapping_pairs(everybody)) == overlapping
+    assert listed(contact_pairs(everybody)[1]) == overlapping
     assert len(overlapping) > 0

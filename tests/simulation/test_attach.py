@@ -265,6 +265,29 @@ def test_wrong_words_leave_the_simulation_alone(api: Any, words: dict[str, Any],
         assert int(learned.step().learned.sum()) == 1
 
 
+@pytest.mark.parametrize("action", ["teleport", "remove"])
+def test_road_users_that_sumo_teleports_are_moved_on_or_given_up(action: str) -> None:
+    """SUMO's own options, which attach asks scripts to change."""
+    words = ["--time-to-teleport", "3", "--collision.action", action, "--collision.mingap-factor", "0"]
+    libsumo.start(["sumo", "-c", str(DISTRICT), "--step-length", "0.4", *words, *OPTIONS[-4:]])
+    try:
+        run_on(libsumo, 60)
+        teleported = set[str]()
+        with slrl_sumo.attach(libsumo, agents=6, takeover="car=1,bicycle=1", selector="prior") as learned:
+            for _ in range(100):
+                before = set(learned.ids)
+                there = set(learned.step().ids)
+                teleported |= before.intersection(libsumo.simulation.getStartingTeleportIDList())
+                assert set(learned.ids) <= there
+            assert sum(road_user.startswith("learned_") for road_user in learned.ids) == 6
+        assert teleported
+        assert set(modes(libsumo).values()) == {DEFAULT_MODES}
+        assert not [road_user for road_user in libsumo.vehicle.getIDList() if road_user.startswith("learned_")]
+        run_on(libsumo, 10)
+    finally:
+        libsumo.close()
+
+
 @pytest.mark.parametrize("step", ["1", "0.5", "0.3"])
 def test_a_step_that_does_not_divide_the_decision_interval_is_refused(step: str) -> None:
     try:

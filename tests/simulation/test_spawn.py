@@ -10,7 +10,7 @@ from builders import make_world
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.scene.contacts import close_pairs, overlapping_pairs
+from slrl_sumo.scene.contacts import close_pairs, contact_pairs
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -156,7 +156,7 @@ def test_starts_do_not_touch_each_other(crowd: str, seed: int) -> None:
     assert np.bincount(kinds, minlength=3).tolist() == counts.tolist()
     assert len(kinds) == agents
     start = boxes(kinds, x, y, heading)
-    assert overlapping_pairs(start).tolist() == []
+    assert contact_pairs(start)[1].tolist() == []
     assert close_pairs(start, 0.9).tolist() == []
     assert (limit > 0).all()
 
@@ -209,7 +209,7 @@ def test_every_number_of_cars_up_to_the_most_starts_apart() -> None:
     for number in (20, 32, 44, 52):
         kinds, x, y, heading, _ = draw_starts(np.array([number, 20, 30]), points, np.random.default_rng(number))
         assert len(kinds) == number + 50
-        assert len(overlapping_pairs(boxes(kinds, x, y, heading))) == 0
+        assert len(contact_pairs(boxes(kinds, x, y, heading))[1]) == 0
 
 
 def test_points_of_no_network_are_no_starts() -> None:

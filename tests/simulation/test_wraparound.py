@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.scene.contacts import overlapping_pairs
+from slrl_sumo.scene.contacts import contact_pairs
 from slrl_sumo.scene.geometry import from_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState, empty_world
 from slrl_sumo.scene.types import RoadUserType
@@ -123,7 +123,7 @@ def test_without_leavers_nothing_changes() -> None:
 
 def check_apart(after: WorldState, others: WorldState) -> None:
     everybody = after.join(others)
-    assert overlapping_pairs(everybody).tolist() == []
+    assert contact_pairs(everybody)[1].tolist() == []
 
 
 @pytest.mark.parametrize("kind", list(RoadUserType))
@@ -161,7 +161,7 @@ def test_a_jam_over_all_near_entries_is_not_landed_on() -> None:
     roadmap, points = scene("intersection")
     rows = entry(points[0], roadmap, 0.0)[:40:3]
     jam = world([(0, points[0].x[r], points[0].y[r], 0.0, 0.0) for r in rows])
-    assert len(overlapping_pairs(jam)) == 0
+    assert len(contact_pairs(jam)[1]) == 0
     before = world([(0, roadmap.bounds[2] + 1, 98.4, 0.0, 3.0)])
     check_apart(reinsert(before, np.ones(1, np.bool_), jam, points, roadmap), jam)
 
@@ -213,8 +213,8 @@ def test_a_new_start_is_free_on_a_lane_and_can_stop(name: str) -> None:
     np.testing.assert_array_equal(after.x[stayed], before.x[stayed])
     assert (after.speed[chosen] > 0).all()
     assert (after.speed[chosen] <= 0.5 * max_speed[after.type[chosen]]).all()
-    touching = {tuple(pair) for pair in overlapping_pairs(after).tolist()}
-    assert touching <= {tuple(pair) for pair in overlapping_pairs(before).tolist()}
+    touching = {tuple(pair) for pair in contact_pairs(after)[1].tolist()}
+    assert touching <= {tuple(pair) for pair in contact_pairs(before)[1].tolist()}
     radius = 0.5 * np.hypot(after.length, after.width)
     for row in chosen:
         assert np.hypot(points[after.type[row]].x - after.x[row], points[after.type[row]].y - after.y[row]).min() < 1e-9

@@ -63,9 +63,9 @@ class FcdWriter:
 
     The same worlds give the same bytes. Each time step is on disk when `write` returns, and the file is complete and
     valid after each, also if the process dies. Only a kill inside the one system call that writes a step can cut the
-    file off; `read_fcd` and `replay` then read the steps before it. Raises InputError, with path and reason, on
-    construction if the suffix is unknown or the file cannot be written, and in `write` if writing fails; the file then
-    ends with the step before and is closed.
+    file off; `replay` then shows the steps before it, and `read_fcd` counts them in its error. Raises InputError, with
+    path and reason, on construction if the suffix is unknown or the file cannot be written, and in `write` if writing
+    fails; the file then ends with the step before and is closed.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

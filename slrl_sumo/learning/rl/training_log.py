@@ -32,8 +32,8 @@ class EpisodeFigures:
         """The figures of one rollout; names have a slash, by which TensorBoard groups them. Slots with `replaced` in an
         info restarted just before that step.
 
-        `episode/return`: mean over the episodes that ended (NaN if none did); `episode/success`: share of them that
-        ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
+        `episode/return`: mean over the episodes that ended (NaN if none did); `episode/completed`: share of them
+        that ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
         `motion/…`: mean speed (m/s) and share of time standing, per type.
         """
         reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()
@@ -47,13 +47,13 @@ class EpisodeFigures:
             self._return += reward[t]
             returns.append(self._return[ended[t]])
             self._return[ended[t]] = 0.0
-        result = {"episode/return": _mean(np.concatenate(returns)), "episode/success": _mean(~terminated[ended])}
+        result = {"episode/return": _mean(np.concatenate(returns)), "episode/completed": _mean(~terminated[ended])}
         result["reward/total"] = float(reward.mean())
         for name in TERMS:
             result[f"reward/{name}"] = float(np.mean([info[name] for info in infos]))
         for number, name in enumerate(TYPE_NAMES):
             mine = kind == number
-            result[f"episode/success_{name}"] = _mean(~terminated[ended & mine])
+            result[f"episode/completed_{name}"] = _mean(~terminated[ended & mine])
             result[f"motion/mean_speed_{name}_mps"] = _mean(speed[mine])
             result[f"motion/standing_{name}"] = _mean(speed[mine] < STANDING_SPEED)
             result[f"episode/ends_per_1000_steps_{name}"] = 1000.0 * _mean(terminated[mine])
@@ -87,7 +87,8 @@ class TrainingLog:
 
         self.rows = rows
         self._size = rollout_size
-        self._open = (folder / LOG).open("w", newline="", encoding="utf-8")
+        self._path = folder / LOG
+        self._open = self._path.open("w", newline="", encoding="utf-8")
         self._writer: csv.DictWriter[str] | None = None
         for row in self.rows:
             self._write(row)
@@ -109,4 +110,8 @@ class TrainingLog:
         if self._writer is None:
             self._writer = csv.DictWriter(self._open, list(row))
             self._writer.writeheader()
+        if set(row) != set(self._writer.fieldnames):
+            raise InputError(
+                f"{self._path}: has other columns than this version writes; delete it, the training goes on"
+            )
         self._writer.writerow(row)

@@ -9,7 +9,7 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.checkpoint import STATES, read_checkpoint, read_record
-from slrl_sumo.learning.rl.training_log import read_rows
+from slrl_sumo.learning.rl.training_log import TrainingLog, read_rows
 
 
 def test_a_checkpoint_is_tensors_and_numbers_of_the_size_of_its_file(tmp_path: Path) -> None:
@@ -60,3 +60,10 @@ def test_damaged_figures_are_named(tmp_path: Path) -> None:
         (tmp_path / "log.csv").write_text(content)
         with pytest.raises(InputError, match=r"log\.csv: is damaged"):
             read_rows(tmp_path, 2)
+
+
+def test_a_log_with_other_columns_is_not_continued(tmp_path: Path) -> None:
+    log = TrainingLog(tmp_path, [{"iteration": 0.0, "agent_steps": 9.0, "episode/success": 0.5}], 1, 9)
+    with pytest.raises(InputError, match=r"log\.csv: has other columns than this version writes; delete it"):
+        log.add(1, {"episode/completed": 0.5})
+    log.close()
