@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from slrl_sumo.metrics.counters import ratio
+from slrl_sumo.metrics.driving_stats import HARD_BRAKING
 from slrl_sumo.metrics.trips import Trip
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.studies.flow.behaviour import CLEAR, FAR_OFF_LANE, LONG_STAND, OFF_LANE, TRACKING
 from slrl_sumo.studies.flow.saturation import FIRST, discharge_headways
 from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
@@ -19,6 +21,8 @@ HELD = 0.3
 """m/s from the desired speed within which it is held."""
 FOLLOWING_SPEED, FOLLOWING_HEADWAY = 5.0, 4.0
 """m/s and s: a faster vehicle with a shorter headway follows another one."""
+
+HARD = f"by more than {-HARD_BRAKING:g} m/s²"
 
 Value = float | None
 
@@ -75,6 +79,44 @@ FIGURES: dict[str, Figure] = {
     "speed": Figure("speed", "m/s", 2, "distance of all vehicles over their time in the network"),
     "collisions": Figure("collisions", "1/1000", 1, "overlapping pairs of boxes of 1,000 road users; see metrics"),
     "red_runs": Figure("red runs", "1/1000", 2, "road users that pass a red signal, of 1,000 that pass a signal"),
+    "hard_brakes_learned": Figure(
+        "hard brakes, learned", "1/h", 2, f"times per hour of learned vehicles that one begins to brake {HARD}"
+    ),
+    "hard_brakes_background": Figure(
+        "hard brakes, background", "1/h", 2, f"times per hour of SUMO's vehicles that one begins to brake {HARD}"
+    ),
+    "jerk": Figure(
+        "jerk", "m/s³", 2, "95th percentile of the change of the acceleration from one interval of 0.4 s to the next"
+    ),
+    "lateral_offset": Figure(
+        "lateral offset",
+        "m",
+        2,
+        "95th percentile of the distance of cars on a lane from its centre line, at "
+        f"{TRACKING[0]:g} to {TRACKING[1]:g} m/s",
+    ),
+    "off_lane": Figure(
+        "off lane",
+        "%",
+        3,
+        f"share of the steps of cars with the centre more than {OFF_LANE:g} m off every lane",
+        ratio=False,
+    ),
+    "far_off_lane": Figure(
+        "far off lane",
+        "1",
+        0,
+        f"steps of cars with the centre more than {FAR_OFF_LANE:g} m off every lane",
+        ratio=False,
+    ),
+    "long_stands": Figure(
+        "long stands",
+        "1",
+        0,
+        f"cars that stand for {LONG_STAND:g} s or longer with no vehicle and no end of their lane within {CLEAR:g} m "
+        "ahead",
+        ratio=False,
+    ),
 }
 """By their key in results.json, in the order of the table."""
 

@@ -19,7 +19,9 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.studies.flow.behaviour import behaviour_figures
 from slrl_sumo.studies.flow.figures import motion_figures, trip_figures
+from slrl_sumo.studies.flow.fundamental_diagram import edge_states
 from slrl_sumo.studies.flow.greens import Greens
 from slrl_sumo.studies.flow.situations import SITUATIONS
 from slrl_sumo.studies.flow.trace import Trace, TraceBuilder, on_lanes
@@ -56,7 +58,8 @@ def play(bundle: str, share: float, run: Run) -> Record:
     """Do a run in this process. The record, ready for JSON, depends on the arguments alone.
 
     `bundle`: name or folder; `share`: of the road users of each type that are learned. `trips`: departure and arrival
-    (None: has not arrived), s, by vehicle; `figures`: see FIGURES; `under_way_by_minute`: vehicles in the network.
+    (None: has not arrived), s, by vehicle; `figures`: see FIGURES; `under_way_by_minute`: vehicles in the network;
+    `edge_states`: see there.
     Raises InputError where the bundle cannot be used, SumoError where SUMO or its programs fail.
     """
     situation = SITUATIONS[run.situation]
@@ -68,7 +71,8 @@ def play(bundle: str, share: float, run: Run) -> Record:
         played = simulate(config, bundle, share, run, situation.seconds)
     on = on_lanes(played.trace, played.network.lanes)
     figures = played.record["figures"] | motion_figures(played.trace, on, played.greens, situation.desired)
-    return played.record | {"figures": figures}
+    figures |= behaviour_figures(played.trace, on)
+    return played.record | {"figures": figures, "edge_states": edge_states(played.trace, on)}
 
 
 def simulate(config: Path, bundle: str, share: float, run: Run, seconds: float) -> Played:

@@ -54,7 +54,7 @@ def discharge_headways(trace: Trace, on: OnLanes, greens: Mapping[str, Sequence[
     number = {lane.id: k for k, lane in enumerate(on.lanes)}
     for lane_id, begins in greens.items():
         lane = number.get(lane_id)
-        if lane is None:
+        if lane is None or not begins:
             continue
         crossed = crossing_times(trace, on, lane)
         here = np.flatnonzero(on.lane == lane)

@@ -12,8 +12,10 @@ from netgen.plan import Edge, Node, Plan, write_plan
 LIMIT = 13.89
 """m/s: speed limit of all roads, 50 km/h."""
 CONFIG = "flow.sumocfg"
-TYPES = '<vType id="car" vClass="passenger"/><vType id="exact" vClass="passenger" sigma="0" speedDev="0"/>'
-"""`car`: SUMO's default driver. `exact`: one without imperfection that wants to go exactly as fast as is allowed."""
+TYPES = """<vType id="car" vClass="passenger"/>
+<vType id="exact" vClass="passenger" sigma="0" speedDev="0"/>
+<vType id="rider" vClass="bicycle" sigma="0" speedDev="0"/>"""
+"""`car`: SUMO's default driver. `exact`, `rider`: drivers without imperfection that go exactly as fast as they may."""
 
 
 def road(start: str, end: str, lanes: int = 1, speed: float = LIMIT) -> Edge:
@@ -59,10 +61,15 @@ def write_situation(
         (folder / "flow.con.xml").write_text(f"<connections>{connections}</connections>\n")
         words += ["--connection-files", "flow.con.xml"]
     run_program("netconvert", [*words, "--no-turnarounds", "--output-file", "flow.net.xml", *options], folder)
-    (folder / "flow.rou.xml").write_text("\n".join(["<routes>", TYPES, *demand, "</routes>"]) + "\n")
     if additional:
         (folder / "flow.add.xml").write_text(f"<additional>{additional}</additional>\n")
-    return write_config(folder, seconds, additional=bool(additional))
+    return write_demand(folder, demand, seconds, additional=bool(additional))
+
+
+def write_demand(folder: Path, demand: Sequence[str], seconds: float, *, additional: bool = False) -> Path:
+    """Write demand and configuration for flow.net.xml in `folder`; see `write_situation`."""
+    (folder / "flow.rou.xml").write_text("\n".join(["<routes>", TYPES, *demand, "</routes>"]) + "\n")
+    return write_config(folder, seconds, additional=additional)
 
 
 def write_config(folder: Path, seconds: float, *, additional: bool = False) -> Path:

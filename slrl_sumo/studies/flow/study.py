@@ -46,8 +46,8 @@ class FlowSettings:
 
 def measure_flow(
     settings: FlowSettings, folder: Path | None, *, progress: Callable[[int, int], None] = lambda done, total: None
-) -> dict[str, Any]:
-    """Do all runs that `folder`/runs.jsonl does not contain yet (without a folder: all), and return the result.
+) -> tuple[dict[str, Any], dict[Run, Record]]:
+    """Do all runs that `folder`/runs.jsonl does not contain yet; returns the result and all runs.
 
     `rows`: see `tables.rows`; `left_out`: runs that failed. `progress` receives the number of finished runs and of all
     runs. Raises InputError where settings or files are wrong, SumoError where no run of SUMO's own models succeeds.
@@ -85,7 +85,7 @@ def measure_flow(
     runs = {run: done[run] for run in wanted if run in done}
     if not any(run.arm == SUMO for run in runs):
         raise SumoError(f"no run of SUMO's own models succeeded: {left_out[-1].reason}")
-    return {
+    result = {
         "bundle": bundle.name,
         "share": settings.share,
         "seeds": list(range(settings.seed, settings.seed + settings.seeds)),
@@ -94,6 +94,7 @@ def measure_flow(
         "rows": rows(runs),
         "left_out": [asdict(one.job) | {"reason": one.reason} for one in sorted(left_out, key=lambda one: one.job)],
     }
+    return result, runs
 
 
 def write_measured_flow(settings: FlowSettings, folder: Path | None) -> int:
@@ -103,7 +104,7 @@ def write_measured_flow(settings: FlowSettings, folder: Path | None) -> int:
     with interruptible() as caught, progress_bar("{task.completed:.0f} of {task.total} runs") as bar:
         task = bar.add_task("flow", total=None)
         try:
-            result = measure_flow(
+            result, runs = measure_flow(
                 settings, folder, progress=lambda done, total: bar.update(task, completed=done, total=total)
             )
         except KeyboardInterrupt:
@@ -112,7 +113,7 @@ def write_measured_flow(settings: FlowSettings, folder: Path | None) -> int:
                 print("interrupted: the same command continues after the finished runs", file=sys.stderr)
             return caught[0]
     if folder is not None:
-        write_flow(result, folder)
+        write_flow(result, runs, folder)
     print_flow(result, folder, time.perf_counter() - begin)
     return 0
 

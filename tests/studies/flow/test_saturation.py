@@ -47,4 +47,4 @@ def test_a_queue_ends_before_a_vehicle_that_does_not_follow_and_before_the_next_
     trace, on = queue(12)
     until = 12.0 + HEADWAY * 6.5
     assert len(discharge_headways(trace, on, {"in": [10.0, until]})) == 7 - 4
-    assert len(discharge_headways(trace, on, {"out": [10.0], "elsewhere": [10.0]})) == 0
+    assert len(discharge_headways(trace, on, {"out": [10.0], "elsewhere": [10.0], "in": []})) == 0

@@ -18,19 +18,8 @@ Cli = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def test_lane_following_starts_as_sumos_own_cars(cli: Cli, tmp_path: Path) -> None:
-    command = (
-        "bench",
-        "--flow",
-        "--only",
-        "start-car",
-        "--selectors",
-        "lane",
-        "--workers",
-        "1",
-        "--out",
-        tmp_path / "o",
-    )
-    done = cli(*command)
+    words = ("--only", "start-car", "--selectors", "lane", "--workers", "1", "--out", tmp_path / "o")
+    done = cli("bench", "--flow", *words)
     assert done.returncode == 0, done.stderr
     result = json.loads((tmp_path / "o" / "results.json").read_text())
     found = {(row["figure"], row["arm"]): row for row in result["rows"]}
@@ -44,11 +33,11 @@ def test_lane_following_starts_as_sumos_own_cars(cli: Cli, tmp_path: Path) -> No
         assert f"{FIGURES[name].title}: {FIGURES[name].definition}" in done.stdout
     with open(tmp_path / "o" / "results.csv", newline="") as file:
         assert len(list(csv.DictReader(file))) == len(result["rows"])
+    assert (tmp_path / "o" / "fundamental_diagram.png").read_bytes().startswith(b"\x89PNG")
     # The same command again needs no simulation.
     (tmp_path / "o" / "results.json").unlink()
-    assert (
-        measure_flow(FlowSettings(only=("start-car",), selectors=("lane",)), tmp_path / "o")["rows"] == result["rows"]
-    )
+    again, _ = measure_flow(FlowSettings(only=("start-car",), selectors=("lane",)), tmp_path / "o")
+    assert again["rows"] == result["rows"]
     assert len((tmp_path / "o" / "runs.jsonl").read_text().splitlines()) == 3
 
 

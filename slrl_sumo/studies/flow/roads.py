@@ -1,0 +1,90 @@
+"""Situations on roads between junctions: each function writes one into a folder and returns the .sumocfg."""
+
+from collections.abc import Callable
+from math import cos, radians, sin
+from pathlib import Path
+
+from netgen.plan import Edge, Plan
+from slrl_sumo.studies.flow.scenario_files import element, flow, nodes, road, write_situation
+
+BENDS = (30, -60, 90, -110, 130)
+"""Degrees by which the road turns to the left at each bend."""
+
+
+def alone(kind: str, length: float, period: float, seconds: float, speeds: tuple[str, ...]) -> Callable[[Path], Path]:
+    """Vehicles of type `kind` on a straight road of `length` m, one every `period` s; no one departs in the last 60 s.
+
+    Their departure speeds, as SUMO writes them, take turns.
+    """
+
+    def build(folder: Path) -> Path:
+        demand = [
+            element(
+                "trip",
+                id=n,
+                type=kind,
+                depart=n * period,
+                from_="road",
+                to="road",
+                departSpeed=speeds[n % len(speeds)],
+            )
+            for n in range(int((seconds - 60.0) / period))
+        ]
+        return write_situation(folder, _straight(length), demand, seconds)
+
+    return build
+
+
+def following(folder: Path) -> Path:
+    """A platoon behind a car that stops twice on a road of one lane."""
+    stops = "".join(element("stop", lane="road_0", endPos=place, duration=15) for place in (300, 700))
+    leader = element("trip", id="leader", type="exact", depart=0, from_="road", to="road", departSpeed=8)
+    demand = [leader.replace("/>", f">{stops}</trip>"), flow("followers", "road", "road", 1200.0, begin=1)]
+    return write_situation(folder, _straight(1200.0), demand, 240.0)
+
+
+def merge(folder: Path) -> Path:
+    """A ramp with an acceleration lane of 200 m joins a road of one lane."""
+    plan = Plan(
+        nodes({"a": (0.0, 0.0), "r": (150.0, -80.0), "m": (400.0, 0.0), "n": (600.0, 0.0), "b": (900.0, 0.0)}),
+        {
+            "main": road("a", "m"),
+            "ramp": road("r", "m"),
+            "both": Edge("m", "n", road("m", "n").speed, ({"acceleration": "true"}, {})),
+            "out": road("n", "b"),
+        },
+    )
+    links = (("main", "both", 0, 1), ("ramp", "both", 0, 0), ("both", "out", 1, 0))
+    demand = [flow("through", "main", "out", 900.0), flow("joining", "ramp", "out", 500.0)]
+    return write_situation(folder, plan, demand, 300.0, connections=_connections(links))
+
+
+def lane_drop(folder: Path) -> Path:
+    """A road of two lanes of which the right one ends."""
+    plan = Plan(
+        nodes({"a": (0.0, 0.0), "m": (500.0, 0.0), "b": (800.0, 0.0)}),
+        {"two": road("a", "m", 2), "one": road("m", "b")},
+    )
+    demand = [flow("cars", "two", "one", 1500.0, departLane="random")]
+    return write_situation(folder, plan, demand, 300.0, connections=_connections((("two", "one", 1, 0),)))
+
+
+def bends(folder: Path) -> Path:
+    """A road of one lane that turns by BENDS, with 120 m between bends."""
+    places, heading = {"0": (0.0, 0.0)}, 0.0
+    for number, turn in enumerate((*BENDS, 0), start=1):
+        x, y = places[str(number - 1)]
+        places[str(number)] = (x + 120.0 * cos(radians(heading)), y + 120.0 * sin(radians(heading)))
+        heading += turn
+    edges = {f"road{k}": road(str(k), str(k + 1)) for k in range(len(BENDS) + 1)}
+    demand = [flow("cars", "road0", f"road{len(BENDS)}", 400.0)]
+    return write_situation(folder, Plan(nodes(places), edges), demand, 240.0)
+
+
+def _straight(length: float) -> Plan:
+    return Plan(nodes({"a": (0.0, 0.0), "b": (length, 0.0)}), {"road": road("a", "b")})
+
+
+def _connections(links: tuple[tuple[str, str, int, int], ...]) -> str:
+    """Connection elements from (edge, edge, lane, lane)."""
+    return "".join(element("connection", from_=a, to=b, fromLane=k, toLane=m) for a, b, k, m in links)
