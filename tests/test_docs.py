@@ -18,6 +18,7 @@ import pytest
 import sumo
 
 from slrl_sumo.studies.compare.measures import MEASURES
+from slrl_sumo.studies.flow.figures import FIGURES
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
 
@@ -236,7 +237,7 @@ def test_measurements_are_dated() -> None:
 def test_the_table_of_measures_is_complete() -> None:
     table = DOCS["docs/reference/metrics.md"]
     named = {name for line in table.splitlines() if line.startswith("| `") for name in re.findall(r"`(\w+)`", line)}
-    assert {measure.name for measure in MEASURES} <= named
+    assert {measure.name for measure in MEASURES} | set(FIGURES) <= named
 
 
 def test_the_generated_reference_is_up_to_date(tmp_path: Path) -> None:

@@ -63,21 +63,26 @@ def write_situation(
     run_program("netconvert", [*words, "--no-turnarounds", "--output-file", "flow.net.xml", *options], folder)
     if additional:
         (folder / "flow.add.xml").write_text(f"<additional>{additional}</additional>\n")
-    return write_demand(folder, demand, seconds, additional=bool(additional))
+    return write_demand(folder, demand, seconds, additional="flow.add.xml" if additional else "")
 
 
-def write_demand(folder: Path, demand: Sequence[str], seconds: float, *, additional: bool = False) -> Path:
+def write_demand(folder: Path, demand: Sequence[str], seconds: float, *, additional: str = "") -> Path:
     """Write demand and configuration for flow.net.xml in `folder`; see `write_situation`."""
     (folder / "flow.rou.xml").write_text("\n".join(["<routes>", TYPES, *demand, "</routes>"]) + "\n")
     return write_config(folder, seconds, additional=additional)
 
 
-def write_config(folder: Path, seconds: float, *, additional: bool = False) -> Path:
-    """Write a .sumocfg for flow.net.xml and flow.rou.xml in `folder`."""
-    named = {"net-file": "flow.net.xml", "route-files": "flow.rou.xml"}
-    named |= {"additional-files": "flow.add.xml"} if additional else {}
+def write_config(
+    folder: Path, seconds: float, *, net: str = "flow.net.xml", routes: str = "flow.rou.xml", additional: str = ""
+) -> Path:
+    """Write a .sumocfg into `folder`; the names of files are absolute, or relative to it, with commas between them."""
+    named = {"net-file": net, "route-files": routes} | ({"additional-files": additional} if additional else {})
     inputs = "".join(element(option, value=value) for option, value in named.items())
     times = element("end", value=f"{seconds:g}") + element("step-length", value="0.4")
+    processing = element("ignore-route-errors", value="true")
     config = folder / CONFIG
-    config.write_text(f"<configuration><input>{inputs}</input><time>{times}</time></configuration>\n")
+    config.write_text(
+        f"<configuration><input>{inputs}</input><time>{times}</time><processing>{processing}</processing>"
+        "</configuration>\n"
+    )
     return config

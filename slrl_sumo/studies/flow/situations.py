@@ -8,6 +8,7 @@ from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_tur
 from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge
 from slrl_sumo.studies.flow.scenario_files import LIMIT
 from slrl_sumo.studies.flow.towns import TOWN_SECONDS, town
+from slrl_sumo.studies.flow.wheel import game
 
 BICYCLE_SPEED = 5.56
 """m/s: what SUMO's default bicycle wants to go, 20 km/h."""
@@ -68,5 +69,9 @@ SITUATIONS: dict[str, Situation] = {
     "crosswalk": Situation("pedestrians cross a street between junctions", 240.0, crosswalk),
     "town-1": Situation("a generated town, 1,000 departures", TOWN_SECONDS, town(1), network=True),
     "town-2": Situation("another generated town, 1,000 departures", TOWN_SECONDS, town(2), network=True),
+    "fkk_in": Situation("the wheel's network of a junction in Ingolstadt", 300.0, game("fkk_in", 300.0), network=True),
+    "cross": Situation("the wheel's crossing with much traffic", 300.0, game("cross", 300.0), network=True),
+    "grid6": Situation("the wheel's grid of signals", 300.0, game("grid6", 300.0), network=True),
+    "A10KW": Situation("the wheel's motorway junction", 400.0, game("A10KW", 400.0), network=True),
 }
 """All situations by name, in the order of the table."""
