@@ -7,7 +7,7 @@ from pathlib import Path
 from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
 from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge
 from slrl_sumo.studies.flow.scenario_files import LIMIT
-from slrl_sumo.studies.flow.towns import TOWN_SECONDS, town
+from slrl_sumo.studies.flow.towns import town
 from slrl_sumo.studies.flow.wheel import game
 
 BICYCLE_SPEED = 5.56
@@ -28,6 +28,10 @@ class Situation:
     """m/s that each of its vehicles wants to go, where they are alone and all want the same."""
     network: bool = False
     """Whether it is a whole network, which takes minutes."""
+
+
+def _town(about: str, seed: int, *, streets: int, seconds: float, period: float) -> Situation:
+    return Situation(about, seconds, town(seed, streets=streets, seconds=seconds, period=period), network=True)
 
 
 SITUATIONS: dict[str, Situation] = {
@@ -67,8 +71,9 @@ SITUATIONS: dict[str, Situation] = {
     ),
     "roundabout": Situation("a roundabout with four arms of one lane", 300.0, roundabout),
     "crosswalk": Situation("pedestrians cross a street between junctions", 240.0, crosswalk),
-    "town-1": Situation("a generated town, 1,000 departures", TOWN_SECONDS, town(1), network=True),
-    "town-2": Situation("another generated town, 1,000 departures", TOWN_SECONDS, town(2), network=True),
+    "town-small": _town("a generated town, 250 departures", 3, streets=40, seconds=600.0, period=1.2),
+    "town-1": _town("a generated town, 1,000 departures", 1, streets=100, seconds=900.0, period=0.6),
+    "town-2": _town("another generated town, 1,000 departures", 2, streets=100, seconds=900.0, period=0.6),
     "fkk_in": Situation("the wheel's network of a junction in Ingolstadt", 300.0, game("fkk_in", 300.0), network=True),
     "cross": Situation("the wheel's crossing with much traffic", 300.0, game("cross", 300.0), network=True),
     "grid6": Situation("the wheel's grid of signals", 300.0, game("grid6", 300.0), network=True),
