@@ -1,7 +1,7 @@
-"""Registrations that SUMO's sublane model leaves behind when vehicles are moved from outside.
+"""Registrations that SUMO leaves behind when vehicles are moved from outside and may be on two lanes at once.
 
-In that model, a vehicle that reaches over its lane's edge is also registered on the lane beside it, and its rear on the
-lane beside the previous one. libsumo 1.28 removes the registrations of the rear when it drives a vehicle itself, and
+In the sublane model, and where changes of lane take time (`lanechange.duration`), a vehicle that reaches over its
+lane's edge is also registered on the lane beside it, and its rear on the lane beside the previous one. libsumo 1.28 removes the registrations of the rear when it drives a vehicle itself, and
 when it puts one onto a lane; but not when `moveToXY` takes one off all lanes, or so far along its lane that its rear is
 on the same lane. Other vehicles then still find it there, and the look-up of its rear
 (`MSVehicle::getBackPositionOnLane`) reads invalid memory and ends the process, perhaps many steps later.
@@ -10,6 +10,7 @@ on the same lane. Other vehicles then still find it there, and the look-up of it
 
 from collections.abc import Iterable
 
+from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
@@ -18,12 +19,23 @@ ROOM = 0.5
 """m behind a vehicle that is put onto a lane, so that its rear is on no other lane."""
 
 
+OPTIONS = ("lateral-resolution", "lanechange.duration")
+
+
+def on_two_lanes(lateral_resolution: str, lane_change_duration: str) -> bool:
+    """Whether vehicles may be on two lanes at once, with these values of OPTIONS ('' where not given)."""
+    try:
+        return float(lateral_resolution or 0.0) > 0.0 or (parse_time(lane_change_duration) or 0.0) > 0.0
+    except ValueError:
+        return False  # SUMO reports it
+
+
 class Sublanes:
-    """Removes the registrations of moved vehicles; without effect where the sublane model is off."""
+    """Removes the registrations of moved vehicles; without effect where a vehicle is on one lane at a time."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
-        self._on = float(api.simulation.getOption("lateral-resolution")) > 0.0
+        self._on = on_two_lanes(*(api.simulation.getOption(name) for name in OPTIONS))
         self._places: dict[str, tuple[str, float]] = {}
         self._lengths: dict[str, float] = {}
         self._lanes: dict[str, list[Lane]] = {}

@@ -32,6 +32,8 @@ Copy = Callable[..., Path]
 Floats = NDArray[np.float64]
 
 SUBLANE = "--lateral-resolution 0.8"
+TWO_LANES = pytest.mark.parametrize("options", [SUBLANE, "--lanechange.duration 2"])
+"""With either, a vehicle may be on two lanes at once."""
 CENTRE = (60.0, 140.0)
 """m; both axes, round the junction of the shipped intersection with its crossings."""
 GRASS = (10.0, 80.0)
@@ -134,17 +136,19 @@ def test_sumo_takes_away_what_stands_unless_it_is_told_not_to() -> None:
     assert survived("naive_standing_cars", "--collision.action", "none")["gone_at"] == pytest.approx(300, abs=2)
 
 
-# --- 6: vehicles that leave all lanes, with the sublane model
+# --- 6: vehicles that leave all lanes from two lanes
 
 
-def test_a_car_may_leave_its_lane_while_its_rear_is_on_another_one(game: Path) -> None:
-    end = survived("car_beside_its_lane", game / "fkk_in.sumocfg")
+@TWO_LANES
+def test_a_car_may_leave_its_lane_while_its_rear_is_on_another_one(game: Path, options: str) -> None:
+    end = survived("car_beside_its_lane", game / "fkk_in.sumocfg", options)
     assert end["lanes"][0] != "" == end["lanes"][-1]
     assert end["away"] == pytest.approx(0.0, abs=0.01)
 
 
-def test_sumo_dies_of_a_car_that_leaves_its_lane_while_its_rear_is_on_another_one(game: Path) -> None:
-    crashes("naive_car_beside_its_lane", game / "fkk_in.sumocfg")
+@TWO_LANES
+def test_sumo_dies_of_a_car_that_leaves_its_lane_while_its_rear_is_on_another_one(game: Path, options: str) -> None:
+    crashes("naive_car_beside_its_lane", game / "fkk_in.sumocfg", options)
 
 
 # --- 7: vehicles on walking areas
@@ -412,9 +416,9 @@ def two_cars(steps: int) -> list[tuple[Floats, Floats, Floats, Floats]]:
     ]
 
 
-def car_beside_its_lane(config: str) -> dict[str, Any]:
+def car_beside_its_lane(config: str, options: str) -> dict[str, Any]:
     lanes, away = [], 0.0
-    with SumoSession(with_options(find_scenario(config), SUBLANE.split())) as session:
+    with SumoSession(with_options(find_scenario(config), options.split())) as session:
         kinds, ids, length = np.zeros(2, np.int8), ("learned.0", "learned.1"), np.full(2, 5.0)
         for number, (x, y, heading, speed) in enumerate(two_cars(40)):
             centre_x, centre_y = x - 2.5 * np.cos(heading), y - 2.5 * np.sin(heading)
@@ -428,9 +432,9 @@ def car_beside_its_lane(config: str) -> dict[str, Any]:
     return {"lanes": lanes, "away": away}
 
 
-def naive_car_beside_its_lane(config: str) -> dict[str, Any]:
+def naive_car_beside_its_lane(config: str, options: str) -> dict[str, Any]:
     """Properly staged, then moved and nothing else."""
-    with SumoSession(with_options(find_scenario(config), SUBLANE.split())) as session:
+    with SumoSession(with_options(find_scenario(config), options.split())) as session:
         ids = ("learned.0", "learned.1")
         for number, (x, y, heading, speed) in enumerate(two_cars(40)):
             if number == 0:

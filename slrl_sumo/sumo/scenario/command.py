@@ -6,6 +6,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.scenario.configuration import Scenario
 from slrl_sumo.sumo.scenario.options import LOG_OPTIONS, is_output
+from slrl_sumo.sumo.sublanes import OPTIONS, on_two_lanes
 
 
 def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, list[str]]:
@@ -57,8 +58,8 @@ def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_
         "duration-log.disable": "true",
         # SUMO removes vehicles that stand for long or overlap others; moved road users may do both.
         "time-to-teleport": "-1",
-        # With the sublane model SUMO crashes when it checks a vehicle just moved off its lane (see `sublanes`).
-        "collision.action": "none" if _sublane(scenario) else "warn",
+        # SUMO crashes when it checks a vehicle on two lanes that was just moved off them.
+        "collision.action": "none" if on_two_lanes(*(scenario.options.get(name, "") for name in OPTIONS)) else "warn",
         # `random` would override the seed; with a port SUMO would wait for a client.
         "random": "false",
         "remote-port": "0",
@@ -72,13 +73,6 @@ def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_
     # SUMO refuses an option that is given twice.
     options = {**scenario.added, **ours}
     return ["sumo", "-c", str(scenario.config), *(word for name in options for word in (f"--{name}", options[name]))]
-
-
-def _sublane(scenario: Scenario) -> bool:
-    try:
-        return float(scenario.options.get("lateral-resolution", 0.0)) > 0.0
-    except ValueError:
-        return False  # SUMO reports it
 
 
 def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
