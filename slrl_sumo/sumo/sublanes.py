@@ -1,11 +1,11 @@
 """Registrations that SUMO leaves behind when vehicles are moved from outside and may be on two lanes at once.
 
 In the sublane model, and where changes of lane take time (`lanechange.duration`), a vehicle that reaches over its
-lane's edge is also registered on the lane beside it, and its rear on the lane beside the previous one. libsumo 1.28 removes the registrations of the rear when it drives a vehicle itself, and
-when it puts one onto a lane; but not when `moveToXY` takes one off all lanes, or so far along its lane that its rear is
-on the same lane. Other vehicles then still find it there, and the look-up of its rear
-(`MSVehicle::getBackPositionOnLane`) reads invalid memory and ends the process, perhaps many steps later.
-`vehicle.moveTo` puts a vehicle onto a lane at once.
+lane's edge is also registered on the lane beside it, and its rear on the lane beside the previous one. libsumo 1.28
+removes the registrations of the rear when it drives a vehicle itself, and when it puts one onto a lane; but not when
+`moveToXY` takes one off all lanes, or so far along its lane that its rear is on the same lane. Other vehicles then
+still find it there, and the look-up of its rear (`MSVehicle::getBackPositionOnLane`) reads invalid memory and ends the
+process, perhaps many steps later. `vehicle.moveTo` puts a vehicle onto a lane at once.
 """
 
 from collections.abc import Iterable
