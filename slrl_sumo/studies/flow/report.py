@@ -1,4 +1,4 @@
-"""Outputs of the flow benchmark: results.json, results.csv, fundamental_diagram.png, and a printed table."""
+"""Outputs of the flow benchmark: results.json, results.csv, two pictures, and a printed table."""
 
 import csv
 from collections.abc import Mapping
@@ -10,11 +10,12 @@ from rich.table import Table
 
 from slrl_sumo.formats.output_files import write_json, writing
 from slrl_sumo.studies.flow.figures import FIGURES
-from slrl_sumo.studies.flow.fundamental_diagram import draw_fundamental_diagram
+from slrl_sumo.studies.flow.pictures import draw_fundamental_diagram, draw_under_way
 from slrl_sumo.studies.flow.play import SUMO, Record, Run
 
 COLUMNS = ("situation", "figure", "arm", "unit", "value", "ratio")
 """Of results.csv."""
+FILES = ("results.json", "results.csv", "fundamental_diagram.png", "under_way.png")
 
 
 def write_flow(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path) -> None:
@@ -25,10 +26,8 @@ def write_flow(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path)
             writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
             writer.writeheader()
             writer.writerows(result["rows"])
-        states: dict[str, dict[str, list[list[float]]]] = {}
-        for run, record in runs.items():
-            states.setdefault(run.situation, {}).setdefault(run.arm, []).extend(record["edge_states"])
-        draw_fundamental_diagram(states).savefig(folder / "fundamental_diagram.png", dpi=110)
+        draw_fundamental_diagram(runs).savefig(folder / "fundamental_diagram.png", dpi=110)
+        draw_under_way(runs).savefig(folder / "under_way.png", dpi=110)
 
 
 def print_flow(result: dict[str, Any], folder: Path | None, wall_s: float) -> None:
@@ -64,7 +63,8 @@ def print_flow(result: dict[str, Any], folder: Path | None, wall_s: float) -> No
         print(f"{FIGURES[name].title}: {FIGURES[name].definition}")
     for one in result["left_out"]:
         print(f"left out: {one['situation']}, {one['arm']}, seed {one['seed']}: {one['reason']}")
-    print(f"{f'{folder}: results.json, results.csv, fundamental_diagram.png ' if folder else ''}({wall_s:.0f} s)")
+    written = f"{folder}: {', '.join(FILES)} " if folder else ""
+    print(f"{written}({wall_s:.0f} s)")
 
 
 def _cell(row: dict[str, Any] | None, digits: int) -> str:

@@ -30,8 +30,9 @@ class Situation:
     """Whether it is a whole network, which takes minutes."""
 
 
-def _town(about: str, seed: int, *, streets: int, seconds: float, period: float) -> Situation:
-    return Situation(about, seconds, town(seed, streets=streets, seconds=seconds, period=period), network=True)
+def _town(about: str, seed: int, *, streets: int, seconds: float, period: float, mixed: bool = False) -> Situation:
+    build = town(seed, streets=streets, seconds=seconds, period=period, mixed=mixed)
+    return Situation(about, seconds, build, network=True)
 
 
 SITUATIONS: dict[str, Situation] = {
@@ -73,7 +74,14 @@ SITUATIONS: dict[str, Situation] = {
     "crosswalk": Situation("pedestrians cross a street between junctions", 240.0, crosswalk),
     "town-small": _town("a generated town, 250 departures", 3, streets=40, seconds=600.0, period=1.2),
     "town-1": _town("a generated town, 1,000 departures", 1, streets=100, seconds=900.0, period=0.6),
-    "town-2": _town("another generated town, 1,000 departures", 2, streets=100, seconds=900.0, period=0.6),
+    "town-2": _town(
+        "a generated town with roundabouts, 750 cars, 150 bicycles and 150 pedestrians",
+        2,
+        streets=160,
+        seconds=900.0,
+        period=0.8,
+        mixed=True,
+    ),
     "fkk_in": Situation("the wheel's network of a junction in Ingolstadt", 300.0, game("fkk_in", 300.0), network=True),
     "cross": Situation("the wheel's crossing with much traffic", 300.0, game("cross", 300.0), network=True),
     "grid6": Situation("the wheel's grid of signals", 300.0, game("grid6", 300.0), network=True),

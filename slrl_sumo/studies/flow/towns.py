@@ -3,47 +3,121 @@
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import atan2, cos, sin
 from pathlib import Path
+from random import Random
+
+from lxml import etree
 
 from netgen.binaries import run_program
 from netgen.errors import NetgenError
+from netgen.plan import Edge, Node, Plan, write_plan
 from slrl_sumo.studies.flow.scenario_files import write_config
 
 REST = 300.0
 """s at the end of a run without departures, for the vehicles that are still under way."""
+RADIUS, RING_SPEED = 16.0, 6.0
+"""m and m/s: of roundabouts."""
+ROUNDABOUTS = 0.2
+"""Share of the junctions of three and more streets that become roundabouts in a mixed town."""
+WALK = 400.0
+"""m: longest walk, as the crow flies."""
 
 
-def town(seed: int, *, streets: int, seconds: float, period: float) -> Callable[[Path], Path]:
+def town(seed: int, *, streets: int, seconds: float, period: float, mixed: bool = False) -> Callable[[Path], Path]:
     """Builds a town from `seed`.
 
-    `streets`: how often a street is added; `seconds`: length of the run; `period`: s between two departures.
+    `streets`: how often a street is added; `seconds`: length of the run; `period`: s between two departures of cars;
+    `mixed`: with roundabouts, and a bicycle and a pedestrian for every five cars.
     """
 
     def build(folder: Path) -> Path:
-        options = ["--rand", "--rand.iterations", str(streets), "--rand.max-distance", "220"]
-        options += ["--rand.min-distance", "132", "--rand.min-angle", "50", "-L", "2", "--random-lanenumber"]
-        options += ["--tls.guess", "--tls.guess.threshold", "50", "--sidewalks.guess", "--crossings.guess"]
-        options += ["--no-turnarounds.except-deadend", "--seed", str(seed), "--no-warnings"]
-        run_program("netgenerate", [*options, "--output-file", "flow.net.xml"], folder)
-        write_trips(folder, seed, seconds - REST, period)
-        return write_config(folder, seconds)
+        drawing = ["--rand", "--rand.iterations", str(streets), "--rand.max-distance", "220"]
+        drawing += ["--rand.min-distance", "132", "--rand.min-angle", "50", "-L", "2", "--random-lanenumber"]
+        dressing = ["--tls.guess", "--tls.guess.threshold", "50", "--sidewalks.guess", "--crossings.guess"]
+        usual = ["--no-turnarounds.except-deadend", "--seed", str(seed), "--no-warnings"]
+        net = ["--output-file", "flow.net.xml"]
+        if mixed:
+            run_program("netgenerate", [*drawing, *usual, "--plain-output-prefix", "drawn", *net], folder)
+            plan = with_roundabouts(read_plan(folder / "drawn.nod.xml", folder / "drawn.edg.xml"), seed)
+            run_program("netconvert", [*write_plan(plan, folder), *dressing, *usual, *net], folder)
+        else:
+            run_program("netgenerate", [*drawing, *dressing, *usual, *net], folder)
+        routes = [_write_trips(folder, "flow", seed, seconds - REST, period)]
+        if mixed:
+            bicycles = ["--vehicle-class", "bicycle", "--prefix", "bicycle", "--fringe-factor", "2"]
+            routes.append(_write_trips(folder, "bicycles", seed, seconds - REST, 5.0 * period, bicycles))
+            walks = ["--pedestrians", "--prefix", "walker", "--max-distance", f"{WALK:g}"]
+            routes.append(_write_trips(folder, "walkers", seed, seconds - REST, 5.0 * period, walks))
+        return write_config(folder, seconds, routes=",".join(routes))
 
     return build
 
 
-def write_trips(folder: Path, seed: int, seconds: float, period: float) -> None:
-    """flow.rou.xml for flow.net.xml by SUMO's randomTrips.py: five times as many trips begin and end at the rim.
+def read_plan(nodes: Path, edges: Path) -> Plan:
+    """The plan in SUMO's plain XML, with car lanes only."""
+    places = {
+        str(n.get("id")): Node(float(n.get("x", 0)), float(n.get("y", 0)), "priority")
+        for n in etree.parse(nodes).iter("node")
+    }
+    roads = {
+        str(e.get("id")): Edge(
+            str(e.get("from")), str(e.get("to")), float(e.get("speed", 0)), ({},) * int(e.get("numLanes", 1))
+        )
+        for e in etree.parse(edges).iter("edge")
+    }
+    return Plan(places, roads)
 
-    `seconds`: in which vehicles depart, one every `period` s. Raises NetgenError where it fails.
+
+def with_roundabouts(plan: Plan, seed: int) -> Plan:
+    """`plan` with a ring instead of ROUNDABOUTS of its junctions with three and more streets, drawn by `seed`."""
+    around: dict[str, set[str]] = {name: set() for name in plan.nodes}
+    for edge in plan.edges.values():
+        around[edge.start].add(edge.end)
+        around[edge.end].add(edge.start)
+    nodes, edges = dict(plan.nodes), dict(plan.edges)
+    meeting = [name for name in sorted(nodes) if len(around[name]) >= 3]
+    chosen: list[str] = []
+    for name in Random(seed).sample(meeting, len(meeting)):
+        if len(chosen) < ROUNDABOUTS * len(meeting) and around[name].isdisjoint(chosen):
+            chosen.append(name)
+    for name in chosen:
+        middle = nodes.pop(name)
+        bearing = {
+            other: atan2(plan.nodes[other].y - middle.y, plan.nodes[other].x - middle.x) for other in around[name]
+        }
+        arms = sorted(bearing, key=bearing.__getitem__)
+        for arm, following in zip(arms, [*arms[1:], arms[0]], strict=True):
+            x, y = middle.x + RADIUS * cos(bearing[arm]), middle.y + RADIUS * sin(bearing[arm])
+            nodes[f"{name}-{arm}"] = Node(x, y, "priority")
+            edges[f"ring-{name}-{arm}"] = Edge(f"{name}-{arm}", f"{name}-{following}", RING_SPEED, ({},))
+        for key, edge in list(edges.items()):
+            if edge.end == name:
+                edges[key] = Edge(edge.start, f"{name}-{edge.start}", edge.speed, edge.lanes)
+            elif edge.start == name:
+                edges[key] = Edge(f"{name}-{edge.end}", edge.end, edge.speed, edge.lanes)
+    return Plan(nodes, edges)
+
+
+def _write_trips(
+    folder: Path, name: str, seed: int, seconds: float, period: float, options: Sequence[str] = ("--fringe-factor", "5")
+) -> str:
+    """Routes in flow.net.xml by SUMO's randomTrips.py; returns the name of the file.
+
+    `seconds`: in which road users depart, one every `period` s; `options`: as usual, five times as many trips begin and
+    end at the rim. Raises NetgenError where it fails.
     """
     import sumo
 
     home = Path(sumo.SUMO_HOME)
+    file = f"{name}.rou.xml"
     command = [sys.executable, str(home / "tools" / "randomTrips.py"), "-n", "flow.net.xml", "-e", f"{seconds:g}"]
-    command += ["-p", f"{period:g}", "--seed", str(seed), "--fringe-factor", "5", "--validate"]
-    command += ["-o", "flow.trips.xml", "-r", "flow.rou.xml"]
+    command += ["-p", f"{period:g}", "--seed", str(seed), "--validate", "-o", f"{name}.trips.xml", "-r", file]
     environment = {**os.environ, "SUMO_HOME": str(home)}
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [*command, *options], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
     if done.returncode != 0:
         raise NetgenError(f"randomTrips.py failed (exit code {done.returncode}): {done.stderr.strip()[-300:]}")
+    return file

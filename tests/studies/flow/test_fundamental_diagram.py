@@ -2,7 +2,9 @@
 
 import pytest
 
-from slrl_sumo.studies.flow.fundamental_diagram import draw_fundamental_diagram, edge_states
+from slrl_sumo.studies.flow.fundamental_diagram import edge_states
+from slrl_sumo.studies.flow.pictures import draw_fundamental_diagram, draw_under_way
+from slrl_sumo.studies.flow.play import Run
 from slrl_sumo.studies.flow.trace import TraceBuilder, on_lanes
 from tests.builders import make_world
 from tests.studies.flow.test_trace import lane
@@ -19,5 +21,11 @@ def test_flow_is_density_times_speed_of_an_edge_and_minute() -> None:
     assert states == [pytest.approx([10.0, 10.0 * 27.0])]
     empty = TraceBuilder().build()
     assert edge_states(empty, on_lanes(empty, lanes)) == []
-    figure = draw_fundamental_diagram({"queue": {"sumo": states, "lane": []}})
-    assert [axes.get_title(loc="left") for axes in figure.axes if axes.get_visible()] == ["queue"]
+    runs = {
+        Run("queue", arm, 1): {"edge_states": states, "under_way_by_minute": [3, 4]} for arm in ("sumo", "lane")
+    } | {Run("signal", "sumo", 1): {"edge_states": [], "under_way_by_minute": []}}
+    for figure in (draw_fundamental_diagram(runs), draw_under_way(runs)):
+        shown = [axes for axes in figure.axes if axes.get_visible()]
+        assert [axes.get_title(loc="left") for axes in shown] == ["queue", "signal"]
+        assert [len(axes.lines) for axes in shown] == [2, 1]
+        assert [text.get_text() for text in figure.legends[0].get_texts()] == ["sumo", "lane"]
