@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.metrics.counters import ratio
-from slrl_sumo.metrics.driving_stats import HARD_BRAKING
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
+HARD_BRAKING = -4.65
+"""m/s²: SUMO's drivers brake with up to 4.5 m/s² as a rule, and rounding must not make that hard."""
 TRACKING = (11.0, 14.0)
 """m/s between which the lateral offset is measured."""
 OFF_LANE, FAR_OFF_LANE = 1.0, 3.0

@@ -7,11 +7,17 @@ from typing import Any
 import numpy as np
 
 from slrl_sumo.metrics.counters import ratio
-from slrl_sumo.metrics.driving_stats import HARD_BRAKING
 from slrl_sumo.metrics.trips import Trip
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.studies.flow.behaviour import CLEAR, FAR_OFF_LANE, LONG_STAND, OFF_LANE, TRACKING
+from slrl_sumo.studies.flow.behaviour import (
+    CLEAR,
+    FAR_OFF_LANE,
+    HARD_BRAKING,
+    LONG_STAND,
+    OFF_LANE,
+    TRACKING,
+)
 from slrl_sumo.studies.flow.saturation import FIRST, discharge_headways
 from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
@@ -68,7 +74,8 @@ FIGURES: dict[str, Figure] = {
         "start",
         "s",
         1,
-        f"median time from the departure to {REACHED:.0%} of the desired speed; none where half of them never reach it",
+        f"median time from the departure to {REACHED:.0%} of the desired speed; none where half of the vehicles never "
+        "reach it before SUMO drives them to their destination",
     ),
     "held": Figure(
         "speed held",
@@ -154,10 +161,14 @@ def motion_figures(
 
 
 def start_figures(trace: Trace, desired: float) -> dict[str, Value]:
-    """How soon vehicles reach their `desired` speed (m/s), and how well they hold it."""
+    """How soon vehicles reach their `desired` speed (m/s), and how well they hold it.
+
+    Of a vehicle that was learned only the time up to then counts: before its destination SUMO drives it again.
+    """
     waits, held, steps = [], 0, 0
     for begin, end in zip(trace.starts[:-1], trace.starts[1:], strict=True):
-        speed = trace.speed[begin:end]
+        learned = np.flatnonzero(trace.learned[begin:end])
+        speed = trace.speed[begin : begin + learned[-1] + 1 if len(learned) else end]
         fast = np.flatnonzero(speed >= REACHED * desired)
         waits.append(float(trace.time[begin + fast[0]] - trace.time[begin]) if len(fast) else np.inf)
         if len(fast):

@@ -15,8 +15,8 @@ ROAD = [lane("road", (0.0, 0.0), (500.0, 0.0))]
 
 def test_hard_braking_counts_once_for_learned_and_background_apart() -> None:
     builder = TraceBuilder()
-    # 5 m/s² twice in a row; then 3 m/s²; the other one stands.
-    for step, speed in enumerate((12.0, 10.0, 8.0, 6.8)):
+    # 5 m/s² twice in a row; then 4.5 m/s²; the other one stands.
+    for step, speed in enumerate((12.0, 10.0, 8.0, 6.2)):
         builder.add(make_world(x=[10.0 * step, 400.0], speed=[speed, 0.0], learned=[True, False], time=0.4 * step))
     trace = builder.build()
     found = behaviour_figures(trace, on_lanes(trace, ROAD))

@@ -16,8 +16,15 @@ def driven(*speeds: list[float]) -> Trace:
     builder = TraceBuilder()
     for step in range(max(map(len, speeds))):
         ids = [str(k) for k, own in enumerate(speeds) if step < len(own)]
-        builder.add(make_world(speed=[speeds[int(k)][step] for k in ids], ids=ids, time=0.4 * step))
+        builder.add(make_world(speed=[speeds[int(k)][step] for k in ids], learned=False, ids=ids, time=0.4 * step))
     return builder.build()
+
+
+def test_of_a_learned_vehicle_only_the_learned_part_is_measured() -> None:
+    builder = TraceBuilder()
+    for step, (speed, learned) in enumerate([(0.0, False), (5.0, True), (9.0, True), (10.0, False), (10.0, False)]):
+        builder.add(make_world(speed=speed, learned=learned, time=0.4 * step))
+    assert start_figures(builder.build(), 10.0) == {"start": None, "held": None}
 
 
 def test_a_start_is_the_time_to_95_percent_and_the_speed_is_held_after_it() -> None:
