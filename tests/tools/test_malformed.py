@@ -56,6 +56,6 @@ def test_the_judgement_can_fail() -> None:
 
 @pytest.mark.slow
 def test_a_small_campaign_finds_nothing(tmp_path: Path) -> None:
-    results = campaign(tmp_path, 12, 2, 2, only="import", studies=False)
+    results = list(campaign(tmp_path, 12, 2, 2, only="import", studies=False))
     assert len(results) == 12
     assert not [result for result in results if result["faults"]]

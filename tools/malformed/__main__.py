@@ -4,8 +4,9 @@
 
 Each input is a valid file with one mutation, in a folder of its own, read by `slrl-sumo` as a process. It must exit
 with 0 (the mutation is harmless) or 1, then with one line on stderr that names a file, without a traceback, in under
-10 s of processor time (120 s of wall time, which on a busy machine is longer) and 1 GiB. The exit code is 1 where any
-input fails. `--only TEXT` keeps the samples and mutations whose names hold the text.
+10 s of processor time (300 s of wall time, which on a busy machine is longer) and 1 GiB. The exit code is 1 where any
+input fails. The file of --json is written after every input, and one of the same seed is continued. `--only TEXT`
+keeps the samples and mutations whose names hold the text.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import shutil
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Collection, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
@@ -34,34 +36,47 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--only", default="", help="part of the name of a sample or mutation")
     options = parser.parse_args()
+    results: list[dict[str, Any]] = []
+    if options.json is not None and options.json.exists():
+        before = json.loads(options.json.read_text())
+        if before["seed"] != options.seed:
+            sys.exit(f"{options.json} is of seed {before['seed']}: give --seed {before['seed']}, or another file")
+        results = before["inputs"]
+    done = {result["number"] for result in results}
     with tempfile.TemporaryDirectory(prefix="malformed_") as folder:
-        results = campaign(Path(folder), options.inputs, options.seed, options.jobs, options.only)
+        for result in campaign(Path(folder), options.inputs, options.seed, options.jobs, options.only, done=done):
+            results.append(result)
+            if options.json is not None:
+                record = {"seed": options.seed, "summary": summarise(results), "inputs": results}
+                options.json.write_text(json.dumps(record, indent=1) + "\n")
     summary = summarise(results)
-    if options.json is not None:
-        options.json.write_text(json.dumps({"summary": summary, "inputs": results}, indent=1) + "\n")
     print(json.dumps(summary, indent=1))
     sys.exit(1 if summary["failed"] else 0)
 
 
 def campaign(
-    base: Path, inputs: int, seed: int, jobs: int, only: str = "", studies: bool = True
-) -> list[dict[str, Any]]:
-    """Judge `inputs` mutated files; the same seed gives the same ones."""
+    base: Path,
+    inputs: int,
+    seed: int,
+    jobs: int,
+    only: str = "",
+    studies: bool = True,
+    done: Collection[int] = (),
+) -> Iterator[dict[str, Any]]:
+    """Judge `inputs` mutated files, without the numbers `done`; the same seed gives the same ones."""
     samples = make_samples(base)
     if studies and (not only or not any(only in sample.name for sample in samples)):
         samples += make_studies(base, run)
-    plan = plan_inputs(samples, inputs, seed, only)
-    results = []
+    plan = [case for case in plan_inputs(samples, inputs, seed, only) if case[0] not in done]
     with ThreadPoolExecutor(jobs) as pool:
         for result in pool.map(lambda case: judge(base / f"case{case[0]}", *case), plan):
-            results.append(result)
             mark = "FAILED: " + ", ".join(result["faults"]) if result["faults"] else f"exit {result['code']}"
             print(
                 f"{result['number']:4} {result['sample']:34} {result['mutation']:15} {result['cpu_s']:5.1f} s "
                 f"{result['peak_mib']:5.0f} MiB  {mark}",
                 flush=True,
             )
-    return results
+            yield result
 
 
 def plan_inputs(

@@ -14,7 +14,7 @@ MOST_S = 10.0
 """s of processor time until an input is refused; a command that accepts it does its ordinary work. Nothing but the
 processor is waited for, and other work of the machine does not count."""
 MOST_MIB = 1024
-GIVE_UP_S = 120.0
+GIVE_UP_S = 300.0
 """s after which a command is killed."""
 GIVE_UP_MIB = 4096
 """Memory at which it is killed, so that the machine survives."""
