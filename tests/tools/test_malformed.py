@@ -8,7 +8,7 @@ import pytest
 
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from tools.malformed.__main__ import campaign, plan_inputs
-from tools.malformed.judge import Outcome
+from tools.malformed.judge import GIVE_UP_S, Outcome
 from tools.malformed.mutations import BY_KIND, COMMON
 from tools.malformed.samples import Sample, make_samples
 
@@ -44,7 +44,7 @@ def test_the_judgement_can_fail() -> None:
     assert good.faults(names) == []
     for outcome, fault in (
         (Outcome(4, 1.0, 1.0, 100.0, "slrl-sumo: a.csv: a defect\n"), "exit code 4"),
-        (Outcome(-9, 121.0, 1.0, 100.0, ""), "given up"),
+        (Outcome(-9, GIVE_UP_S + 1.0, 1.0, 100.0, ""), "given up"),
         (Outcome(1, 1.0, 1.0, 100.0, "Traceback\nslrl-sumo: a.csv\n"), "traceback"),
         (Outcome(1, 1.0, 1.0, 100.0, "slrl-sumo: a.csv\nmore\n"), "behind"),
         (Outcome(1, 1.0, 1.0, 100.0, "slrl-sumo: damaged\n"), "no file named"),
