@@ -15,6 +15,7 @@ from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.advance import advance
@@ -44,6 +45,8 @@ class Moved:
     """Their modes, (n,); None where the driver knows no modes."""
     changed: Changed
     """Which decisions each constraint has changed."""
+    context: RouteContext | None = None
+    """Their routes at the decision; None where the driver knows no routes."""
 
 
 class Driver(Protocol):
@@ -116,7 +119,7 @@ class ModelDriver:
         motion = decide(situation, self.agent, users.ids)
         self._stopwatch.lap("decide")
         moved = advance(users, motion.acceleration, motion.yaw_rate, motion.max_speed, DECISION_INTERVAL)
-        return Moved(moved, motion.modes, motion.changed)
+        return Moved(moved, motion.modes, motion.changed, situation.context)
 
     def images(self, rows: NDArray[np.intp]) -> NDArray[np.uint8] | None:
         """What the road users `rows` saw at the last decision, as Observation has it; None if no image was drawn."""

@@ -5,16 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.background.forecast import forecast
 from slrl_sumo.background.lane_paths import SPACING
+from slrl_sumo.background.safe_speed import safe_speeds
 from slrl_sumo.background.swept_boxes import sweep
-from slrl_sumo.background.swept_conflicts import MARGIN, approaching, conflicts, predicted, speed_along
-from slrl_sumo.background.yielding import MOMENTS, safe_speeds
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
 from slrl_sumo.scene.geometry import Floats, cos_sin, front_from_centre
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 STANDING = 0.3
 """m/s."""
+MARGIN = 0.3
+"""m kept free on either side of a vehicle, of persons that stand."""
 GRAZE = 0.4
 """m by which boxes of vehicles may overlap."""
 
@@ -59,19 +62,23 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
     c, s = cos_sin(heading[:, None])
     near &= -(c * dx + s * dy) > -0.5 * length[:, None] - spread
     safe, standing = np.full(n, np.inf), np.zeros(n, np.bool_)
-    boxes = predicted(world, MOMENTS)
+    boxes, moments, _ = forecast(world)
+    moments = np.where(walks, moments, 1)
     # In SUMO's networks, vehicles that go straight on graze those that wait to turn.
     boxes[~walks, :, 3:] -= GRAZE
-    narrow = ahead._replace(width=np.maximum(ahead.width - 2.0 * MARGIN - GRAZE, 0.3))
+    narrow = ahead._replace(width=np.maximum(ahead.width - GRAZE, 0.3))
     for others, mine in ((walks, ahead), (~walks, narrow)):
         vehicle, other = np.nonzero(near & others)
-        close = approaching(approach.path_x, approach.path_y, size, vehicle, boxes, other)
+        close = approaching(approach.path_x, approach.path_y, size, vehicle, boxes, other, MARGIN)
         vehicle, other = vehicle[close], other[close]
         if not len(vehicle):
             continue
-        enter, leave = conflicts(mine, vehicle, boxes, other, walks & (world.speed > 0.05))
+        count, certain = moments[other], np.full(len(other), np.inf)
+        margin = np.where((count == 1) & walks[other], MARGIN, 0.0)
+        enter, leave = conflicts(mine, vehicle, boxes, other, moments, margin)
         leading = speed_along(mine, vehicle, enter, boxes, other, world.speed)
-        target, _ = safe_speeds(enter, leave, approach.speed[vehicle], leading, approach.limits[vehicle], dt)
+        mine_speed, limits = approach.speed[vehicle], approach.limits[vehicle]
+        target, _ = safe_speeds(enter, leave, leading, count, certain, mine_speed, limits, dt, 0.0)
         np.minimum.at(safe, vehicle, target)
         decides = target <= safe[vehicle] + 1e-9
         standing[vehicle[decides]] = stands[other[decides]]

@@ -3,35 +3,40 @@
 A vehicle in SUMO detects road users that SUMO has mapped to its lane. A road user that is moved from outside is often
 mapped elsewhere or not at all: partly on the lane, inside a junction, on a crossing, off its route. Before each SUMO
 step, the boxes that background vehicles will sweep are therefore compared with those of the learned road users, now and
-over the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's rules stay in
-force: a held vehicle drives at the set speed, or slower where SUMO requires it. See docs/explanation/yielding.md.
+on their paths over the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`).
+SUMO's rules stay in force: a held vehicle drives at the set speed, or slower where SUMO requires it. See
+docs/explanation/yielding.md.
 """
 
-import math
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.background.forecast import HORIZON, STANDING, forecast
 from slrl_sumo.background.lane_paths import SPACING, Paths
+from slrl_sumo.background.safe_speed import STOP_SHORT, safe_speeds
 from slrl_sumo.background.swept_boxes import sweep
-from slrl_sumo.background.swept_conflicts import approaching, conflicts, predicted, speed_along
-from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
+from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters, vehicle_route
 from slrl_sumo.sumo.speed_control import SpeedControl
 
-HORIZON = 1.5
-"""s over which learned road users are predicted, with their present motion."""
-MOMENTS = np.linspace(0.0, HORIZON, 6)
-STOP_SHORT = 1.0
-"""m before a road user at which vehicles stop, where they can."""
-AHEAD_BY = 0.3
-"""s by which a vehicle that could still stop must have passed before a road user arrives, to go first."""
+MARGIN = 0.3
+"""m beside its box within which a vehicle slows down for standing road users ..."""
+PASSING = 2.0
+"""m/s ... to this speed, at which it passes them."""
+GRAZE = 0.4
+"""m by which boxes of vehicles on crossing lanes may overlap in SUMO's networks where one stands and waits."""
+PATIENCE = 20.0
+"""s after which a vehicle passes a standing one that it would only graze: by then learned road users that stand for
+others try to go on (agent/deadlock.py)."""
 
 
 class Yielding:
@@ -49,6 +54,8 @@ class Yielding:
         self.refusals = self._control.refusals
         self._types: dict[str, TypeParameters] = {}
         self._path_of: dict[str, tuple[str, str, int]] = {}
+        self._stood: dict[str, float] = {}
+        """s that held vehicles have stood since they were first held."""
         self.interventions = 0
 
     @property
@@ -56,10 +63,11 @@ class Yielding:
         """Ids of the vehicles that are held now."""
         return self._control.held
 
-    def apply(self, snapshot: Snapshot, learned: WorldState) -> None:
-        """Hold or release the vehicles of `snapshot` (SUMO's last step), given the present state of `learned`.
+    def apply(self, snapshot: Snapshot, learned: WorldState, context: RouteContext | None = None) -> None:
+        """Hold or release the vehicles of `snapshot` (SUMO's last step), given the state of `learned` after the next.
 
-        Learned road users in the snapshot are left unchanged.
+        `context`: the routes of `learned` at the last decision, where they are known. Learned road users in the
+        snapshot are left unchanged.
         """
         own = frozenset(learned.ids)
         self._control.forget(own & self.held)
@@ -73,9 +81,13 @@ class Yielding:
         )
         speeds: dict[str, tuple[float, bool]] = {}
         if len(rows) and len(learned):
-            speeds = self._speeds(snapshot, rows, learned)
+            speeds = self._speeds(snapshot, rows, learned, context)
         held = self.held
         self._control.release(held - speeds.keys())
+        self._stood = {vehicle: self._stood.get(vehicle, 0.0) for vehicle in speeds}
+        for row in rows[snapshot.speed[rows] < STANDING].tolist():
+            if snapshot.ids[row] in speeds:
+                self._stood[snapshot.ids[row]] += self._dt
         self.interventions += len(speeds.keys() - held)
         for vehicle, (speed, hard) in speeds.items():
             self._control.hold(vehicle, speed, hard)
@@ -84,11 +96,15 @@ class Yielding:
         """Let SUMO choose the speeds of vehicles (None: of all held ones), with their former speed modes."""
         self._control.release(self.held if vehicles is None else vehicles)
 
-    def _speeds(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> dict[str, tuple[float, bool]]:
+    def _speeds(
+        self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState, context: RouteContext | None
+    ) -> dict[str, tuple[float, bool]]:
         """By id, of the vehicles `rows` that must be held: speed (m/s), and whether that needs hard braking."""
         limits = np.array([self._parameters(snapshot.sumo_type[i]).limits for i in rows])
         look = _look_ahead(snapshot.speed[rows], limits[:, 1], self._dt) + 0.5 * snapshot.length[rows]
-        spread = 0.5 * np.hypot(learned.length, learned.width) + learned.speed * HORIZON
+        spread = 0.5 * np.hypot(learned.length, learned.width) + np.where(
+            learned.speed > STANDING, learned.speed * HORIZON, 0.0
+        )
         dx = snapshot.x[rows][:, None] - learned.x
         dy = snapshot.y[rows][:, None] - learned.y
         near = dx * dx + dy * dy < (look[:, None] + spread) ** 2
@@ -101,9 +117,9 @@ class Yielding:
         count = int(look[chosen].max() / SPACING) + 2
         path_x, path_y, room = self._paths.sample(self._path_rows(snapshot, rows), snapshot.lane_position[rows], count)
         size = np.column_stack([length, snapshot.width[rows]])
-        boxes = predicted(learned, MOMENTS)
+        boxes, moments, committed = forecast(learned, context)
         vehicle, agent = np.nonzero(near)
-        coming = approaching(path_x, path_y, size, vehicle, boxes, agent)
+        coming = approaching(path_x, path_y, size, vehicle, boxes, agent, MARGIN)
         vehicle, agent = vehicle[coming], agent[coming]
         # Most vehicles near a road user pass by: boxes are computed for the others only.
         close, vehicle = np.unique(vehicle, return_inverse=True)
@@ -113,20 +129,28 @@ class Yielding:
         ahead = sweep(
             path_x[close], path_y[close], room[close], front_x[close], front_y[close], heading[close], size[close]
         )
-        enter, leave = conflicts(ahead, vehicle, boxes, agent, learned.speed > 0.05)
+        standing = np.flatnonzero(moments[agent] == 1)
+        # Beside standing road users a vehicle slows down, for those on its path it stops.
+        patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < PATIENCE for row in rows], np.bool_)
+        on_lanes = np.zeros(len(learned), np.bool_) if context is None else context.route.known
+        grazes = ~patient[vehicle] & (on_lanes & (learned.type != RoadUserType.PEDESTRIAN))[agent]
+        margin = np.where(grazes & (moments[agent] == 1), -GRAZE, 0.0)
+        margin = np.append(margin, np.full(len(standing), MARGIN))
+        vehicle, agent = np.append(vehicle, vehicle[standing]), np.append(agent, agent[standing])
+        beside = margin > 0.0
+        enter, leave = conflicts(ahead, vehicle, boxes, agent, moments, margin)
+        leading = speed_along(ahead, vehicle, enter, boxes, agent, learned.speed)
+        certain = np.where(beside, -1.0, np.where(moments[agent] == 1, np.inf, committed[agent]))
         target, hard = safe_speeds(
-            enter,
-            leave,
-            speed[vehicle],
-            speed_along(ahead, vehicle, enter, boxes, agent, learned.speed),
-            limits[vehicle],
-            self._dt,
+            enter, leave, leading, moments[agent], certain, speed[vehicle], limits[vehicle], self._dt, self._dt
         )
+        target = np.maximum(target, np.where(beside, PASSING, 0.0))
         slowest = np.full(len(rows), np.inf)
         np.minimum.at(slowest, vehicle, target)
         brakes_hard = np.zeros(len(rows), np.bool_)
         np.logical_or.at(brakes_hard, vehicle, hard & (target <= slowest[vehicle]))
-        holding = np.flatnonzero(slowest < speed + limits[:, 0] * self._dt)
+        # A vehicle that passes after its wait stays held until it has passed.
+        holding = np.flatnonzero((slowest < speed + limits[:, 0] * self._dt) | (~patient & np.isfinite(slowest)))
         return {snapshot.ids[rows[i]]: (float(slowest[i]), bool(brakes_hard[i])) for i in holding}
 
     def _parameters(self, sumo_type: str) -> TypeParameters:
@@ -160,41 +184,3 @@ class Yielding:
 def _look_ahead(speed: Floats, deceleration: Floats, dt: float) -> Floats:
     """m ahead of their fronts that matter to vehicles: the stopping distance and a reserve."""
     return speed * (dt + 0.5) + speed * speed / (2.0 * deceleration) + STOP_SHORT + 5.0
-
-
-@compiled
-def safe_speeds(
-    enter: Floats, leave: Floats, speed: Floats, leading: Floats, limits: Floats, dt: float
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Speeds for the next step that let vehicles stop in time, (p,) in m/s, and where that is harder than `decel`.
-
-    `enter`, `leave`: m driven at first and last touch at each of `MOMENTS`, (p, q); `speed`: of the vehicles, (p,);
-    `leading`: of the road users along the path, (p, q); `limits`: acceleration, deceleration, emergency deceleration,
-    (p, 3). inf where the path is free. The speed is Krauss' safe speed with a reaction time of one step
-    (https://sumo.dlr.de/docs/Car-Following-Models.html); where `decel` does not suffice, it follows from the least
-    sufficient deceleration, up to the emergency deceleration.
-    """
-    targets, hard = np.full(len(speed), np.inf), np.zeros(len(speed), np.bool_)
-    for p, v in enumerate(speed):
-        acceleration, comfortable, emergency = limits[p, 0], limits[p, 1], limits[p, 2]
-        delay = comfortable * dt
-        for m, moment in enumerate(MOMENTS):
-            first, following = enter[p, m], leading[p, m]
-            needed = (v * v - following * following) / (2.0 * max(first - SPACING, 1e-3))
-            # A later position matters if the road user stays there (last moment), or the vehicle may be there then ...
-            now, last = moment == 0.0, moment >= HORIZON
-            matters = now or last or first <= v * moment + 0.5 * acceleration * moment * moment + STOP_SHORT
-            # ... and has not passed before. A vehicle that can no longer stop should pass, even closely.
-            ahead_by = 0.0 if needed > emergency else AHEAD_BY
-            if not matters or not (now or leave[p, m] + SPACING >= v * max(moment - ahead_by, 0.0)):
-                continue
-            gap = max(first - STOP_SHORT, 0.0)
-            target = math.sqrt(delay * delay + following * following + 2.0 * comfortable * gap) - delay
-            needed = min(max(needed, comfortable), emergency)
-            breaks = target < v - comfortable * dt
-            if breaks:
-                target = v - needed * dt
-            target = max(target, 0.0)
-            if target < targets[p]:
-                targets[p], hard[p] = target, breaks and needed > comfortable
-    return targets, hard

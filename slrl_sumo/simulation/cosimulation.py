@@ -11,6 +11,7 @@ from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, RoadUserType
@@ -124,6 +125,11 @@ class CoSimulation:
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
 
+    @property
+    def held(self) -> frozenset[str]:
+        """Ids of the background vehicles that are held for learned road users now."""
+        return frozenset() if self._yielding is None else self._yielding.held
+
     def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
         """Add road users: `counts` per type, (3,), at legal places drawn by `seed`; `max_speed` per type, m/s, (3,)."""
         rng = np.random.default_rng(seed)
@@ -158,7 +164,7 @@ class CoSimulation:
             self._resume()
         interval = self._interval or self._decide()
         before = self._yielding.interventions if self._yielding is not None else 0
-        step = self._play(interval.states[len(interval.steps)])
+        step = self._play(interval.states[len(interval.steps)], interval.moved.context)
         interval.steps.append(step)
         interval.arrived |= arrived_ids(self._simulation.api)
         if self._yielding is not None:
@@ -205,11 +211,11 @@ class CoSimulation:
         self._stopwatch.lap("advance")
         return _Interval(states, moved, wrapped_around, [], set(), 0)
 
-    def _play(self, users: WorldState) -> Step:
+    def _play(self, users: WorldState, context: RouteContext | None = None) -> Step:
         """One SUMO step, after which the learned road users are at the places of `users`."""
         time = self._simulation.time
         if self._yielding is not None and self._snapshot is not None:
-            self._yielding.apply(self._snapshot, users)
+            self._yielding.apply(self._snapshot, users, context)
         self.population.move(users)
         self._drop_refused()
         self._stopwatch.lap("apply")

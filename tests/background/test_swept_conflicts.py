@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from builders import make_world
 
+from slrl_sumo.background.forecast import MOMENTS, forecast
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep, sweep
-from slrl_sumo.background.swept_conflicts import MARGIN, approaching, conflicts, predicted, speed_along
+from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
 from slrl_sumo.scene.state import WorldState
 
-MOMENTS = np.array([0.0, 1.0, 2.0])
+ONE = np.array([0])
+MARGIN = 0.3
 SIZE = np.array([[5.0, 1.8]])
 
 
@@ -26,9 +28,9 @@ def straight_on() -> Sweep:
     return sweep(s[None], 0.0 * s[None], np.array([100.0]), zero, zero, zero, SIZE)
 
 
-def met(user: WorldState) -> tuple[Any, Any]:
-    moving = user.speed > 0.05
-    enter, leave = conflicts(straight_on(), np.array([0]), predicted(user, MOMENTS), np.array([0]), moving)
+def met(user: WorldState, margin: float = 0.0) -> tuple[Any, Any]:
+    boxes, count, _ = forecast(user)
+    enter, leave = conflicts(straight_on(), ONE, boxes, ONE, count, np.array([margin]))
     return enter[0], leave[0]
 
 
@@ -42,7 +44,7 @@ def test_a_road_user_standing_ahead_is_met_at_its_near_side_and_left_when_the_re
 @pytest.mark.parametrize("beside", [0.9 + 0.2 + MARGIN - 0.05, 0.9 + 0.2 + MARGIN + 0.05])
 def test_a_margin_is_kept_on_either_side_and_no_more(beside: float) -> None:
     for side in (beside, -beside):
-        enter, _ = met(road_user(20.0, side))
+        enter, _ = met(road_user(20.0, side), MARGIN)
         assert np.isfinite(enter[0]) == (beside < 0.9 + 0.2 + MARGIN)
 
 
@@ -60,9 +62,15 @@ def test_a_road_user_right_in_front_is_met_at_once() -> None:
 
 def test_a_pedestrian_walking_towards_the_path_is_met_when_it_will_be_there() -> None:
     enter, _ = met(road_user(20.0, -2.5, np.pi / 2, 1.3))
-    assert np.isinf(enter[0])
-    assert np.isinf(enter[1])
-    assert enter[2] == pytest.approx(19.8, abs=SPACING)
+    # 1.4 m lie between both boxes.
+    there = (MOMENTS > 1.4 / 1.3) & (MOMENTS <= 1.5)
+    assert np.isinf(enter[~there]).all()
+    assert enter[there] == pytest.approx(19.8, abs=SPACING)
+
+
+def test_a_road_user_that_comes_from_behind_is_no_reason_to_stop() -> None:
+    enter, _ = met(road_user(-15.0, 0.0, 0.0, 14.0, type=0, length=5.0, width=1.8))
+    assert np.isinf(enter).all()
 
 
 def test_in_a_right_turn_the_way_meets_a_cyclist_beside_it() -> None:
@@ -74,37 +82,29 @@ def test_in_a_right_turn_the_way_meets_a_cyclist_beside_it() -> None:
         (radius * np.sin(angle))[None], (-radius * (1 - np.cos(angle)) - after)[None], np.array([100.0]),
         zero, zero, zero, SIZE,
     )  # fmt: skip
-    cyclist = road_user(-3.0, -2.4, 0.0, 4.0, length=1.6, width=0.6)
-    enter, _ = conflicts(turning, np.array([0]), predicted(cyclist, MOMENTS), np.array([0]), np.array([True]))
+    cyclist = road_user(-3.0, -2.4, 0.0, 6.0, length=1.6, width=0.6)
+    boxes, count, _ = forecast(cyclist)
+    enter, _ = conflicts(turning, ONE, boxes, ONE, count, np.zeros(1))
     assert np.isfinite(enter[0, 1:]).any()
     assert np.isinf(met(cyclist)[0]).all()
 
 
-def test_prediction_goes_straight_or_round() -> None:
-    straight = predicted(road_user(1.0, 2.0, np.pi / 2, 3.0), MOMENTS)[0]
-    np.testing.assert_allclose(straight[:, :2], [[1, 2], [1, 5], [1, 8]], atol=1e-12)
-    turning = predicted(road_user(0.0, 0.0, 0.0, 2.0, yaw_rate=0.5), MOMENTS)[0]
-    # A circle of radius v / yaw rate.
-    np.testing.assert_allclose(turning[:, 0], 4.0 * np.sin(0.5 * MOMENTS), atol=1e-12)
-    np.testing.assert_allclose(turning[:, 1], 4.0 * (1 - np.cos(0.5 * MOMENTS)), atol=1e-12)
-    np.testing.assert_allclose(turning[:, 2], 0.5 * MOMENTS)
-
-
-@pytest.mark.parametrize(("heading", "along"), [(0.0, 3.0), (np.pi / 3, 1.5), (np.pi / 2, 0.0), (np.pi, 0.0)])
-def test_speed_along_the_way_is_what_leads_away(heading: float, along: float) -> None:
+@pytest.mark.parametrize(
+    ("heading", "along"), [(0.0, 3.0), (np.pi / 4, 3.0 * np.sqrt(0.5)), (1.1, 0.0), (np.pi / 2, 0.0), (np.pi, 0.0)]
+)
+def test_speed_along_the_way_is_that_of_road_users_that_lead(heading: float, along: float) -> None:
     user = road_user(20.0, 0.0, heading, 3.0)
-    boxes, zero = predicted(user, MOMENTS), np.array([0])
-    enter = np.array([[19.5, np.inf, np.inf]])
-    speed = speed_along(straight_on(), zero, enter, boxes, zero, user.speed)
+    enter = np.where(MOMENTS == 0.0, 19.5, np.inf)[None]
+    speed = speed_along(straight_on(), ONE, enter, forecast(user).boxes, ONE, user.speed)
     assert speed[0, 0] == pytest.approx(along, abs=1e-9)
 
 
 def test_the_quick_look_leaves_out_only_road_users_far_from_the_path() -> None:
     s = np.linspace(0.0, 40.0, 81)
     path_x, path_y = np.stack([s, s]), np.stack([0.0 * s, 0.0 * s + 500.0])
-    boxes = predicted(road_user(20.0, 0.0), MOMENTS)
+    boxes = forecast(road_user(20.0, 0.0)).boxes
     both = np.array([0, 1])
-    coming = approaching(path_x, path_y, np.repeat(SIZE, 2, axis=0), both, boxes, np.array([0, 0]))
+    coming = approaching(path_x, path_y, np.repeat(SIZE, 2, axis=0), both, boxes, np.array([0, 0]), MARGIN)
     assert coming.tolist() == [True, False]
 
 

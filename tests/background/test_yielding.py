@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from netgen.scenario import scenario_files
 from netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.background.lane_paths import SPACING
-from slrl_sumo.background.yielding import MOMENTS, STOP_SHORT, Yielding, safe_speeds
+from slrl_sumo.background.safe_speed import STOP_SHORT
+from slrl_sumo.background.yielding import Yielding
+from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.scene.geometry import boxes_overlap
+from slrl_sumo.scene.route import HERE, POINTS, RouteAhead
+from slrl_sumo.scene.route import SPACING as SPACING_OF_PATHS
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.reader import Snapshot
@@ -28,78 +32,6 @@ ROUTES = """<routes>
     <vehicle id="car" type="c" depart="0" departSpeed="max" departLane="best"><route edges="in3 out1"/></vehicle>
 </routes>"""
 LIMIT = 13.89
-NEVER, ALWAYS = np.full((1, len(MOMENTS)), np.inf), np.full((1, len(MOMENTS)), 20.0)
-LIMITS = np.array([[2.6, 4.5, 9.0]])
-"""m/s²: acceleration, deceleration, emergency deceleration of SUMO's passenger cars."""
-
-
-def one_speed(enter: float, speed: float, leading: float = 0.0) -> tuple[float, bool]:
-    first = NEVER.copy()
-    first[0, 0] = enter
-    target, hard = safe_speeds(first, first + 5.0, np.array([speed]), np.full_like(first, leading), LIMITS, STEP)
-    return float(target[0]), bool(hard[0])
-
-
-def stopped_after(enter: float, speed: float, decelerations: list[float] | None = None) -> float:
-    """How far a vehicle drives that takes the safe speed of every step (SUMO's way of stepping)."""
-    driven = 0.0
-    while speed > 0.01:
-        following = min(one_speed(enter - driven, speed)[0], speed)
-        if decelerations is not None:
-            decelerations.append((speed - following) / STEP)
-        speed = following
-        driven += speed * STEP
-    return driven
-
-
-def test_nothing_in_the_way_sets_no_speed() -> None:
-    assert one_speed(np.inf, 10.0) == (np.inf, False)
-
-
-def test_safe_speeds_stop_short_of_obstacles_and_brake_comfortably_where_there_is_room() -> None:
-    decelerations: list[float] = []
-    driven = stopped_after(40.0, 13.9, decelerations)
-    assert 40.0 - STOP_SHORT - 0.6 < driven <= 40.0 - STOP_SHORT + 1e-6
-    assert max(decelerations) <= 4.5 + 1e-6
-
-
-@pytest.mark.parametrize("gap", [13.0, 17.0, 20.0])
-def test_they_brake_harder_only_where_that_is_needed_and_no_harder_than_the_vehicle_can(gap: float) -> None:
-    decelerations: list[float] = []
-    assert stopped_after(gap, 13.9, decelerations) <= gap
-    assert 4.5 < max(decelerations) <= 9.0 + 1e-6
-
-
-def test_without_room_they_brake_as_hard_as_the_vehicle_can() -> None:
-    speed, hard = one_speed(3.0, 13.9)
-    assert speed == pytest.approx(13.9 - 9.0 * STEP)
-    assert hard
-
-
-def test_a_leader_that_drives_away_may_be_followed() -> None:
-    standing, _ = one_speed(15.0, 10.0)
-    behind, _ = one_speed(15.0, 10.0, leading=8.0)
-    assert standing < behind
-    assert one_speed(STOP_SHORT + 8.0 * STEP, 8.0, leading=8.0)[0] == pytest.approx(8.0)
-
-
-def test_a_road_user_gone_before_the_vehicle_comes_is_no_reason_to_brake() -> None:
-    enter = NEVER.copy()
-    enter[0, 1:3] = 30.0
-    args = np.array([5.0]), np.zeros_like(enter), LIMITS, STEP
-    assert safe_speeds(enter, enter + 6.0, *args)[0][0] == np.inf
-    # ... but a road user that stays is one as soon as the distance asks for it.
-    enter[0, -1] = 2.0
-    assert safe_speeds(enter, enter + 6.0, *args)[0][0] < 5.0
-
-
-def test_a_road_user_that_comes_after_the_vehicle_is_no_reason_to_brake() -> None:
-    enter = NEVER.copy()
-    enter[0, -1] = 2.0
-    args = np.zeros_like(enter), LIMITS, STEP
-    # At 10 m/s the rear is past after 0.8 s, long before the last moment.
-    assert safe_speeds(enter, enter + 6.0, np.array([10.0]), *args)[0][0] == np.inf
-    assert safe_speeds(enter, enter + 6.0, np.array([4.0]), *args)[0][0] < 4.0
 
 
 @pytest.fixture(scope="module")
@@ -138,11 +70,18 @@ class Scene:
         self.overlap = False
         self.snapshot = session.reader.read()
 
-    def step(self, pose: Pose, speed: float = 0.0) -> None:
-        """One SUMO step, with the learned road user at a pose (x, y, heading)."""
-        user = self.world(pose, speed)
+    def step(self, pose: Pose, speed: float = 0.0, yaw_rate: float = 0.0, path: float | None = None) -> None:
+        """One SUMO step, with the learned road user at a pose (x, y, heading), on a straight path in direction `path`
+        (rad; None: without a route)."""
+        user = replace(self.world(pose, speed), yaw_rate=np.array([yaw_rate]))
+        context = None
+        if path is not None:
+            along = SPACING_OF_PATHS * (np.arange(POINTS) - HERE)
+            x, y = pose[0] + along * np.cos(path), pose[1] + along * np.sin(path)
+            route = replace(RouteAhead.unknown(1), known=np.ones(1, np.bool_), x=x[None], y=y[None])
+            context = route_context(route, user)
         if self._yields:
-            self.yielding.apply(self.snapshot, user)
+            self.yielding.apply(self.snapshot, user, context)
         self.session.spawned.move(self.ids, self.kinds, user.x, user.y, user.heading, user.speed, user.length)
         self.session.step()
         self.snapshot = self.session.reader.read()
@@ -235,6 +174,35 @@ def test_a_road_user_beside_the_path_does_not_slow_it(
     assert min(scene.speeds) > LIMIT - 0.1
 
 
+@pytest.mark.parametrize("on_route", [True, False])
+def test_a_car_that_sways_on_the_opposite_lane_is_no_reason_to_brake(session: SumoSession, on_route: bool) -> None:
+    scene = Scene(session, RoadUserType.CAR)
+    y = scene.y + 40.0
+    for _ in range(2):
+        scene.step(scene.home)
+    for _ in range(20):
+        y -= 10.0 * STEP
+        scene.step((scene.x - 3.2, y, SOUTH), 10.0, yaw_rate=0.5, path=SOUTH if on_route else None)
+    assert (scene.yielding.interventions == 0) == on_route
+
+
+def test_a_car_is_let_cross_without_hard_braking(session: SumoSession) -> None:
+    scene = Scene(session, RoadUserType.CAR)
+    for _ in range(2):
+        scene.step(scene.home)
+    while scene.distances[-1] > 55.0:
+        scene.step(scene.home)
+    # Both would be at the same place at the same time.
+    x = scene.x - 7.0 * 4.0
+    for _ in range(25):
+        x += 7.0 * STEP
+        scene.step((x, scene.y, 0.0), 7.0, path=0.0)
+    assert not scene.overlap
+    assert scene.yielding.interventions == 1
+    assert scene.decelerations().max() < 4.6
+    assert scene.speeds[-1] > 8.0
+
+
 def test_a_released_car_has_its_own_speed_mode_and_drives_on(session: SumoSession) -> None:
     scene = Scene(session, RoadUserType.PEDESTRIAN)
     for _ in range(2):
@@ -309,3 +277,26 @@ def test_vehicles_that_are_ours_are_never_touched(session: SumoSession) -> None:
 
 def test_ways_are_sampled_closer_than_the_distance_kept() -> None:
     assert SPACING < STOP_SHORT
+
+
+def test_a_car_passes_a_waiting_one_that_it_only_grazes_after_a_while(session: SumoSession) -> None:
+    scene = Scene(session, RoadUserType.CAR)
+    waiting = scene.x - 1.7, scene.y, SOUTH
+    for k in range(60):
+        scene.step(waiting if k > 1 else scene.home, path=SOUTH)
+    assert scene.speeds[-1] < 0.1
+    for _ in range(40):
+        scene.step(waiting, path=SOUTH)
+    assert scene.distances[-1] < -8.0
+    # Without a route it is not known to be on its lane.
+    assert scene.yielding.held == frozenset()
+
+
+def test_a_car_slows_down_beside_one_that_stands_close(session: SumoSession) -> None:
+    scene = Scene(session, RoadUserType.PEDESTRIAN)
+    scene.stand((scene.x + 1.15, scene.y, 0.0), 20.0)
+    beside = np.array(scene.speeds)[np.abs(scene.distances) < 1.0]
+    assert len(beside)
+    assert 1.5 < beside.min() < 3.0
+    assert not scene.overlap
+    assert scene.distances[-1] < 0.0

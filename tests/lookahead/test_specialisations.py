@@ -42,5 +42,9 @@ def test_nothing_is_compiled_twice() -> None:
     assert {name: seen for name, seen in kinds.items() if len(seen) > 1} == {}
     # They were there: of the motion, the lookahead, the images and the background.
     used = ("scene.advance._advance", "lookahead.collision._collision_scores", "perception.ego_image._draw_views")
-    background = ("background.swept_conflicts._conflicts", "background.yielding.safe_speeds")
-    assert [len(kinds[f"slrl_sumo.{name}"]) for name in (*used, *background)] == [1, 1, 1, 1, 1]
+    background = (
+        "background.swept_conflicts._conflicts",
+        "background.safe_speed.safe_speeds",
+        "background.forecast._forecast",
+    )
+    assert [len(kinds[f"slrl_sumo.{name}"]) for name in (*used, *background)] == [1] * 6

@@ -1,0 +1,135 @@
+"""Forecast of learned road users: along their path where they have a route, else as they move now."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.perception.route_context import RouteContext
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import moved, wrapped
+from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, SPACING, on_path
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+
+HORIZON = 4.0
+"""s over which road users are predicted on their paths: a car brakes comfortably from 14 m/s within 3.1 s."""
+WITHOUT_ROUTE = 1.5
+"""s over which the present motion of a road user without a route tells where it will be."""
+MOMENTS = np.linspace(0.0, HORIZON, 11)
+STANDING = 0.05
+"""m/s."""
+SHARPEST_TURN = 1.0
+"""rad/s; faster turns are expected to slow down to this."""
+RETURN = 15.0
+"""m within which a road user beside its path, or turned away from it, has returned to it."""
+ASTRAY, AGAINST = 5.0, 1.0
+"""m beside its path, and rad between both directions, from which a road user does not follow it."""
+BRAKES = np.array([4.5, 3.0, 0.4])
+"""m/s² by RoadUserType with which a road user can stop to let a vehicle pass. Pedestrians walk on: 1.6 s at 1.3 m/s."""
+PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
+
+
+class Forecast(NamedTuple):
+    """n road users at the q `MOMENTS`."""
+
+    boxes: Floats
+    """x, y (m), heading (rad), length, width (m), (n, q, 5)."""
+    predicted: NDArray[np.intp]
+    """How many moments are predicted, (n,): 1 for road users that stand."""
+    committed: Floats
+    """s until which a road user cannot stop any more, (n,): what it does until then is certain."""
+
+
+class _Paths(NamedTuple):
+    """Paths of n road users, see RouteAhead and RouteContext; where they are on them, (n,)."""
+
+    followed: NDArray[np.bool_]
+    x: Floats
+    y: Floats
+    along: Floats
+    """m."""
+    lateral_offset: Floats
+    direction: Floats
+    stop: Floats
+    """m that they may still drive."""
+    leader_gap: Floats
+    leader_speed: Floats
+
+
+def forecast(users: WorldState, context: RouteContext | None = None) -> Forecast:
+    """Where n road users will be at `MOMENTS` if they keep their speed.
+
+    `context`: their routes, as at the last decision. Road users follow their paths up to where they have to stop, and
+    not through their leaders. Road users without a route keep their yaw rate, limited to `SHARPEST_TURN`, pedestrians
+    their heading.
+    """
+    now = np.stack([users.x, users.y, users.heading, users.length, users.width])
+    rate = np.where(users.type == RoadUserType.PEDESTRIAN, 0.0, users.yaw_rate)
+    boxes, count = _forecast(now, users.speed, rate, _paths(users, context), MOMENTS)
+    return Forecast(boxes, count, users.speed / (2.0 * BRAKES[users.type]))
+
+
+def _paths(users: WorldState, context: RouteContext | None) -> _Paths:
+    n = len(users)
+    if context is None or not n:
+        none = np.zeros(n)
+        return _Paths(np.zeros(n, np.bool_), np.zeros((n, 1)), np.zeros((n, 1)), none, none, none, none, none, none)
+    route = context.route
+    along, offset, direction = (a[:, 0] for a in on_path(route, users.x[:, None], users.y[:, None]))
+    # Where the box turns from the path, or is beside it, the road user does something else.
+    turned = np.abs(np.remainder(users.heading - direction + np.pi, 2.0 * np.pi) - np.pi)
+    followed = route.known & (np.abs(offset) < ASTRAY) & (turned < AGAINST)
+    return _Paths(
+        followed, route.x, route.y, along, offset, direction,
+        context.stop_distance - along, context.leader_gap - along, context.leader_speed,
+    )  # fmt: skip
+
+
+@compiled
+def _forecast(
+    now: Floats, speed: Floats, yaw_rate: Floats, paths: _Paths, moments: Floats
+) -> tuple[Floats, NDArray[np.intp]]:
+    """Boxes (n, q, 5) and how many of them are predicted, (n,); `now`: (5, n)."""
+    n, q = now.shape[1], len(moments)
+    boxes, count = np.empty((n, q, 5)), np.ones(n, np.intp)
+    for i in range(n):
+        x, y, heading = now[0, i], now[1, i], now[2, i]
+        rate = min(max(yaw_rate[i], -SHARPEST_TURN), SHARPEST_TURN)
+        for m, seconds in enumerate(moments):
+            boxes[i, m, 3], boxes[i, m, 4] = now[3, i], now[4, i]
+            driven = speed[i] * seconds
+            if speed[i] > STANDING and (paths.followed[i] or seconds <= WITHOUT_ROUTE):
+                count[i] = m + 1
+            if paths.followed[i]:
+                boxes[i, m, 0], boxes[i, m, 1], boxes[i, m, 2] = _on_the_way(paths, i, heading, speed[i], seconds)
+                continue
+            half = 0.5 * rate * seconds
+            if half != 0.0:
+                driven *= math.sin(half) / half
+            boxes[i, m, 0], boxes[i, m, 1], boxes[i, m, 2] = moved(x, y, heading, driven, 2.0 * half)
+    return boxes, count
+
+
+@compiled
+def _on_the_way(paths: _Paths, i: int, heading: float, speed: float, seconds: float) -> tuple[float, float, float]:
+    """x, y (m) and heading (rad) of road user `i` on its path after `seconds`."""
+    driven = speed * seconds
+    # A line that it cannot stop at any more does not stop it.
+    if paths.stop[i] >= speed * speed / (2.0 * BRAKES[0]):
+        driven = min(driven, paths.stop[i])
+    driven = max(min(driven, paths.leader_gap[i] + paths.leader_speed[i] * seconds), 0.0)
+    # Beyond its ends the path goes straight on.
+    s = min(max(paths.along[i] + driven, -BEHIND), AHEAD)
+    k = min(int((s + BEHIND) / SPACING), paths.x.shape[1] - 2)
+    share = paths.along[i] + driven - (k - HERE) * SPACING
+    dx, dy = paths.x[i, k + 1] - paths.x[i, k], paths.y[i, k + 1] - paths.y[i, k]
+    norm = max(math.sqrt(dx * dx + dy * dy), 1e-6)
+    dx, dy = dx / norm, dy / norm
+    kept = max(1.0 - driven / RETURN, 0.0)
+    lateral = paths.lateral_offset[i] * kept
+    x, y = paths.x[i, k] + share * dx - lateral * dy, paths.y[i, k] + share * dy + lateral * dx
+    along = math.atan2(dy, dx)
+    return x, y, along + wrapped(heading - paths.direction[i]) * kept
