@@ -15,8 +15,9 @@ from slrl_sumo.errors import SumoError
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts
 from slrl_sumo.metrics.signal_crossings import SignalCrossings
 from slrl_sumo.metrics.trips import Trips
-from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.studies.flow.behaviour import behaviour_figures
@@ -57,9 +58,8 @@ class Played:
 def play(bundle: str, share: float, run: Run) -> Record:
     """Do a run in this process. The record, ready for JSON, depends on the arguments alone.
 
-    `bundle`: name or folder; `share`: of the road users of each type that are learned. `trips`: departure and arrival
-    (None: has not arrived), s, by vehicle; `figures`: see FIGURES; `under_way_by_minute`: vehicles in the network;
-    `edge_states`: see there.
+    `bundle`: name or folder; `share`: see `learned_shares`. `trips`: departure and arrival (None: has not arrived), s,
+    by road user; `figures`: see FIGURES; `under_way_by_minute`: vehicles in the network; `edge_states`: see there.
     Raises InputError where the bundle cannot be used, SumoError where SUMO or its programs fail.
     """
     situation = SITUATIONS[run.situation]
@@ -68,14 +68,19 @@ def play(bundle: str, share: float, run: Run) -> Record:
             config = situation.build(Path(name))
         except NetgenError as error:
             raise SumoError(f"{run.situation}: {error}") from None
-        played = simulate(config, bundle, share, run, situation.seconds)
+        played = simulate(config, load_bundle(bundle), share, run, situation.seconds)
     on = on_lanes(played.trace, played.network.lanes)
     figures = played.record["figures"] | motion_figures(played.trace, on, played.greens, situation.desired)
     figures |= behaviour_figures(played.trace, on)
     return played.record | {"figures": figures, "edge_states": edge_states(played.trace, on)}
 
 
-def simulate(config: Path, bundle: str, share: float, run: Run, seconds: float) -> Played:
+def learned_shares(bundle: ModelBundle, selector: str, share: float) -> Floats:
+    """The share of each type to take over, (3,): `share` of the types that `bundle` has models for, of all for lane."""
+    return share * (np.ones(len(RoadUserType)) if selector == "lane" else bundle.types.astype(np.float64))
+
+
+def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds: float) -> Played:
     """Run the scenario `config` for `seconds` s of simulated time."""
     # The models are so small that more threads only wait for each other.
     torch.set_num_threads(1)
@@ -84,10 +89,11 @@ def simulate(config: Path, bundle: str, share: float, run: Run, seconds: float) 
         api, network = session.api, session.network
         selector, guard = run.arm.removesuffix(GUARDED), run.arm.endswith(GUARDED)
         driver = make_driver(
-            selector if learning else "lane", load_bundle(bundle), api, network, run.seed,
+            selector if learning else "lane", bundle, api, network, run.seed,
             constraints=Constraints(guard=guard),
         )  # fmt: skip
-        takeover = Takeover(np.full(3, share), parse_region(None, network), run.seed) if learning else None
+        shares = learned_shares(bundle, selector, share)
+        takeover = Takeover(shares, parse_region(None, network), run.seed) if learning else None
         loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
         trips, signals, greens = Trips(api, session.step_length), SignalCrossings(api, network), Greens(api)
         builder, encounters = TraceBuilder(), EncounterCounts()

@@ -4,14 +4,17 @@ import csv
 import json
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.studies.flow.figures import FIGURES
-from slrl_sumo.studies.flow.play import SUMO, Run, play
+from slrl_sumo.studies.flow.play import SUMO, Run, learned_shares, play
 from slrl_sumo.studies.flow.study import FlowSettings, measure_flow
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
@@ -47,6 +50,15 @@ def test_a_queue_of_sumos_cars_discharges_with_the_saturation_flow_of_its_driver
     assert record["figures"]["red_runs"] == 0.0
     assert record["figures"]["under_way"] == record["figures"]["departed"] - record["figures"]["finished"]
     assert len(record["under_way_by_minute"]) == 6
+
+
+def test_only_types_that_the_bundle_has_models_for_are_learned() -> None:
+    bundle = load_bundle("intersection")
+    counts = bundle.mode_counts.copy()
+    counts[RoadUserType.BICYCLE] = 0
+    without_bicycles = replace(bundle, mode_counts=counts)
+    assert learned_shares(without_bicycles, "greedy", 0.3).tolist() == [0.3, 0.0, 0.3]
+    assert learned_shares(without_bicycles, "lane", 0.3).tolist() == [0.3, 0.3, 0.3]
 
 
 @pytest.mark.parametrize(
