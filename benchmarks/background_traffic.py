@@ -1,10 +1,10 @@
 """Hard braking, standing and overlaps of background vehicles, with a part of the traffic learned and in plain SUMO.
 
     python -m benchmarks.background_traffic TOWN.sumocfg ... [--takeover car=0.3] [--selectors greedy,lane] [--seeds 1]
-        [--until 600] [--step-length 0.4] [--json FILE]
+        [--until 600] [--step-length 0.4] [--without] [--json FILE]
 
-Per scenario and seed: plain SUMO, each selector without yielding, and with it. How things are counted, after every SUMO
-step, of background vehicles that were background vehicles in the step before as well:
+Per scenario and seed: plain SUMO, and each selector with yielding; with `--without` also without it. How things are
+counted, after every SUMO step, of background vehicles that were background vehicles in the step before as well:
 
 - Hard brakes: begins of braking above 4.65 m/s² (SUMO's passenger cars brake by 4.5 m/s² as a rule). `held`: those of
   vehicles that yielding held then. `free`: those with no other road user within 40 m ahead, 2 m beside the heading.
@@ -53,7 +53,7 @@ LONG = 60.0
 
 @dataclass(frozen=True)
 class Case:
-    """One run; `selector` `sumo`: no road user is learned; `no yielding` after a selector: `--no-yield`."""
+    """One run; `selector` `sumo`: no road user is learned."""
 
     scenario: str
     selector: str
@@ -201,7 +201,7 @@ def cases_of(options: argparse.Namespace) -> list[Case]:
         rest = seed, options.takeover, options.until, options.step_length
         cases.append(Case(scenario, "sumo", False, *rest))
         for selector in options.selectors.split(","):
-            cases += [Case(scenario, selector, yields, *rest) for yields in (False, True)]
+            cases += [Case(scenario, selector, yields, *rest) for yields in (False, True) if yields or options.without]
     return cases
 
 
@@ -247,6 +247,7 @@ def main() -> None:
     parser.add_argument("--seeds", nargs="+", type=int, default=[1])
     parser.add_argument("--until", type=float, default=600.0, help="s")
     parser.add_argument("--step-length", type=float, default=0.4, help="s")
+    parser.add_argument("--without", action="store_true", help="also without yielding")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write all rows to this file")
     options = parser.parse_args()
