@@ -54,7 +54,7 @@ def main() -> None:
         bundle = fit(recordings, name=name, seed=seed, modes="kmeans")
     else:
         # Selectors that follow routes need modes that slow down, keep their speed and speed up in any turn.
-        bundle = fit(recordings, name=name, seed=seed, modes="curved", mirror=True, forget=0.5)
+        bundle = fit(recordings, name=name, seed=seed, modes="accelerations", mirror=True, forget=0.5)
     bundle.save(arguments.out)
     print((arguments.out / "MODEL_CARD.md").read_text(encoding="utf-8"))
 

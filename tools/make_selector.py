@@ -30,8 +30,7 @@ FAMILIES = {
     "shared-space-paper": "shared-space",
 }
 STEPS = {
-    # The first part is over before `teacher_first` is: the teacher alone. Then it goes on by PPO.
-    "intersection": (1_200_000, 1_800_000),
+    "intersection": (800_000,),
     "shared-space": (1_000_000,),
     "intersection-paper": (1_500_000,),
     "shared-space-paper": (1_500_000,),
@@ -59,7 +58,7 @@ def main() -> None:
                 parser.error("shared-space-paper imitates HC D1: give --hc PATH/TO/hc")
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
-        request = TrainRequest(FAMILIES[name], name, out, 0, seed=arguments.seed, recordings=recordings)
+        request = TrainRequest(FAMILIES[name], name, out, STEPS[name][0], seed=arguments.seed, recordings=recordings)
         begun = request.folder / "settings.json"
         asked = json.loads(begun.read_text(encoding="utf-8"))["steps"] if arguments.resume and begun.exists() else 0
         resume = arguments.resume

@@ -101,7 +101,7 @@ def fit(
         str,
         typer.Option(
             help="Clustering: relative (to the own speed), kmeans (the paper's), balanced (more turning), "
-            "curved (vehicles: distance and curvature)."
+            "curved (vehicles: distance and curvature), accelerations (vehicles: relative to those at that speed)."
         ),
     ] = "relative",
     test: Annotated[

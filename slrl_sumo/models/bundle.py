@@ -122,6 +122,11 @@ class ModelBundle:
         """Highest speed of each type, (3,) m/s."""
         return self.displacement.max_speed.double().numpy()
 
+    @property
+    def max_curvature(self) -> Floats:
+        """Largest curvature of the turns of each type, (3,) 1/m."""
+        return self.displacement.max_curvature.double().numpy()
+
     def motion(self, observation: Observation, modes: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Acceleration (m/s²) and yaw rate (rad/s), each (n,), of the observed road users in `modes` (n,)."""
         with torch.inference_mode():

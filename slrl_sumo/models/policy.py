@@ -61,6 +61,9 @@ class PolicyConfig:
     head: int = 64
     lookahead: bool = True
     """Whether it also reads the mode rollouts."""
+    prior_logits: bool = True
+    """Whether the prior's log probabilities are added to its logits. They hold back road users with a route: of a car
+    on an empty road the prior expects that it keeps its speed, not that it speeds up."""
 
     @property
     def rollout_features(self) -> tuple[str, ...]:
@@ -76,8 +79,9 @@ class PolicyConfig:
 class Policy(nn.Module):
     """Distribution over modes and value of n observations; type-specific heads on a shared trunk.
 
-    The logits are those of the prior plus the network's own, which begin at zero: before any training the policy is
-    the supervised baseline. The absolute heading is not read, so that a rotated network gives the same choices.
+    The logits are the network's own, which begin at zero, usually plus those of the prior: then the policy is the
+    supervised baseline before any training. The absolute heading is not read, so that a rotated network gives the same
+    choices.
     """
 
     def __init__(self, config: PolicyConfig) -> None:
@@ -102,7 +106,7 @@ class Policy(nn.Module):
     def forward(
         self, vector: Tensor, image: Tensor, kind: Tensor, rollouts: Tensor | None = None, route: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
-        """What is added to the prior's logits, (n, modes), and the value, (n,).
+        """The own logits, (n, modes), and the value, (n,).
 
         `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
         `rollouts`: (n, modes, features), columns as in `PolicyConfig.rollout_features`, for policies that look ahead;
@@ -186,7 +190,7 @@ def policy_logits(
     The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
     """
     correction, value = policy(vector, image, kind, rollouts, route)
-    logits = _corrected(prior, vector, kind, correction)
+    logits = _corrected(policy, prior, vector, kind, correction)
     if mask is not None:
         logits = masked(logits, mask)
     if explore:
@@ -212,10 +216,12 @@ def choice_logits(
     route: Tensor | None = None,
 ) -> Tensor:
     """The log probabilities of `policy_logits` alone, without values."""
-    return _corrected(prior, vector, kind, policy.correction(vector, image, kind, rollouts, route))
+    return _corrected(policy, prior, vector, kind, policy.correction(vector, image, kind, rollouts, route))
 
 
-def _corrected(prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor) -> Tensor:
+def _corrected(policy: Policy, prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor) -> Tensor:
+    if not policy.config.prior_logits:
+        return torch.log_softmax(correction, -1)
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
     return torch.log_softmax(known + correction, -1)

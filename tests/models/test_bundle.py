@@ -192,7 +192,7 @@ def test_bundles_of_the_paper_stay_beside_those_that_know_routes() -> None:
             )
         ]
         assert all(same) == (name == "shared-space")
-        assert usual.training["modes_by"] == ("curved" if name == "intersection" else paper.training["modes_by"])
+        assert usual.training["modes_by"] == ("accelerations" if name == "intersection" else paper.training["modes_by"])
 
 
 def test_nothing_is_allocated_before_the_sizes_are_those_of_the_weights(

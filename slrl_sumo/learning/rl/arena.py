@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Agent, Situation, consider
 from slrl_sumo.agent.driver import ModelDriver
+from slrl_sumo.agent.mode_cost import CostWeights, cost_on_route, cost_without_route
 from slrl_sumo.agent.selectors import GivenModes
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.learning.rl import rewards, teacher
+from slrl_sumo.learning.rl import rewards
 from slrl_sumo.learning.rl.rewards import RewardWeights
-from slrl_sumo.learning.rl.teacher import TeacherWeights
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.ego_image import ego_picture
@@ -56,7 +56,7 @@ class ArenaSettings:
     episode_steps: int = EPISODE_STEPS
     warm_up: float = 60.0
     """s of plain SUMO before learned road users are added, so that there is traffic."""
-    teacher: TeacherWeights | None = None
+    teacher: CostWeights | None = None
     """Weights of the teacher's costs of modes; None: no teacher. For training only."""
     extended: bool = False
     """Whether road users have routes and see them (preset `extended`)."""
@@ -170,11 +170,11 @@ class Arena:
             return np.zeros((len(learned), self.bundle.config.modes), np.float32)
         assert rollouts is not None
         if self.settings.extended:
-            return teacher.cost_on_route(rollouts, weights, learned.type, learned.speed).astype(np.float32)
+            return cost_on_route(rollouts, weights, learned.type, learned.speed).astype(np.float32)
         lane_heading, limit, on_lane = lanes_here(learned, self._points)
         desired = np.minimum(self._desired[learned.type], limit)
         turned = learned.heading - lane_heading
-        return teacher.cost_without_route(rollouts, weights, desired, turned, on_lane).astype(np.float32)
+        return cost_without_route(rollouts, weights, desired, turned, on_lane).astype(np.float32)
 
     @property
     def world(self) -> WorldState:

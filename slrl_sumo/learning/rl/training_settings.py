@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
+from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_toml
 from slrl_sumo.learning.rl.arena import ArenaSettings
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.learning.rl.rewards import RewardWeights
-from slrl_sumo.learning.rl.teacher import TeacherWeights
 from slrl_sumo.models.policy import PRESETS, PolicyConfig
 
 Section = TypeVar("Section")
@@ -35,7 +35,7 @@ class TrainSettings:
 
     ppo: PpoSettings = field(default_factory=PpoSettings)
     reward: RewardWeights = field(default_factory=RewardWeights)
-    teacher: TeacherWeights = field(default_factory=TeacherWeights)
+    teacher: CostWeights = field(default_factory=CostWeights)
     arena: ArenaSettings = field(default_factory=lambda: ArenaSettings(staggered=True))
     policy: PolicyConfig = field(default_factory=PolicyConfig)
     networks: NetworkSettings = field(default_factory=NetworkSettings)

@@ -12,7 +12,19 @@ from torch.nn import functional
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.model_card import model_card
-from slrl_sumo.learning.supervised.modes import AT_ONCE, assign, cluster, curved
+from slrl_sumo.learning.supervised.modes import (
+    AT_ONCE,
+    AT_PRESENT,
+    AccelerationRanges,
+    Weigh,
+    acceleration_ranges,
+    assign,
+    balance,
+    balance_accelerations,
+    cluster,
+    curved,
+    relative_accelerations,
+)
 from slrl_sumo.learning.supervised.network_training import HEADING, rolled, train_displacement, train_prior
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle
@@ -31,14 +43,20 @@ MIRROR_BELOW = 20_000
 """A type with fewer windows than this is trained on their mirror images too. Left and right differ in traffic, but few
 road users cannot show how; on held-out recordings of HC and SDD mirroring lowered the errors of all types."""
 
-MODES_BY = ("relative", "kmeans", "balanced", "curved")
+MODES_BY = ("relative", "kmeans", "balanced", "curved", "accelerations")
 """Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
 the default because it predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
 destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight (modes.balance).
 `curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so that some modes
-decelerate in a turn; the displacement models then learn these 2 s."""
+decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles, acceleration and
+lateral acceleration of the first 1.2 s relative to what was recorded at that speed (modes.relative_accelerations), so
+that modes brake, keep their speed and speed up with fine and with sharp steering at every speed; the models learn these
+1.2 s."""
 
-BALANCED = ("balanced", "curved")
+HORIZONS = {"curved": AT_ONCE, "accelerations": AT_PRESENT}
+"""Intervals that the models of these modes learn; of all others, the whole window."""
+
+Ranges = dict[RoadUserType, AccelerationRanges]
 
 TURNING = 0.02
 """rad/s; a road user with a higher yaw rate is turning."""
@@ -115,10 +133,11 @@ def _fit(
     few |= mirror
     train = joined([train, mirrored(train.take(few[train.type]))])
     centres = np.zeros((len(RoadUserType), config.modes, 2))
+    known = ranges(train, types) if modes == "accelerations" else {}
+    goal = goals(train, modes, known)
     for t in types:
-        goal = goals(train, modes)[train.type == t]
-        centres[t] = cluster(goal, config.modes, seed, TYPE_NAMES[t], balanced=modes in BALANCED)
-    mode = _modes_of(train, modes, centres)
+        centres[t] = cluster(goal[train.type == t], config.modes, seed, TYPE_NAMES[t], weigh=weigh(modes, t))
+    mode = _modes_of(train, modes, centres, known)
     counts = np.stack([np.bincount(mode[train.type == t], minlength=config.modes) for t in RoadUserType])
 
     models = DisplacementModels(config.modes, config.displacement_hidden)
@@ -127,8 +146,8 @@ def _fit(
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train, types)
     generator = torch.Generator().manual_seed(seed)
-    # `curved` modes describe a turn of 2 s; models trained for longer would continue it in circles.
-    horizon = AT_ONCE if modes == "curved" else FUTURE
+    # These modes describe the next 1 to 2 s; models trained for longer would continue a turn in circles.
+    horizon = HORIZONS.get(modes, FUTURE)
     train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
     train_prior(prior, train, mode, epochs, generator)
 
@@ -140,6 +159,7 @@ def _fit(
         "epochs": epochs,
         "modes": config.modes,
         "modes_by": modes,
+        "acceleration_ranges": {TYPE_NAMES[t]: one.to_json() for t, one in known.items()},
         "forget": forget,
         "mirrored": [TYPE_NAMES[t] for t in types if few[t]],
         "left_out": left_out,
@@ -151,7 +171,7 @@ def _fit(
             "scikit_learn": sklearn.__version__,
         },
         "types": {
-            TYPE_NAMES[t]: _measured(models, prior, every, held_out, centres, counts[t], modes, t) for t in types
+            TYPE_NAMES[t]: _measured(models, prior, every, held_out, centres, counts[t], modes, known, t) for t in types
         },
     }
     return ModelBundle(
@@ -194,8 +214,20 @@ def _left_out(every: Windows, held_out: NDArray[np.bool_], modes: str, k: int) -
     return reasons
 
 
-def goals(every: Windows, modes: str) -> Floats:
-    """The quantity (N, 2) that modes of this kind (one of MODES_BY) cluster: m, or the result of `curved`."""
+def ranges(every: Windows, types: Sequence[RoadUserType]) -> Ranges:
+    """The ranges of accelerations of vehicles, which `goals` needs for `accelerations`."""
+    result: Ranges = {}
+    for t in types:
+        if t == RoadUserType.PEDESTRIAN:
+            continue
+        mine = every.type == t
+        result[t] = acceleration_ranges(every.vector[mine, SPEED].astype(np.float64), every.path[mine])
+    return result
+
+
+def goals(every: Windows, modes: str, known: Ranges | None = None) -> Floats:
+    """The quantity (N, 2) that modes of this kind (one of MODES_BY) cluster: m, or the result of `curved` or
+    `relative_accelerations` (by their ranges, `known`) for vehicles."""
     if modes == "relative":
         return every.relative
     if modes == "curved":
@@ -204,12 +236,25 @@ def goals(every: Windows, modes: str) -> Floats:
             mine = every.type == kind
             goal[mine] = curved(goal[mine], every.path[mine, AT_ONCE - 1], kind)
         return goal
+    if modes == "accelerations":
+        goal = every.destination.copy()
+        for kind, one in (known or {}).items():
+            mine = every.type == kind
+            goal[mine] = relative_accelerations(every.vector[mine, SPEED].astype(np.float64), every.path[mine], one)
+        return goal
     return every.destination
 
 
-def _modes_of(every: Windows, modes: str, centres: Floats) -> Longs:
+def weigh(modes: str, kind: RoadUserType) -> Weigh | None:
+    """How the clustering of this kind (one of MODES_BY) weighs the windows of a type; None: equally."""
+    if modes == "accelerations" and kind != RoadUserType.PEDESTRIAN:
+        return balance_accelerations
+    return balance if modes in ("balanced", "curved", "accelerations") else None
+
+
+def _modes_of(every: Windows, modes: str, centres: Floats, known: Ranges) -> Longs:
     """The mode of each window, (N,)."""
-    goal, mode = goals(every, modes), np.zeros(len(every), np.int64)
+    goal, mode = goals(every, modes, known), np.zeros(len(every), np.int64)
     for t in RoadUserType:
         mode[every.type == t] = assign(goal[every.type == t], centres[t])
     return mode
@@ -236,7 +281,7 @@ def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[Road
         if t == RoadUserType.PEDESTRIAN:
             models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
         elif fast.any():
-            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[fast]) / after[fast], 99))
+            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[fast]) / after[fast], 99.7))
         models.max_speed[t] = float(np.percentile(before[train.type == t], 99))
 
 
@@ -260,12 +305,13 @@ def _measured(
     centres: Floats,
     counts: Longs,
     modes: str,
+    known: Ranges,
     t: RoadUserType,
 ) -> dict[str, Any]:
     """The training record of one type: sizes, errors on its held-out windows, bounds."""
     mine = every.type == t
     test, train = every.take(held_out & mine), every.take(~held_out & mine)
-    true = torch.from_numpy(_modes_of(test, modes, centres))
+    true = torch.from_numpy(_modes_of(test, modes, centres, known))
     vector, kind = torch.from_numpy(test.vector), torch.from_numpy(test.type)
     target = torch.from_numpy(test.displacement).float()
     acceleration, yaw_rate = (both.gather(1, true[:, None])[:, 0] for both in models.motion_all(vector, kind))

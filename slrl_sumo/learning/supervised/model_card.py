@@ -13,8 +13,13 @@ MODES_BY_TEXT = {
     "balanced": "K-Means of the position after 4.8 s, balanced between turning and going straight",
     "curved": "K-Means of the distance after 4.8 s and the curvature of the first 2 s (pedestrians: of the position "
     "after 4.8 s), balanced between turning and going straight",
+    "accelerations": "K-Means of acceleration and lateral acceleration over the first 1.2 s, relative to what "
+    "was recorded at that speed (pedestrians: of the position after 4.8 s), balanced",
 }
 """Clustered quantity by the names of `slrl-sumo fit --modes`."""
+
+LEARNED = {"curved": "the first 2 s", "accelerations": "the first 1.2 s"}
+"""Part of the windows that the models learn, where it is not all of them."""
 
 
 def model_card(name: str, training: dict[str, Any]) -> str:
@@ -124,7 +129,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "",
             f"`slrl-sumo fit`, seed {training['seed']}, {training['epochs']} epochs of Adam. Modes: "
             f"{MODES_BY_TEXT[training['modes_by']]}. Displacement models: trained on the path of the bounded motion "
-            f"over {'the first 2 s' if training['modes_by'] == 'curved' else '4.8 s'}, with random headings. "
+            f"over {LEARNED.get(training['modes_by'], '4.8 s')}, with random headings. "
             f"Mirrored windows added: {', '.join(training['mirrored']) or 'none'}. "
             f"slrl_sumo {training['versions']['slrl_sumo']}, torch {training['versions']['torch']}, "
             f"scikit-learn {training['versions']['scikit_learn']}.",

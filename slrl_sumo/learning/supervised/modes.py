@@ -1,12 +1,15 @@
 """Modes: clusters of where road users of one type are 12 intervals later (paper, section 3.2)."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 ENOUGH = 200_000
 """Distinct destinations beyond which K-Means uses a random sample: 20 centres in the plane need no more."""
@@ -29,8 +32,24 @@ BEND = {RoadUserType.CAR: 0.22, RoadUserType.BICYCLE: 0.13}
 AT_ONCE = 5
 """Intervals, 2 s, over which the curvature is measured."""
 
+AT_PRESENT = 3
+"""Intervals, 1.2 s, over which relative accelerations are measured: turns at corners take hardly longer, and means over
+2 s are wider than these turns."""
+
 SHORT = 2.0
 """m below which the curvature of a path is unreliable."""
+
+SPEED_BIN, FEWEST = 1.0, 300
+"""m/s, and windows of the bins of speed in which ranges of accelerations are measured."""
+EXTREME = 99.5
+"""Percentile that counts as nearly the highest."""
+LEAST = 0.1
+"""m/s²: smallest range."""
+CELL, EVENLY = 0.2, 0.9
+"""Size of the cells of `balance_accelerations`, and its exponent: a cell of n windows has the weight of n to the power
+of 1 - EVENLY."""
+MOST = 1.3
+"""Relative accelerations beyond this count as this: outliers must not be modes."""
 
 
 def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
@@ -56,13 +75,101 @@ def curved(destinations: Floats, near: Floats, kind: RoadUserType) -> Floats:
     the right and straight on are close together, so that K-Means puts them into one mode, which decelerates straight
     on, and no mode decelerates in a turn. A turn at a junction takes about half of the 4.8 s. Roots of distances,
     because 2 m and 5 m differ as much as 40 m and 50 m."""
-    distance, first = (np.hypot(place[:, 0], place[:, 1]) for place in (destinations, near))
-    curvature = 2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(first, SHORT)
+    distance, curvature = np.hypot(destinations[:, 0], destinations[:, 1]), _curvature(near)
     return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND[kind]], -1)
 
 
-def cluster(destinations: Floats, k: int, seed: int, name: str = "road user", *, balanced: bool = False) -> Floats:
-    """Centres (k, 2) of K-Means over destinations (N, 2), both m in the ego frame; `balanced`: see `balance`.
+Weigh = Callable[[Floats, NDArray[np.int64]], Floats]
+"""Gives the weights of distinct points (N, 2) that occur so many times, (N,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerationRanges:
+    """What one type was recorded to do at each speed: the scale of `relative_accelerations`."""
+
+    speeds: Floats
+    """m/s, (k,), rising."""
+    forward: Floats
+    """m/s²: nearly the highest acceleration, (k,)."""
+    braking: Floats
+    """m/s²: nearly the highest deceleration, (k,)."""
+    lateral: Floats
+    """m/s²: nearly the highest lateral acceleration to either side, (k,)."""
+
+    def to_json(self) -> dict[str, list[float]]:
+        """Plain values, for the training record of a bundle."""
+        return {field.name: np.round(getattr(self, field.name), 4).tolist() for field in fields(self)}
+
+
+def acceleration_ranges(speed: Floats, path: Floats) -> AccelerationRanges:
+    """The ranges of windows at `speed` (N,) m/s with `path` (N, 12, 2) m, in bins of SPEED_BIN."""
+    forward, lateral = _accelerations(speed, path)
+    bins = (speed / SPEED_BIN).astype(np.intp)
+    rows = [np.flatnonzero(bins == k) for k in range(int(bins.max(initial=0)) + 1)]
+    # Empty and sparse bins at high speeds would make the extremes of few windows a scale.
+    rows = [one for one in rows if len(one) >= FEWEST] or [np.arange(len(speed))]
+    extremes = [
+        (
+            speed[one].mean(),
+            np.percentile(forward[one], EXTREME),
+            -np.percentile(forward[one], 100.0 - EXTREME),
+            np.percentile(np.abs(lateral[one]), EXTREME),
+        )
+        for one in rows
+    ]
+    speeds, *ranges = np.array(extremes).T
+    return AccelerationRanges(speeds, *(np.maximum(values, LEAST) for values in ranges))
+
+
+def relative_accelerations(speed: Floats, path: Floats, ranges: AccelerationRanges) -> Floats:
+    """Mean acceleration and lateral acceleration of the first 1.2 s relative to those recorded at that speed, (N, 2).
+
+    Clusters of these contain hard and gentle braking, no, moderate and full acceleration at every speed, each with fine
+    and sharp steering; destinations do not: at 12 m/s, gentle turns without braking are all in one cluster with going
+    straight. Of the lateral acceleration the signed root, so that fine steering is told apart. `speed` (N,) m/s,
+    `path` (N, 12, 2) m.
+    """
+    forward, lateral = _accelerations(speed, path)
+    highest = np.interp(speed, ranges.speeds, ranges.forward)
+    hardest = np.interp(speed, ranges.speeds, ranges.braking)
+    aside = lateral / np.interp(speed, ranges.speeds, ranges.lateral)
+    along = np.where(forward > 0.0, forward / highest, forward / hardest)
+    return np.stack([np.clip(along, -MOST, MOST), np.clip(np.sign(aside) * np.sqrt(np.abs(aside)), -MOST, MOST)], -1)
+
+
+def _accelerations(speed: Floats, path: Floats) -> tuple[Floats, Floats]:
+    """Mean acceleration and lateral acceleration (to the left) over AT_PRESENT intervals, m/s², (N,) each."""
+    steps = np.diff(path[:, :AT_PRESENT], axis=1, prepend=0.0)
+    length = np.hypot(steps[..., 0], steps[..., 1]).sum(1)
+    time = AT_PRESENT * DECISION_INTERVAL
+    # SUMO's Euler update: after k intervals v + k a dt, so that the distance is v t + a dt² (1 + ... + AT_PRESENT).
+    forward = (length - speed * time) / (DECISION_INTERVAL**2 * AT_PRESENT * (AT_PRESENT + 1) / 2)
+    return forward, _curvature(path[:, AT_PRESENT - 1]) * (length / time) ** 2
+
+
+def _curvature(near: Floats) -> Floats:
+    """1/m of the circles tangent to the heading through the places `near` (N, 2) m, ego frame; (N,)."""
+    distance = np.hypot(near[:, 0], near[:, 1])
+    return np.asarray(2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(distance, SHORT))
+
+
+def balance_accelerations(relative: Floats, counts: NDArray[np.int64]) -> Floats:
+    """As `balance` for relative accelerations (N, 2), sorted into square cells of CELL: nearly all of traffic goes
+    straight on at nearly constant speed."""
+    _, cell = np.unique(np.round(relative / CELL).astype(np.int64), axis=0, return_inverse=True)
+    return np.asarray(counts * np.bincount(cell, counts)[cell] ** -EVENLY, np.float64)
+
+
+def cluster(
+    destinations: Floats,
+    k: int,
+    seed: int,
+    name: str = "road user",
+    *,
+    weigh: Weigh | None = None,
+) -> Floats:
+    """Centres (k, 2) of K-Means over destinations (N, 2), both m in the ego frame, or over relative accelerations;
+    `weigh`: `balance`, or `balance_accelerations`.
 
     Sorted by distance from the road user, then by angle, and rounded to mm, so that the same data and seed give the
     same centres whatever the number of threads. Raises InputError where there are fewer than k distinct destinations;
@@ -80,7 +187,7 @@ def cluster(destinations: Floats, k: int, seed: int, name: str = "road user", *,
     if len(distinct) > ENOUGH:
         rows = np.random.default_rng(seed).choice(len(distinct), ENOUGH, replace=False)
         distinct, weight = distinct[rows], weight[rows]
-    weights = balance(distinct, weight) if balanced else weight
+    weights = weigh(distinct, weight) if weigh else weight
     found: Floats = KMeans(k, n_init=4, random_state=seed).fit(distinct, sample_weight=weights).cluster_centers_
     centres = np.round(found, 3) + 0.0  # + 0.0 makes -0.0 plain 0.0
     order = np.lexsort((np.arctan2(centres[:, 1], centres[:, 0]), np.hypot(centres[:, 0], centres[:, 1])))

@@ -8,11 +8,11 @@ import numpy as np
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.learning.supervised.fit import BALANCED, MODES_BY, goals
+from slrl_sumo.learning.supervised.fit import MODES_BY, goals, ranges, weigh
 from slrl_sumo.learning.supervised.modes import assign, cluster
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.displacement import MODES
-from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 from slrl_sumo.studies.prediction.plots import draw_modes
 
 MODES_FILES = ("modes.csv", "modes-*.png")
@@ -32,8 +32,8 @@ def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int, typ
             mine = every.take(every.type == t)
             modes = {}
             for name in MODES_BY:
-                goal = goals(mine, name)
-                centres = cluster(goal, MODES, seed, TYPE_NAMES[t], balanced=name in BALANCED)
+                goal = goals(mine, name, ranges(mine, (RoadUserType(t),)))
+                centres = cluster(goal, MODES, seed, TYPE_NAMES[t], weigh=weigh(name, RoadUserType(t)))
                 modes[name] = assign(goal, centres)
                 counts = np.bincount(modes[name], minlength=MODES)
                 rows += [(name, TYPE_NAMES[t], mode, *centres[mode], counts[mode]) for mode in range(MODES)]

@@ -8,10 +8,10 @@ import pytest
 
 from slrl_sumo.agent.decide import choose
 from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.selectors import PriorSelector
 from slrl_sumo.learning.rl.arena import Arena, ArenaSettings, lanes_here, recorded_speed
 from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights, weighted
-from slrl_sumo.learning.rl.teacher import TeacherWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
@@ -138,7 +138,7 @@ def test_recorded_speed_is_plausible_for_each_type(bundle: ModelBundle) -> None:
 def test_the_teacher_holds_collisions_against_modes(bundle: ModelBundle) -> None:
     with Arena(find_scenario("intersection"), bundle, SETTINGS, 3) as arena:
         assert not arena.teacher_costs().any()
-    weights = TeacherWeights(collision=7.0, off_surface=0.0, speed=0.0, lane=0.0)
+    weights = CostWeights(collision=7.0, off_surface=0.0, speed=0.0, lane=0.0)
     with Arena(find_scenario("intersection"), bundle, replace(SETTINGS, teacher=weights), 3) as arena:
         for _ in range(5):
             arena.step(np.zeros(24, np.int64))
@@ -155,7 +155,7 @@ def test_the_teacher_holds_collisions_against_modes(bundle: ModelBundle) -> None
         np.testing.assert_allclose(cost[cars], expected, atol=1e-5)
 
 
-EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, extended=True, teacher=TeacherWeights())
+EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, extended=True, teacher=CostWeights())
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 import torch
 
+from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.arena import ArenaSettings
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
-from slrl_sumo.learning.rl.teacher import TeacherWeights
 from slrl_sumo.learning.rl.train import TrainRequest, train
 from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings, read_settings
 from slrl_sumo.models.bundle import load_bundle
@@ -158,7 +158,7 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     assert settings.arena.staggered
     assert settings.policy.channels == (4,)
     assert settings.policy.preset == "extended"
-    assert settings.teacher == TeacherWeights(heading_error=7.0)
+    assert settings.teacher == CostWeights(heading_error=7.0)
     # Without asking for it, a policy needs no routes.
     assert TrainSettings().policy.preset == "paper"
 

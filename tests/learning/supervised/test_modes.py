@@ -4,9 +4,19 @@ from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.supervised import modes
-from slrl_sumo.learning.supervised.modes import BEND, GENTLE, assign, balance, cluster, curved
+from slrl_sumo.learning.supervised.modes import (
+    BEND,
+    GENTLE,
+    acceleration_ranges,
+    assign,
+    balance,
+    balance_accelerations,
+    cluster,
+    curved,
+    relative_accelerations,
+)
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 
 def blobs(random: np.random.Generator, middles: list[tuple[float, float]], each: int = 200) -> Floats:
@@ -32,7 +42,7 @@ def test_balanced_modes_give_turns_more_than_their_share() -> None:
     straight = np.stack([random.uniform(0, 40, 9800), random.normal(0, 0.5, 9800)], -1)
     turning = np.stack([random.uniform(5, 15, 200), random.uniform(5, 15, 200) * random.choice([-1, 1], 200)], -1)
     points = np.concatenate([straight, turning])
-    plain, balanced = (cluster(points, 20, 1, balanced=b) for b in (False, True))
+    plain, balanced = (cluster(points, 20, 1, weigh=how) for how in (None, balance))
     far = [np.abs(np.arctan2(centres[:, 1], centres[:, 0])) > 0.4 for centres in (plain, balanced)]
     assert far[1].sum() >= far[0].sum() + 3
     # The few that turn are nearer to their mode, those that go straight not much farther from theirs.
@@ -77,7 +87,7 @@ def test_curved_modes_tell_slow_turns_apart() -> None:
     points = np.concatenate([straight, on_circle(turn)])
     first = np.concatenate([0.4 * straight, on_circle(0.5 * turn)])
     for goal, apart in ((points, False), (curved(points, first, RoadUserType.CAR), True)):
-        mode = assign(goal, cluster(goal, 20, 1, balanced=apart))
+        mode = assign(goal, cluster(goal, 20, 1, weigh=balance if apart else None))
         one, other = set(mode[9600:][left > 0].tolist()), set(mode[9600:][left < 0].tolist())
         assert (not one & other and not (one | other) & set(mode[:9600].tolist())) == apart
 
@@ -110,3 +120,47 @@ def test_a_share_is_enough_where_there_are_many(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(KMeans, "fit", fit)
     np.testing.assert_allclose(cluster(points, 3, 0), middles, atol=0.05)
     assert seen == [500]
+
+
+def accelerated(speed: Floats, forward: Floats, yaw_rate: Floats) -> Floats:
+    """Paths (N, 12, 2) at constant acceleration and yaw rate, as SUMO and `advance` move vehicles."""
+    after = np.arange(1, 13) * DECISION_INTERVAL
+    distance = np.maximum(speed[:, None] + forward[:, None] * after, 0.0) * DECISION_INTERVAL
+    heading = yaw_rate[:, None] * (after - 0.5 * DECISION_INTERVAL)
+    return np.stack([distance * np.cos(heading), distance * np.sin(heading)], -1).cumsum(axis=1)
+
+
+def test_relative_accelerations_are_shares_of_what_was_recorded_at_that_speed() -> None:
+    rng = np.random.default_rng(0)
+    speed = rng.uniform(2.0, 14.0, 40_000)
+    # What is possible falls with speed: 3 m/s² at 2 m/s, 1 m/s² at 14 m/s; sideways 2 m/s² everywhere.
+    most = 3.0 - (speed - 2.0) / 6.0
+    share, aside = rng.uniform(-1.0, 1.0, (2, len(speed)))
+    path = accelerated(speed, share * most, 2.0 * aside / speed)
+    known = acceleration_ranges(speed, path)
+    found = relative_accelerations(speed, path, known)
+    assert found[:, 0] == pytest.approx(share, abs=0.2)
+    gentle = np.abs(share) < 0.2
+    # The circle through a place after 1.2 s is a little wider than the first one.
+    assert found[gentle, 1] == pytest.approx(np.sign(aside[gentle]) * np.sqrt(np.abs(aside[gentle])), abs=0.4)
+    assert np.corrcoef(found[:, 1], np.sign(aside) * np.sqrt(np.abs(aside)))[0, 1] > 0.97
+    assert known.to_json().keys() == {"speeds", "forward", "braking", "lateral"}
+
+
+def test_modes_of_accelerations_accelerate_and_steer_at_every_speed() -> None:
+    """Nine of ten go straight on at constant speed: modes for the others are there all the same."""
+    rng = np.random.default_rng(1)
+    speed = rng.uniform(2.0, 14.0, 20_000)
+    rare = rng.random(20_000) < 0.1
+    forward, lateral = np.where(rare, rng.uniform(-3.0, 2.0, 20_000), 0.0), np.where(rare, rng.normal(0, 1, 20_000), 0)
+    path = accelerated(speed, forward, lateral / speed)
+    goal = relative_accelerations(speed, path, acceleration_ranges(speed, path))
+    mode = assign(goal, cluster(goal, 20, 1, weigh=balance_accelerations))
+    for slow, fast in ((2.0, 5.0), (11.0, 14.0)):
+        here = (speed > slow) & (speed < fast)
+        means = np.array([[v[here & (mode == k)].mean() for v in (forward, lateral)] for k in set(mode[here].tolist())])
+        assert (means[:, 0] > 1.3).any()
+        assert (means[:, 0] < -2.0).any()
+        without_braking = means[np.abs(means[:, 0]) < 0.7, 1]
+        assert (np.abs(without_braking) > 1.2).any()
+        assert ((np.abs(without_braking) > 0.1) & (np.abs(without_braking) < 0.8)).any()
