@@ -19,11 +19,13 @@ EASING = 3.0
 class Constraints:
     """Which rules apply beside the policy; the fields are their names, in the order in which they apply.
 
-    `path_smoothing`, `guard`, `deadlock_release` and `standing_still` need routes, and do nothing without them.
+    All but `speed_cap` need routes, and do nothing without them.
     """
 
     path_smoothing: bool = True
     """Paths are as round, and speeds in curves as low, as the models need (agent.path_smoothing)."""
+    steering_residual: bool = True
+    """Inside a mode, vehicles correct their steering towards their path, within bounds (lookahead.steering)."""
     guard: bool = False
     """No modes that lead into a conflict (agent.guard)."""
     deadlock_release: bool = True

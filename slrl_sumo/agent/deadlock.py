@@ -48,7 +48,9 @@ class DeadlockTimer:
         """
         route = context.route
         waits = route.stop < WAITING
-        standing = route.known & (users.speed < STANDING) & ~route.closed & ~waits
+        # Inside a junction, a red signal at the next one is no reason to stand.
+        closed = route.closed & ~np.isfinite(route.entered)
+        standing = route.known & (users.speed < STANDING) & ~closed & ~waits
         rows = np.flatnonzero(standing).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []
         stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) + DECISION_INTERVAL for row in rows}
@@ -65,7 +67,7 @@ class DeadlockTimer:
         tolerance = np.zeros(len(users))
         if forced:
             tolerance[:] = [forced[name][1] if name in forced else 0.0 for name in users.ids]
-        return np.where(route.closed | waits, 0.0, tolerance)
+        return np.where(closed | waits, 0.0, tolerance)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop road users that begin anew."""

@@ -27,6 +27,9 @@ from slrl_sumo.perception.route_context import RouteContext, route_context
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 
+STEERED = 0.01
+"""rad/s from which a correction of the steering counts as a change."""
+
 Changed = dict[str, NDArray[np.bool_]]
 """By the name of a constraint: which decisions it changed, (n,)."""
 
@@ -96,7 +99,8 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
         return Situation(scene, observation, None, rollouts, {}, changed)
     # Constraints judge modes along the routes, also where the selector knows no routes.
     guarded = agent.constraints.guard
-    judged = mode_rollouts(bundle, observation, scene, context, agent.capability, off_route=guarded)
+    steers = agent.constraints.steering_residual and seen is not None
+    judged = mode_rollouts(bundle, observation, scene, context, agent.capability, off_route=guarded, steering=steers)
     masks = {} if last_look else _masks(scene, agent, context, judged)
     rollouts = mode_rollouts(bundle, observation, scene) if selector.needs_rollouts and seen is None else judged
     return Situation(scene, observation, context, rollouts, masks, changed)
@@ -145,6 +149,8 @@ def decide(situation: Situation, agent: Agent, ids: Sequence[Hashable] | None = 
     else:
         each = np.arange(len(modes))
         acceleration, yaw_rate = situation.rollouts.acceleration[each, modes], situation.rollouts.yaw_rate[each, modes]
+        if situation.rollouts.steering_residual is not None:
+            changed["steering_residual"] = np.abs(situation.rollouts.steering_residual[each, modes]) > STEERED
     speed, kind = scene.world.speed[scene.rows], scene.world.type[scene.rows]
     max_speed = np.full(len(modes), np.inf)
     if rules.speed_cap:

@@ -10,6 +10,7 @@ from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.decide import Agent, Changed, Situation, consider, decide
 from slrl_sumo.agent.lane_driver import LaneDriver
 from slrl_sumo.agent.path_smoothing import too_sharp
+from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.agent.selectors import Modes, PolicySelector, PriorSelector, Selector
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
@@ -26,9 +27,10 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
 
-SELECTORS = ("prior", "greedy", "sampled", "lane")
-"""`prior`: the bundle's mode classifier; `greedy` and `sampled`: the most probable mode of its trained policy, or one
-sampled from it; `lane`: the baseline that follows lanes and routes, without models."""
+SELECTORS = ("prior", "rule", "greedy", "sampled", "lane")
+"""`prior`: the bundle's mode classifier; `rule`: the mode of the least cost, without learning; `greedy` and `sampled`:
+the most probable mode of its trained policy, or one sampled from it; `lane`: the baseline that follows lanes, without
+models."""
 
 GUARDED = "+guard"
 """Suffix of a selector's name in tables where it runs with the guard."""
@@ -187,15 +189,18 @@ def unknown_selector(name: str) -> InputError:
 
 
 def usual_selector(bundle: ModelBundle) -> str:
-    """The selector where none is named: the most probable mode of the trained policy, else the prior."""
-    return "prior" if bundle.policy is None else "greedy"
+    """The selector where none is named: `rule`; for bundles with a policy as in the paper, that policy."""
+    paper = bundle.policy is not None and bundle.policy.config.preset == "paper"
+    return "greedy" if paper else "rule"
 
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:
-    """The selector `prior`, `greedy` or `sampled`. Raises InputError where the bundle has no trained policy."""
+    """The selector `prior`, `rule`, `greedy` or `sampled`. Raises InputError where the bundle has no trained policy."""
     uniform = np.random.default_rng(seed).random
     if name == "prior":
         return PriorSelector(bundle, uniform)
+    if name == "rule":
+        return RuleSelector()
     return PolicySelector(bundle, uniform if name == "sampled" else None)
 
 

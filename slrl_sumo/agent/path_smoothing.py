@@ -15,7 +15,7 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 SPARE = 0.95
 """Share of the largest curvature that a path may ask for: the rest is for the way back to the path."""
-COMFORT = 3.0
+COMFORT = 4.0
 """m/s²: largest lateral acceleration in a curve."""
 STRAIGHT = 1e-3
 """1/m: a smaller curvature counts as straight."""
@@ -34,7 +34,7 @@ NEIGHBOURS = 3
 CHORD = 3
 """Points from one end to the other of the chords that measure curvature: lanes are drawn with corners."""
 
-FOLLOWED = 3.0
+FOLLOWED = 1.6
 """m that smoothing may move a path: in a turn that it moves further, road users would leave their lane altogether. The
 corners of the shipped scenarios are moved by up to 2.5 m, a bend of 130 degrees drawn without a radius by 7 m."""
 

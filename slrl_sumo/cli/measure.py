@@ -101,9 +101,7 @@ def compare(
     ] = None,
     selector: Annotated[
         str | None,
-        typer.Option(
-            help="prior, greedy, sampled or lane. [default: greedy where the bundle has a trained selector, else prior]"
-        ),
+        typer.Option(help="prior, rule, greedy, sampled or lane. [default: rule; greedy for bundles as in the paper]"),
     ] = None,
     guard: Annotated[
         bool, typer.Option("--guard", help="Do not choose modes that run into a conflict where others are left.")

@@ -39,8 +39,8 @@ def run(
     selector: Annotated[
         str | None,
         typer.Option(
-            help="Chooses the modes: prior, greedy or sampled; or lane: the baseline without models. "
-            "[default: greedy where the bundle has a trained selector, else prior]"
+            help="Chooses the modes: prior, rule, greedy or sampled; or lane: the baseline without models. "
+            "[default: rule; greedy for bundles as in the paper]"
         ),
     ] = None,
     guard: Annotated[

@@ -1,15 +1,17 @@
 """Which mode paths lead into the expected box of another road user, and how soon."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.forecast import Boxes
 from slrl_sumo.lookahead.mode_paths import ModePaths
+from slrl_sumo.lookahead.precedence import Precedence, goes_first
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Box, Floats
-from slrl_sumo.scene.kernels import overlap
+from slrl_sumo.scene.kernels import clearance, overlap
 from slrl_sumo.scene.state import WorldState
 
 REACH = 30.0
@@ -19,20 +21,52 @@ MARGIN = np.array([0.4, 0.4, 0.15])
 below 0.15 m. Without routes 0.4 for all types: selectors of the preset `paper` learned with that."""
 STANDING = 0.2
 """m/s."""
+DEEPER = 0.05
+"""m by which road users in contact may come closer."""
 SLACK = 1e-6
 """m by which circles are larger than the boxes in them."""
 
 
+class Others(NamedTuple):
+    """What is expected of all road users of a world."""
+
+    boxes: Boxes
+    """If they go on as they do now."""
+    yielding: Boxes
+    """If they wait for the road user whose modes are judged."""
+    order: Precedence
+    """Which of them wait."""
+
+
 def collision_scores(
-    paths: ModePaths, excused: NDArray[np.bool_], boxes: Boxes, world: WorldState, rows: NDArray[np.intp]
+    paths: ModePaths, excused: NDArray[np.bool_], others: Others, world: WorldState, rows: NDArray[np.intp]
 ) -> Floats:
     """How soon each mode collides: 0 where it does not within STEPS, up to 1 where it does at once, (n, modes).
 
-    `paths`: of the n road users `rows` of `world`; `boxes`: of all its road users, of which those within REACH count.
+    `paths`: of the n road users `rows` of `world`; `others`: all its road users, of which those within REACH count.
     An `excused` road user, (n,), is not to blame where it stands by then, or where the other one comes from behind or
     is beside its rear.
     """
-    return _collision_scores(paths, excused, rows, boxes, world.x, world.y, np.argsort(world.x))
+    return _collision_scores(
+        paths,
+        excused,
+        rows,
+        others.boxes,
+        others.yielding,
+        others.order,
+        _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading)),
+        np.argsort(world.x),
+    )
+
+
+class _Now(NamedTuple):
+    """Where all road users are, (m,) each."""
+
+    x: Floats
+    y: Floats
+    cos: Floats
+    """Of the heading."""
+    sin: Floats
 
 
 @compiled
@@ -41,13 +75,15 @@ def _collision_scores(
     excused: NDArray[np.bool_],
     rows: NDArray[np.intp],
     boxes: Boxes,
-    now_x: Floats,
-    now_y: Floats,
+    yielding: Boxes,
+    precedence: Precedence,
+    now: _Now,
     order: NDArray[np.intp],
 ) -> Floats:
     """`order`: rows of all road users from west to east."""
     x, y, cos, sin, speed = paths.x, paths.y, paths.cos, paths.sin, paths.speed
-    their_x, their_y, their_cos, their_sin, size = boxes.x, boxes.y, boxes.cos, boxes.sin, boxes.size
+    size = boxes.size
+    now_x, now_y, now_cos, now_sin = now.x, now.y, now.cos, now.sin
     n, steps, modes = x.shape
     m = len(order)
     scores = np.zeros((n, modes))
@@ -55,7 +91,8 @@ def _collision_scores(
     # Pairs that may touch are found by axis-aligned bounds, ever smaller ones: of a whole path, then of the places of
     # all modes after one interval; then by circles round the boxes. Few boxes remain to be compared.
     bounds = _bounds(x, y)
-    their_bounds = _bounds(their_x.reshape(m, 1, steps), their_y.reshape(m, 1, steps))
+    going_bounds = _bounds(boxes.x.reshape(m, 1, steps), boxes.y.reshape(m, 1, steps))
+    yielding_bounds = _bounds(yielding.x.reshape(m, 1, steps), yielding.y.reshape(m, 1, steps))
     radius = np.empty(m)
     for other in range(m):
         radius[other] = 0.5 * math.sqrt(size[other, 0] ** 2 + size[other, 1] ** 2) + SLACK
@@ -83,10 +120,21 @@ def _collision_scores(
                 for step in range(steps):
                     x0, x1 = min(x0, bounds[i, step, 0]), max(x1, bounds[i, step, 1])
                     y0, y1 = min(y0, bounds[i, step, 2]), max(y1, bounds[i, step, 3])
+            waits = goes_first(me, other, precedence)
+            expected, their_bounds = (yielding, yielding_bounds) if waits else (boxes, going_bounds)
+            their_x, their_y, their_cos, their_sin = expected.x, expected.y, expected.cos, expected.sin
             touching = radius[me] + radius[other]
             dx = _between(x0, x1, their_bounds[other, 0, 0], their_bounds[other, 0, 1])
             if not _near(dx, _between(y0, y1, their_bounds[other, 0, 2], their_bounds[other, 0, 3]), touching):
                 continue
+            # In contact, what separates the two, or keeps them as they are, is no collision: else none could go on.
+            least = clearance(
+                now_x[other] - now_x[me],
+                now_y[other] - now_y[me],
+                Box(now_cos[me], now_sin[me], size[me, 0], size[me, 1]),
+                Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1]),
+            )
+            contact = least < 0.0
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
                 dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)
@@ -100,11 +148,24 @@ def _collision_scores(
                     c, s = cos[i, step, mode], sin[i, step, mode]
                     # A vehicle that stands by then is hit by the other one, and could not avoid that by driving on.
                     # Nor can it avoid one that comes from behind, or one beside its rear, which swings out in a turn.
-                    if excused[i] and (speed[i, step, mode] <= STANDING or c * dx + s * dy <= 0.0):
-                        continue
+                    if excused[i]:
+                        if speed[i, step, mode] <= STANDING:
+                            continue
+                        if c * dx + s * dy <= 0.0:
+                            # Ahead an interval before, it is driven through: at 12 m/s intervals are 5 m long.
+                            if step == 0:
+                                before = now_cos[me] * (now_x[other] - now_x[me])
+                                before += now_sin[me] * (now_y[other] - now_y[me])
+                            else:
+                                before = cos[i, step - 1, mode] * (their_x[other, step - 1] - x[i, step - 1, mode])
+                                before += sin[i, step - 1, mode] * (their_y[other, step - 1] - y[i, step - 1, mode])
+                            if before <= 0.0:
+                                continue
                     mine = Box(c, s, size[me, 0], size[me, 1])
                     theirs = Box(their_cos[other, step], their_sin[other, step], size[other, 0], size[other, 1])
-                    if overlap(dx, dy, mine, theirs):
+                    if overlap(dx, dy, mine, theirs) and not (
+                        contact and clearance(dx, dy, mine, theirs) > least - DEEPER
+                    ):
                         first[mode] = step
         if candidates:
             for mode in range(modes):

@@ -32,6 +32,10 @@ class PathFollowing(NamedTuple):
     y: Floats
 
 
+YIELD_BRAKING = 3.0
+"""m/s² with which vehicles that yield are expected to stop."""
+
+
 class Boxes(NamedTuple):
     """Expected boxes of m road users after each of STEPS intervals: (m, STEPS) each."""
 
@@ -57,13 +61,15 @@ def path_following(context: RouteContext | None, world: WorldState) -> PathFollo
     return PathFollowing(follows, context.lateral_offset, route.stop, route.x, route.y)
 
 
-def forecast_boxes(world: WorldState, following: PathFollowing, margin: Floats) -> Boxes:
+def forecast_boxes(world: WorldState, following: PathFollowing, margin: Floats, *, yielding: bool = False) -> Boxes:
     """Boxes of all road users of `world` after each interval, larger by the `margin` (m) of their type, (3,).
 
     Path-following vehicles keep their speed along the path up to the line before which they must stop; all others
-    keep speed and yaw rate.
+    keep speed and yaw rate. With `yielding`, path-following vehicles brake to a stop with YIELD_BRAKING instead.
     """
-    return _forecast(world.x, world.y, world.heading, world.speed, world.yaw_rate, following, sizes(world, margin))
+    braking = YIELD_BRAKING if yielding else 0.0
+    size = sizes(world, margin)
+    return _forecast(world.x, world.y, world.heading, world.speed, world.yaw_rate, following, size, braking)
 
 
 def sizes(users: WorldState, margin: Floats) -> Floats:
@@ -117,6 +123,7 @@ def _forecast(
     yaw_rate: Floats,
     following: PathFollowing,
     size: Floats,
+    braking: float,
 ) -> Boxes:
     n, dt = len(world_x), DECISION_INTERVAL
     path_x, path_y = following.x, following.y
@@ -127,7 +134,11 @@ def _forecast(
             most = max(following.stop[i], 0.0)
             for step in range(STEPS):
                 shift = following.lateral_offset[i] * _remaining(step, STEPS)
-                k, share = _piece(min((step + 1) * distance, most), path_x.shape[1])
+                covered = (step + 1) * distance
+                if braking > 0.0:
+                    time = min((step + 1) * dt, speed[i] / braking)
+                    covered = (speed[i] - 0.5 * braking * time) * time
+                k, share = _piece(min(covered, most), path_x.shape[1])
                 c, s = _direction(path_x, path_y, i, k)
                 x[i, step] = path_x[i, k] + share * (path_x[i, k + 1] - path_x[i, k]) - shift * s
                 y[i, step] = path_y[i, k] + share * (path_y[i, k + 1] - path_y[i, k]) + shift * c

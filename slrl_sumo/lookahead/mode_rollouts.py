@@ -6,11 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import MARGIN, collision_scores
+from slrl_sumo.lookahead.collision import MARGIN, Others, collision_scores
 from slrl_sumo.lookahead.forecast import bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
+from slrl_sumo.lookahead.precedence import precedence
 from slrl_sumo.lookahead.route_fit import RouteFit, route_fit
+from slrl_sumo.lookahead.steering import steering_residual
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.capability import Capability
 from slrl_sumo.perception.observation import Observation
@@ -42,6 +44,9 @@ class ModeRollouts:
     collision_off_route: Floats | None = None
     """As `collision`, on the path of the mode itself also for vehicles that follow a route; None unless asked for."""
 
+    steering_residual: Floats | None = None
+    """rad/s by which `yaw_rate` is more than that of the mode; None without the constraint."""
+
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Fields of this class and of RouteFit by name, for a network, (n, modes, len(names)); those of RouteFit are 0
         without routes."""
@@ -62,17 +67,19 @@ def mode_rollouts(
     capability: Capability | None = None,
     *,
     off_route: bool = False,
+    steering: bool = False,
 ) -> ModeRollouts:
     """Roll out all modes of the deciding road users of `scene`, which made the `observation`.
 
     Each road user alone follows a mode as `advance` would move it; all others keep speed and yaw rate. With `context`
     (and what the models can do, `capability`) vehicles that have a route follow it at the speeds of the mode, so that
     a collision does not depend on how they turn in the next moment. `off_route` also gives `collision_off_route`.
+    With `steering`, modes are corrected by lookahead.steering.
     """
     motions = bundle.displacement.motion_all(*tensors(observation))
     acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
     if scene.group is None:
-        return _judged(bundle, scene, acceleration, yaw_rate, context, capability, off_route)
+        return _judged(bundle, scene, acceleration, yaw_rate, context, capability, off_route, steering)
     collision, outside, speed, turn = (np.empty_like(acceleration) for _ in range(4))
     for part, places in scene.groups():
         one = _judged(bundle, part, acceleration[places], yaw_rate[places])
@@ -89,10 +96,16 @@ def _judged(
     context: RouteContext | None = None,
     capability: Capability | None = None,
     off_route: bool = False,
+    steering: bool = False,
 ) -> ModeRollouts:
     world, rows = scene.world, scene.rows
     users = world.take(rows)
-    paths = mode_paths(users, acceleration, yaw_rate, bundle.max_speed[users.type], halting=context is not None)
+    top, residual = bundle.max_speed[users.type], None
+    paths = mode_paths(users, acceleration, yaw_rate, top, halting=context is not None)
+    if context is not None and steering:
+        residual = steering_residual(context, users, rows, paths, yaw_rate, bundle.max_curvature)
+        yaw_rate = yaw_rate + residual
+        paths = mode_paths(users, acceleration, yaw_rate, top, halting=True)
     route = None if context is None else context.route
     outside = off_surface(paths, users.type, scene.road_map, rows, route)
     fit, excused = None, np.zeros(len(users), np.bool_)
@@ -101,11 +114,15 @@ def _judged(
     margin = np.full_like(MARGIN, MARGIN.max()) if context is None else MARGIN
     if context is not None and capability is not None:
         fit, excused = route_fit(context, capability, users, rows, paths, yaw_rate), following.follows[rows]
-    boxes = forecast_boxes(world, following, margin)
-    direct = collision_scores(paths, excused, boxes, world, rows) if off_route else None
+    others = Others(
+        forecast_boxes(world, following, margin),
+        forecast_boxes(world, following, margin, yielding=True),
+        precedence(context, following, len(world)),
+    )
+    direct = collision_scores(paths, excused, others, world, rows) if off_route else None
     if context is not None:
         bring_to_paths(paths, following, rows)
-    collision = collision_scores(paths, excused, boxes, world, rows)
+    collision = collision_scores(paths, excused, others, world, rows)
     return ModeRollouts(
         acceleration=acceleration,
         yaw_rate=yaw_rate,
@@ -115,4 +132,5 @@ def _judged(
         turn=HELD * DECISION_INTERVAL * yaw_rate,
         route=fit,
         collision_off_route=direct,
+        steering_residual=residual,
     )

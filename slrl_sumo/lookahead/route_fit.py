@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.models.capability import STOPPING, Capability
-from slrl_sumo.perception.route_context import RouteContext
+from slrl_sumo.perception.route_context import LEADER_BRAKES, RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
@@ -28,8 +28,8 @@ AT = 0.3
 """m: smallest distance to a stop in a ratio."""
 MAX_RATIO = 8.0
 """Largest ratio of stopping distance to distance."""
-HEADWAY = 0.5
-"""s behind a leader."""
+HEADWAY = np.array([1.1, 1.1, 0.5])
+"""s that each type keeps behind a leader."""
 MAX_OFFSET = 5.0
 """m: largest lateral offset that is told apart."""
 
@@ -83,9 +83,15 @@ def route_fit(
 def allowed_speed(context: RouteContext, capability: Capability, users: WorldState) -> Floats:
     """m/s at which each of the n road users of `context`, with states `users`, may go on, (n,): the desired speed, or
     the speed from which it stops comfortably where it must."""
-    within = np.minimum(context.stop_distance, context.follow_distance - HEADWAY * users.speed)
-    stopping = np.ascontiguousarray(capability.stopping)
-    return _allowed_speed(np.maximum(within, 0.0), users.type, context.route.desired, stopping)
+    here = _Here(
+        users.type,
+        context.route.known,
+        context.route.desired,
+        context.stop_distance,
+        context.follow_distance,
+        context.leader_speed,
+    )
+    return _allowed_speed(here, users.speed, np.ascontiguousarray(capability.stopping))
 
 
 class _Here(NamedTuple):
@@ -97,6 +103,23 @@ class _Here(NamedTuple):
     stop: Floats
     room: Floats
     leading: Floats
+
+
+@compiled
+def aim(offset: float, speed: float) -> float:
+    """rad by which a road user beside its path, `offset` m to the left of it, aims to the right of its direction."""
+    return min(max(math.atan(RETURN * offset / (speed + SLOW)), -AIM), AIM)
+
+
+@compiled
+def _within(stop: float, room: float, leading: float, headway: float) -> float:
+    """m within which a road user wants to be able to stop as hard as it can; its `headway` in m.
+
+    Both it and its leader brake less hard in comfort, so that the part of its `room` (m) that the leader's braking
+    gives is not shortened.
+    """
+    braking = leading * leading / (2.0 * LEADER_BRAKES)
+    return min(COMFORT_SHARE * stop, COMFORT_SHARE * (room - braking - headway) + braking)
 
 
 @compiled
@@ -122,28 +145,32 @@ def _route_fit(
         fast = slow = 0 * i  # not just 0: see _allowed_speed
         for mode in range(modes):
             first, speed = speeds[i, 0, mode], speeds[i, STEERED - 1, mode]
-            aim = math.atan(RETURN * offset[i, mode] / (speed + SLOW))
-            off = heading[i, mode] - direction[i, mode] + min(max(aim, -AIM), AIM)
+            off = heading[i, mode] - direction[i, mode] + aim(offset[i, mode], speed)
             heading_error[i, mode] = abs(wrapped(off))
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             stop_ratio[i, mode] = _ratio(needed, here.stop[i] - first * dt)
-            follow_ratio[i, mode] = _ratio(needed, here.room[i] + (ahead - (1.0 + HEADWAY / dt) * first) * dt)
+            follow_ratio[i, mode] = _ratio(
+                needed, here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
+            )
             covered = (first + speed) * dt
-            within = min(here.stop[i], here.room[i] + 2.0 * ahead * dt - HEADWAY * speed) - covered
-            allowed, slow = _interpolated(COMFORT_SHARE * within, ways, STOPPING, slow)
+            room = here.room[i] + 2.0 * ahead * dt - covered
+            within = _within(here.stop[i] - covered, room, ahead, HEADWAY[here.kind[i]] * speed)
+            allowed, slow = _interpolated(within, ways, STOPPING, slow)
             allowed = min(allowed, wanted)
             speed_error[i, mode] = min(max((speed - allowed) / max(allowed, 1.0), -1.0), 1.0)
     return RouteFit(heading_error, lateral_offset, speed_error, stop_ratio, follow_ratio)
 
 
 @compiled
-def _allowed_speed(within: Floats, kind: NDArray[np.int8], desired: Floats, stopping: Floats) -> Floats:
-    n = len(within)
+def _allowed_speed(here: _Here, speed: Floats, stopping: Floats) -> Floats:
+    n = len(speed)
     allowed, last = np.empty(n), 0 * n  # not just 0: it would be compiled for that number, then for any
     for i in range(n):
-        most, last = _interpolated(COMFORT_SHARE * within[i], stopping[kind[i]], STOPPING, last)
-        allowed[i] = min(most, desired[i])
+        headway = HEADWAY[here.kind[i]] * speed[i]
+        within = max(_within(here.stop[i], here.room[i], here.leading[i], headway), 0.0)
+        most, last = _interpolated(within, stopping[here.kind[i]], STOPPING, last)
+        allowed[i] = min(most, here.desired[i])
     return allowed
 
 

@@ -18,6 +18,10 @@ NEAREST = np.array([0.5, 0.5, 0.25])
 """m ahead from which a road user can be a leader: one beside the follower is none."""
 ALIKE = 1.1
 """rad between the directions of a path and of a road user on it, beyond which it crosses the path and does not lead."""
+BESIDE = 0.3
+"""m by which a road user beside the follower may reach into its way."""
+IN_WAY = 10.0
+"""m ahead within which a road user is in the way, so that its path has to be cleared first."""
 STANDING = 0.5
 """m/s below which any road user on the path counts, whatever its direction."""
 COS_ALIKE = math.cos(ALIKE)
@@ -47,21 +51,43 @@ class _Pairs(NamedTuple):
     """rad, of the path."""
 
 
-def leaders(route: RouteAhead, world: WorldState) -> tuple[Floats, Floats]:
-    """Gap between boxes along the path (m, inf: no leader within sight) and speed along it (m/s) of the nearest road
-    user on the path of each of the n road users of `route`, the first ones of `world`: (n,) each."""
-    n = len(route)
-    if len(world) < 2:
-        return np.full(n, np.inf), np.zeros(n)
-    room, reach = SIDE_GAP[world.type] + 0.5 * world.width, 0.5 * np.hypot(world.length, world.width)
-    follower, other = beside(route, room, world.x, world.y, reach)
-    pairs = _Pairs(follower, other, *on_path(route, world.x[other, None], world.y[other, None], follower))
-    return _leaders(n, pairs, _Users(world.type, world.heading, world.speed, world.length, world.width))
+class Leaders(NamedTuple):
+    """Leaders of n road users, and which road users are in the way of vehicles."""
+
+    gap: Floats
+    """m between boxes along the path, inf where there is no leader within sight, (n,)."""
+    speed: Floats
+    """m/s of the leader along the path, (n,)."""
+    row: NDArray[np.int64]
+    """The leader's row in the world, -1 where there is none, (n,)."""
+    in_way: NDArray[np.int64]
+    """`way_code` of each vehicle and each road user whose box is now on the vehicle's path, within IN_WAY m ahead of
+    its front, whatever its direction, (p,), sorted."""
 
 
 @compiled
-def _leaders(n: int, pairs: _Pairs, users: _Users) -> tuple[Floats, Floats]:
-    gap, leading = np.full(n, math.inf), np.zeros(n)
+def way_code(ego: int, other: int, users: int) -> int:
+    """One number for a pair of rows of a world of so many `users`."""
+    return ego * users + other
+
+
+def leaders(route: RouteAhead, world: WorldState) -> Leaders:
+    """The nearest road user on the path of each of the n road users of `route`, the first ones of `world`."""
+    n = len(route)
+    if len(world) < 2:
+        return Leaders(np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.zeros(0, np.int64))
+    room, reach = SIDE_GAP[world.type] + 0.5 * world.width, 0.5 * np.hypot(world.length, world.width)
+    follower, other = beside(route, room, world.x, world.y, reach)
+    pairs = _Pairs(follower, other, *on_path(route, world.x[other, None], world.y[other, None], follower))
+    users = _Users(world.type, world.heading, world.speed, world.length, world.width)
+    gap, speed, row, in_way = _leaders(n, pairs, users)
+    return Leaders(gap, speed, row, np.sort(in_way))
+
+
+@compiled
+def _leaders(n: int, pairs: _Pairs, users: _Users) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+    gap, leading, row = np.full(n, math.inf), np.zeros(n), np.full(n, -1)
+    in_way, found = np.empty(len(pairs.follower), np.int64), 0
     for pair in range(len(pairs.follower)):
         ego, other, along = pairs.follower[pair], pairs.other[pair], pairs.along[pair, 0]
         kind, length, width = users.type[ego], users.length[other], users.width[other]
@@ -70,12 +96,19 @@ def _leaders(n: int, pairs: _Pairs, users: _Users) -> tuple[Floats, Floats]:
         turn = users.heading[other] - pairs.direction[pair, 0]
         same, across = math.cos(turn), abs(math.sin(turn))
         ahead, wide = abs(same) * length + across * width, across * length + abs(same) * width
-        if abs(pairs.lateral_offset[pair, 0]) - 0.5 * wide - 0.5 * users.width[ego] >= SIDE_GAP[kind]:
+        clear = abs(pairs.lateral_offset[pair, 0]) - 0.5 * wide - 0.5 * users.width[ego]
+        if clear >= SIDE_GAP[kind]:
             continue
+        between = along - 0.5 * ahead - 0.5 * users.length[ego]
+        if kind != PEDESTRIAN and between < IN_WAY:
+            in_way[found] = way_code(ego, other, len(users.type))
+            found += 1
         # Pedestrians walk around a road user in their way, unless it waits where they want to wait.
         if not (same > COS_ALIKE or (kind != PEDESTRIAN and users.speed[other] < STANDING)):
             continue
-        between = along - 0.5 * ahead - 0.5 * users.length[ego]
+        # One that is already beside the follower does not lead, unless the follower would drive into it.
+        if between < 0.0 and clear > -BESIDE:
+            continue
         if between < gap[ego]:
-            gap[ego], leading[ego] = between, max(users.speed[other] * same, 0.0)
-    return gap, leading
+            gap[ego], leading[ego], row[ego] = between, max(users.speed[other] * same, 0.0), other
+    return gap, leading, row, in_way[:found]

@@ -5,25 +5,25 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.perception.leaders import leaders
+from slrl_sumo.perception.leaders import Leaders, leaders
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
 
 STOP_MARGIN = 1.5
 """m before a stop line, for road users that do not stop to the centimetre."""
 GAP = np.array([1.5, 1.5, 0.4])
 """m that each type keeps behind a leader."""
-CAR = int(RoadUserType.CAR)
+QUEUE = 8
+"""Road users that stop one behind the other, of which each is foreseen to stop."""
 LEADER_BRAKES = 4.0
 """m/s² with which a leader is expected to brake at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class RouteContext:
-    """The routes of n learned road users, the first rows of a world; all arrays are (n,)."""
+    """The routes of n learned road users, the first rows of a world; all arrays but `in_way` are (n,)."""
 
     route: RouteAhead
     lateral_offset: Floats
@@ -38,30 +38,36 @@ class RouteContext:
     """m to where it must stop: a stop line, or a junction whose exit is taken."""
     follow_distance: Floats
     """m within which it must be able to stop behind its leader."""
+    in_way: NDArray[np.int64]
+    """Which road users of the world are in the way of which (see perception.leaders.Leaders), (p,)."""
 
     def __len__(self) -> int:
         return len(self.route)
 
     def take(self, rows: NDArray[np.intp]) -> "RouteContext":
         """The entries of the road users `rows`."""
-        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "route"}
-        return RouteContext(self.route.take(rows), **arrays)
+        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in ("route", "in_way")}
+        return RouteContext(self.route.take(rows), in_way=self.in_way, **arrays)
 
 
 def route_context(route: RouteAhead, world: WorldState) -> RouteContext:
     """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
     n = len(route)
     _, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
-    gap, speed = leaders(route, world)
-    stop, follow = stop_distances(route, world, gap, speed)
-    return RouteContext(route, lateral_offset[:, 0], direction[:, 0], gap, speed, stop, follow)
+    found = leaders(route, world)
+    stop, follow = stop_distances(route, world, found)
+    return RouteContext(
+        route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, stop, follow, found.in_way
+    )
 
 
-def stop_distances(route: RouteAhead, world: WorldState, gap: Floats, speed: Floats) -> tuple[Floats, Floats]:
+def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tuple[Floats, Floats]:
     """`stop_distance` and `follow_distance` (see RouteContext) of the first road users of `world`, those of `route`,
-    whose leaders are `gap` m away at `speed` m/s, (n,) each."""
+    with these leaders, (n,) each."""
     n = len(route)
-    return _stop_distances(world.type[:n], world.length[:n], route.stop, route.line, route.out, gap, speed)
+    return _stop_distances(
+        world.type[:n], world.length[:n], route.stop, route.line, route.out, ahead.gap, ahead.speed, ahead.row
+    )
 
 
 @compiled
@@ -73,12 +79,20 @@ def _stop_distances(
     out: Floats,
     gap: Floats,
     leading: Floats,
+    leader: NDArray[np.int64],
 ) -> tuple[Floats, Floats]:
     n = len(kind)
-    must, room = np.empty(n), np.empty(n)
+    must, room, stand = np.empty(n), np.empty(n), stop.copy()
+    # Where each will stand at last: at its line, or behind a leader that stands, or will stand.
+    for _ in range(QUEUE):
+        for i in range(n):
+            if leader[i] < 0:
+                continue
+            later = 0.0 if leading[i] < 1.0 else (stand[leader[i]] if leader[i] < n else np.inf)
+            stand[i] = min(stop[i], max(gap[i] - GAP[kind[i]], 0.0) + max(later, 0.0))
     for i in range(n):
         must[i] = stop[i] - STOP_MARGIN
-        exit_taken = leading[i] < 1.0 and line[i] < gap[i] < out[i] + length[i] + GAP[CAR]
+        exit_taken = leader[i] >= 0 and line[i] < stand[i] < min(out[i] + length[i], stop[i])
         if exit_taken and 1.0 < line[i] < np.inf and out[i] < np.inf:
             must[i] = min(stop[i], line[i] - 1.0) - STOP_MARGIN
         room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)

@@ -87,6 +87,7 @@ class LaneGraph:
             self._of_edge.setdefault(lane.edge, []).append(lane.id)
         for lanes in self._of_edge.values():
             lanes.sort(key=lambda lane: int(lane.rsplit("_", 1)[1]))
+        self._origins: dict[str, str] = {}
         self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
 
     def lane_to_change_to(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
@@ -129,6 +130,18 @@ class LaneGraph:
             if not via and remaining and self.lanes[target].edge == remaining[0]:
                 remaining = remaining[1:]
         return _joined([self.lanes[i] for i in chain], entries, before)
+
+    def origin(self, lane: str) -> str:
+        """The lane outside the junction that leads to an internal lane; of any other lane, the lane itself."""
+        if not self._origins:
+            for begin in self.lanes:
+                if begin.startswith(":"):
+                    continue
+                for _, via in self.links(begin):
+                    while via and via not in self._origins:
+                        self._origins[via] = begin
+                        via = next((inner for _, inner in self.links(via)), "")
+        return self._origins.get(lane, lane)
 
     def _choose(
         self, lane: str, remaining: tuple[str, ...], vehicle_class: str, rng: random.Random | None

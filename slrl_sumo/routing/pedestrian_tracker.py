@@ -113,7 +113,7 @@ class PedestrianTracker:
             path, speed = self._random_path(person, x, y, heading), SPAWNED_SPEED
         else:
             # Read before the walk is cut to the edge under the person (see `TakenOverControl.move`).
-            path, speed = self._graph.path(*walk_of(self._api, person)), walking_speed(self._api, person)
+            path, speed = self._graph.path(*walk_of(self._api, person), x, y), walking_speed(self._api, person)
         if path is None:
             return PedestrianTrack(None, 0.0, 0.0, speed, x, y)
         s, offset = path.line.nearest(x, y, end=path.second_edge_end)

@@ -30,7 +30,6 @@ class RightOfWay:
         self._graph = graph
         self._links: dict[str, dict[tuple[str, str], Link]] = {}
         self._foes: dict[tuple[str, str], tuple[str, ...]] = {}
-        self._origins: dict[str, str] = {}
         self._internal_foes: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
@@ -76,7 +75,8 @@ class RightOfWay:
         closed = self._trust_sumo or not link.is_open
         trust_time = TRUST_TIME * (2.0 if self._trust_sumo else 1.0)
         blocked = closed and (
-            self._foe_inside(entry) or (standing_time < trust_time and self._foe_arrives(entry, clear))
+            (self._trust_sumo and self._foe_inside(entry))
+            or (standing_time < trust_time and self._foe_arrives(entry, clear))
         )
         return "stop" if blocked else "look"
 
@@ -96,7 +96,7 @@ class RightOfWay:
 
     def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:
         """Whether a moving vehicle with priority reaches the junction within `within` s."""
-        key = (self._origin(entry.lane), entry.target)
+        key = (self._graph.origin(entry.lane), entry.target)
         lanes = self._foes.get(key)
         if lanes is None:
             lanes = self._foes[key] = foe_lanes(self._api, *key)
@@ -119,24 +119,12 @@ class RightOfWay:
         """Whether a vehicle from another lane moves on an internal lane that crosses this one."""
         lanes = self._internal_foes.get(entry.via)
         if lanes is None:
-            origin = self._origin(entry.lane)
+            origin = self._graph.origin(entry.lane)
             foes = internal_foe_lanes(self._api, entry.via)
             lanes = self._internal_foes[entry.via] = tuple(
-                lane for lane in foes if lane in self._graph.lanes and self._origin(lane) != origin
+                lane for lane in foes if lane in self._graph.lanes and self._graph.origin(lane) != origin
             )
         return any(vehicle_speed(self._api, foe) > 0.5 for lane in lanes for foe in vehicles_on_lane(self._api, lane))
-
-    def _origin(self, lane: str) -> str:
-        """The lane outside the junction that leads to an internal lane; of any other lane, the lane itself."""
-        if not self._origins:
-            for begin in self._graph.lanes:
-                if begin.startswith(":"):
-                    continue
-                for _, via in self._graph.links(begin):
-                    while via and via not in self._origins:
-                        self._origins[via] = begin
-                        via = next((inner for _, inner in self._graph.links(via)), "")
-        return self._origins.get(lane, lane)
 
 
 def _time(distance: float, speed: float, acceleration: float) -> float:

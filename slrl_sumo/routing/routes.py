@@ -5,10 +5,12 @@ random, equally in every run.
 """
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.speed_limits import SpeedLimits
@@ -29,7 +31,9 @@ REACTION_TIME = 2 * DECISION_INTERVAL
 ACCEL_SHARE = 0.4
 """Share of a vehicle's acceleration that is expected while it crosses a junction, because it turns there."""
 STUCK_TIME = 20.0
-"""s that a vehicle waits for a gap at the end of a lane that does not continue along its route."""
+"""s that a vehicle waits for a gap at the end of a lane that does not continue along its route, or beside its lane."""
+OFF_LANE = 1.6
+"""m: half a lane; a vehicle this far from the middle of its lane stands in the way of others."""
 
 
 class Routes:
@@ -40,6 +44,7 @@ class Routes:
         graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, graph)
         self._speed_limits = SpeedLimits(api, graph, self._vehicles, trust_sumo=False)
+        self._reservations = JunctionReservations(api, graph, self._vehicles.get)
         self._pedestrians = PedestrianTracker(api, network)
         self._off_route: set[str] = set()
 
@@ -47,6 +52,7 @@ class Routes:
         """The routes of the first `n` road users of `world` as they are now; to be called once per decision."""
         self._speed_limits.renew()
         self._pedestrians.renew()
+        self._reservations.renew(world.time)
         route = RouteAhead.unknown(n)
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
             with self.refusals.of(world.ids[i]):
@@ -61,7 +67,7 @@ class Routes:
         return near_end(self._vehicles, self._pedestrians, ids)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have stood for STUCK_TIME where no lane continues along their route, (n,)."""
+        """Which of n road users have stood for STUCK_TIME where no lane continues their route, or off it, (n,)."""
         return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
@@ -75,8 +81,12 @@ class Routes:
         road_user = world.ids[i]
         track = self._vehicles.observed(world, i, DECISION_INTERVAL)
         self._vehicles.choose_lane(road_user, track, world, i)
+        self._vehicles.renew_entry(track, world.length.item(i), world.time)
+        route.entered[i] = track.entered
+        self._reservations.update(road_user, track, world.length.item(i))
         path, s = track.path, track.s
-        stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, DECEL_SHARE, ACCEL_SHARE)
+        may_enter = partial(self._reservations.may_enter, road_user, track, length=world.length.item(i))
+        stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, DECEL_SHARE, ACCEL_SHARE, may_enter)
         route.known[i] = True
         route.desired[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
         route.stop[i] = stop
@@ -88,7 +98,8 @@ class Routes:
                 route.closed[i] = shown >= 2 and stop <= line
                 break
         route.left[i] = self._vehicles.remaining_distance(road_user)
-        if track.standing_time > STUCK_TIME and not self._speed_limits.lane_continues(track):
+        off_lane = abs(track.lateral_offset) > OFF_LANE
+        if track.standing_time > STUCK_TIME and (off_lane or not self._speed_limits.lane_continues(track)):
             self._off_route.add(road_user)
         path.line.draw(s - 0.5 * world.length.item(i) - BEHIND, SPACING, 0.0, route.x, route.y, i)
 

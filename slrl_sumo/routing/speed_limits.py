@@ -1,16 +1,18 @@
 """Speeds that a vehicle's surroundings allow: limits, signals, priority, leaders, the end of its lane."""
 
 import math
+from collections.abc import Callable
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.routing.right_of_way import LINE_OF_SIGHT, STOP_LINE, RightOfWay
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
+from slrl_sumo.routing.vehicle_tracker import ROLLING, STOPS_OVER, VehicleTrack, VehicleTracker
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 
-ROLLING = 2.0
-"""m/s above which a vehicle that has just passed a stop line does not stop any more."""
+STOPS_WITH = 0.85
+"""Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 3.8 m/s² of SUMO's
+usual car."""
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap in the next lane."""
 
@@ -56,20 +58,27 @@ class SpeedLimits:
         return speed
 
     def stop_and_look(
-        self, track: VehicleTrack, dt: float, decel_share: float, accel_share: float
+        self,
+        track: VehicleTrack,
+        dt: float,
+        decel_share: float,
+        accel_share: float,
+        may_enter: Callable[..., bool],
     ) -> tuple[float, float]:
         """How far ahead (m, inf: nowhere) the vehicle must stop, and the speed (m/s) at which it can look for foes.
 
         That speed is reached with the share `decel_share` of its deceleration, and `dt` seconds early. The vehicle is
-        expected to cross junctions with the share `accel_share` of its acceleration.
+        expected to cross junctions with the share `accel_share` of its acceleration; `may_enter` says whether the
+        junction after a line (m along the path) can be crossed, with `priority` or without.
         """
         stop, look = math.inf, math.inf
         for entry, distance in self._entries_near(track, dt):
             if distance < 0.0 and track.speed > ROLLING:
                 continue  # already over the line
-            limits = (accel_share * track.accel, track.decel)
+            limits = (accel_share * track.accel, STOPS_WITH * track.decel)
             rule = self._right_of_way.rule(entry, distance, track.speed, limits, track.standing_time)
-            if rule == "stop":
+            too_late = track.speed * track.speed / (2.0 * limits[1]) > distance + 1.0
+            if rule == "stop" or not (may_enter(entry.stop_line, priority=rule == "go") or too_late):
                 stop = min(stop, distance - STOP_LINE)
             elif rule == "look":
                 seen = max(distance - track.speed * dt, LINE_OF_SIGHT)
@@ -85,7 +94,9 @@ class SpeedLimits:
     def _entries_near(self, track: VehicleTrack, dt: float) -> list[tuple[JunctionEntry, float]]:
         """The entries that matter at the present speed, with the distances to them in m."""
         sight = _sight(track.speed, track.decel, dt) + 5.0
-        return [(entry, near) for entry in track.path.entries if -0.5 < (near := entry.stop_line - track.s) < sight]
+        return [
+            (entry, near) for entry in track.path.entries if -STOPS_OVER < (near := entry.stop_line - track.s) < sight
+        ]
 
     def lane_continues(self, track: VehicleTrack) -> bool:
         """Whether the lane under a vehicle continues along its route; inside a junction it always does."""

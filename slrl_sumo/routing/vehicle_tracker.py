@@ -22,6 +22,12 @@ CYCLING_SPEED = 5.6
 """m/s of spawned bicycles: their type has no speed of its own."""
 
 
+ROLLING = 2.0
+"""m/s above which a vehicle that has just passed a stop line does not stop any more."""
+STOPS_OVER = 0.5
+"""m by which a slower vehicle may be over a line and still count as waiting before it."""
+
+
 @dataclass(slots=True)
 class VehicleTrack:
     """One vehicle on its path."""
@@ -52,6 +58,10 @@ class VehicleTrack:
     """A road user on its path slows it down."""
     ignores_standing_until: float = -math.inf
     """Time (s) until which standing vehicles beside its lane do not stop it."""
+    entry: str = ""
+    """The internal lane after the last line that it has passed in the junction in which it is; '' outside."""
+    entered: float = math.inf
+    """Time (s) at which it passed that line; inf outside."""
 
 
 class VehicleTracker:
@@ -114,14 +124,23 @@ class VehicleTracker:
             else:
                 track = None
         if track is None:
-            standing_time = self._vehicles[road_user].standing_time if road_user in self._vehicles else 0.0
+            before = self._vehicles.get(road_user)
             track = self._vehicles[road_user] = self._begin(state, i)
-            track.standing_time = standing_time
+            if before is not None:
+                track.standing_time, track.entry, track.entered = before.standing_time, before.entry, before.entered
             place, track.lateral_offset = track.path.line.nearest(x, y, track.s - 2.0 * half - 2.0, track.s + half)
             track.s = max(place + half, 0.0)
         track.x, track.y, track.speed, track.lateral_speed = x, y, speed, 0.0
         track.standing_time = track.standing_time + dt if speed < 0.1 else 0.0
         return track
+
+    def renew_entry(self, track: VehicleTrack, length: float, now: float) -> None:
+        """Note the junction in which a vehicle of this length (m) is at the time `now` (s)."""
+        over = 0.0 if track.speed > ROLLING else STOPS_OVER
+        passed = [e for e in track.path.entries if e.stop_line < track.s - over and track.s - length < e.exit]
+        entry = passed[-1].via if passed else ""
+        if entry != track.entry:
+            track.entry, track.entered = entry, now if entry else math.inf
 
     def _begin(self, state: WorldState, i: int) -> VehicleTrack:
         """A new track: the vehicle's parameters, and its place on its path."""

@@ -74,14 +74,26 @@ class WalkGraph:
                     self._entered_from[target] = lane_id
         self._junctions: dict[str, tuple[str, str]] = {}
 
-    def path(self, edges: tuple[str, ...], arrival: float) -> WalkPath | None:
-        """The path along `edges` to `arrival` (m from the begin of the last edge); None where an edge is not walkable.
+    def path(self, edges: tuple[str, ...], arrival: float, x: float, y: float) -> WalkPath | None:
+        """The path along `edges` to `arrival` (m from the begin of the last edge), for a person at a position (m); None
+        where an edge is not walkable.
 
-        The direction on each edge follows from the junction that it shares with the next one.
+        The direction on each edge follows from the junction that it shares with the next one. From an edge to the
+        opposite one the path goes by the nearer of the two junctions, as SUMO's walks do.
         """
         if not edges or any(edge not in self._lane_of for edge in edges):
             return None
-        return self._joined(self._directed(edges), arrival)
+        ways = [self._directed(edges)]
+        if len(edges) > 1 and set(self._junctions_of(edges[0])) == set(self._junctions_of(edges[1])):
+            ways.append(self._directed(edges, backward=True))
+            ways = [steps for steps in ways if self._leads_on(*steps[:2])] or ways[:1]
+        paths = [self._joined(steps, arrival) for steps in ways]
+        return min(paths, key=lambda one: one.line.end - one.line.nearest(x, y, end=one.second_edge_end)[0])
+
+    def _leads_on(self, step: tuple[str, bool], following: tuple[str, bool]) -> bool:
+        """Whether walking areas and crossings lead from an edge to the following one."""
+        begin, end = self._lane_of[step[0]].id, self._lane_of[following[0]].id
+        return end in self._reached(begin, self._junctions_of(step[0])[1 if step[1] else 0], end)
 
     def random_path(self, edge: str, forward: bool, rng: random.Random) -> WalkPath | None:
         """A path that begins along `edge` and continues at random; at dead ends it turns round."""
@@ -100,10 +112,10 @@ class WalkGraph:
             steps.append((chosen, self._junctions_of(chosen)[0] == junction))
         return self._joined(steps, None)
 
-    def _directed(self, edges: tuple[str, ...]) -> list[tuple[str, bool]]:
-        """Each edge, and whether it is walked from its begin to its end."""
+    def _directed(self, edges: tuple[str, ...], *, backward: bool = False) -> list[tuple[str, bool]]:
+        """Each edge, and whether it is walked from its begin to its end; `backward`: the first one to its begin."""
         steps: list[tuple[str, bool]] = []
-        entered = ""
+        entered = self._junctions_of(edges[0])[1] if backward else ""
         for edge, following in pairwise(edges):
             ends = self._junctions_of(edge)
             shared = [j for j in ends if j in self._junctions_of(following)] or [ends[1]]

@@ -89,6 +89,18 @@ def boxes_overlap(a: Floats, b: Floats) -> NDArray[np.bool_]:
     return np.asarray(overlap(b[:, 0] - a[:, 0], b[:, 1] - a[:, 1], shape_a, shape_b))
 
 
+def clearance(dx: Any, dy: Any, a: Box, b: Box) -> Any:
+    """m between box `a` and box `b`, whose centre is (dx, dy) m from that of `a`, along the best separating axis;
+    below 0 the depth to which they overlap."""
+    c, s = abs(a.cos * b.cos + a.sin * b.sin), abs(b.sin * a.cos - b.cos * a.sin)
+    return max(
+        abs(a.cos * dx + a.sin * dy) - 0.5 * (a.length + b.length * c + b.width * s),
+        abs(a.cos * dy - a.sin * dx) - 0.5 * (a.width + b.length * s + b.width * c),
+        abs(b.cos * dx + b.sin * dy) - 0.5 * (b.length + a.length * c + a.width * s),
+        abs(b.cos * dy - b.sin * dx) - 0.5 * (b.width + a.length * s + a.width * c),
+    )
+
+
 def overlap(dx: Any, dy: Any, a: Box, b: Box) -> Any:
     """Whether box `a` intersects box `b`, whose centre is (dx, dy) m from that of `a`.
 

@@ -7,6 +7,7 @@ from slrl_sumo.scene.compiled import compiled
 
 wrapped = compiled(geometry.wrapped)
 overlap = compiled(geometry.overlap)
+clearance = compiled(geometry.clearance)
 
 
 @compiled

@@ -56,6 +56,8 @@ class RouteAhead:
     """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
     left: Floats
     """Distance to the end of the route."""
+    entered: Floats
+    """s: when it entered the junction in which it is now; inf outside of junctions."""
 
     def __len__(self) -> int:
         return len(self.known)
@@ -78,6 +80,7 @@ class RouteAhead:
             signal=np.zeros(n, np.int8),
             closed=np.zeros(n, np.bool_),
             left=np.full(n, np.inf),
+            entered=np.full(n, np.inf),
         )
 
 

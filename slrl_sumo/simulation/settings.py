@@ -42,7 +42,7 @@ class LearnedSettings:
     bundle: str | Path = DEFAULT_BUNDLE
     """Shipped bundle, or folder of one."""
     selector: str | None = None
-    """prior, greedy, sampled or lane; None: greedy where the bundle has a trained selector, else prior."""
+    """prior, rule, greedy, sampled or lane; None: rule, or greedy for bundles with a policy as in the paper."""
     guard: bool = False
     """Modes that run into a conflict are not chosen where others are left (see agent.guard)."""
     without: tuple[str, ...] = ()

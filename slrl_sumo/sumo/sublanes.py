@@ -9,11 +9,15 @@ process, perhaps many steps later. `vehicle.moveTo` puts a vehicle onto a lane a
 """
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import Lane
-from slrl_sumo.sumo.network import Network
+
+if TYPE_CHECKING:
+    # They import scipy, which commands that only start a run do not need.
+    from slrl_sumo.sumo.lanes import Lane
+    from slrl_sumo.sumo.network import Network
 
 ROOM = 0.5
 """m behind a vehicle that is put onto a lane, so that its rear is on no other lane."""
@@ -33,7 +37,7 @@ def on_two_lanes(lateral_resolution: str, lane_change_duration: str) -> bool:
 class Sublanes:
     """Removes the registrations of moved vehicles; without effect where a vehicle is on one lane at a time."""
 
-    def __init__(self, api: SumoApi, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: "Network") -> None:
         self._api = api
         self._on = on_two_lanes(*(api.simulation.getOption(name) for name in OPTIONS))
         self._places: dict[str, tuple[str, float]] = {}

@@ -314,7 +314,7 @@ def test_walkers_wait_at_red_crossings() -> None:
             ride.step()
         world = ride.learned
         standing = world.speed < 0.01
-        assert standing.sum() >= 3
+        assert standing.sum() >= 2
         # SUMO's own walkers start on sidewalks as ours do, so that none can be on the carriageway.
         for lane in crossings:
             middle = 0.5 * (lane.shape[0] + lane.shape[-1])

@@ -206,7 +206,7 @@ def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE])
 def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
-    # Straight on for 20 m, then a circle of 10 m to the left, for 6 m/s at most; it looks 1 m sharp before.
+    # Straight on for 20 m, then a circle of 10 m to the left, for 6.3 m/s at most; it looks 1 m sharp before.
     beyond = np.maximum(ALONG - 20.0, 0.0)
     x, y = np.minimum(ALONG, 20.0) + 10.0 * np.sin(beyond / 10.0), 10.0 - 10.0 * np.cos(beyond / 10.0)
     limits = able(0.5, 0.5)
@@ -218,7 +218,7 @@ def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
     expected = np.sqrt(allowed**2 + 2.0 * BRAKING[kind] * early).min(axis=1)
     assert after.desired == pytest.approx(expected)
     # By hand: full curvature after 21.5 m or so.
-    roughly = np.sqrt(30.0 + 2.0 * BRAKING[kind] * (21.5 - REACTION * speeds))
+    roughly = np.sqrt(COMFORT * 10.0 + 2.0 * BRAKING[kind] * (21.5 - REACTION * speeds))
     assert after.desired == pytest.approx(roughly, rel=0.04)
     # Nobody is asked to be faster than it wants.
     assert fitted(routes((x, y), desired=3.0), users((kind, 2.0)), limits).desired.tolist() == [3.0]

@@ -64,8 +64,11 @@ def one(config: Path, topic: str) -> Finding:
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_nothing_hurts_in_a_shipped_scenario(name: str) -> None:
     findings = examine(find_scenario(name))
-    assert {f.severity for f in findings} == {"ok"}
-    assert {f.topic for f in findings} == {"sublane model", "surfaces"}
+    # Some corners of the generated street net are drawn without a radius.
+    sharp = {"sharp turns"} if name == "district" else set()
+    assert {f.topic for f in findings if f.severity == "ok"} == {"sublane model", "surfaces"}
+    assert {f.topic for f in findings if f.severity != "ok"} == sharp
+    assert {f.severity for f in findings} <= {"ok", "note"}
 
 
 def test_nothing_is_said_about_a_calm_scenario(make: Make) -> None:
@@ -236,7 +239,8 @@ def test_sidewalks_without_crossings(make: Make, tmp_path: Path) -> None:
 
 def test_vehicles_that_jump_across_junctions(make: Make, tmp_path: Path) -> None:
     net = netgenerate(tmp_path, "--no-internal-links", "--default.speed", "8")
-    assert network_topics(make, net) == [("warning", "junctions")]
+    # Without lanes inside junctions, turns have no radius.
+    assert network_topics(make, net) == [("warning", "junctions"), ("note", "sharp turns")]
 
 
 def netconvert(folder: Path, nodes: str, edges: str) -> Path:
@@ -340,8 +344,8 @@ def test_turns_that_the_models_cannot_follow_are_counted_and_the_tightest_is_nam
     assert cars.severity == bicycles.severity == "note"
     assert cars.what.startswith("1 turn of 1 for cars is tighter than the models of bundle 'intersection'")
     assert "from ab to bc" in bicycles.what
-    # A right angle can be followed.
-    assert network_topics(make, netconvert(tmp_path, nodes.replace('x="50" y="60"', 'x="100" y="60"'), edges)) == []
+    # A bend of 45 degrees can be followed.
+    assert network_topics(make, netconvert(tmp_path, nodes.replace('x="50" y="60"', 'x="160" y="60"'), edges)) == []
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,11 @@ import pytest
 from builders import make_crowd
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import MARGIN, REACH, STANDING, collision_scores
-from slrl_sumo.lookahead.forecast import Boxes, sizes
+from slrl_sumo.lookahead.collision import DEEPER, MARGIN, REACH, STANDING, Others, collision_scores
+from slrl_sumo.lookahead.forecast import Boxes, path_following, sizes
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths, mode_paths
-from slrl_sumo.scene.geometry import Floats, boxes_overlap
+from slrl_sumo.lookahead.precedence import precedence
+from slrl_sumo.scene.geometry import Box, Floats, boxes_overlap, clearance
 from slrl_sumo.scene.state import WorldState
 
 MODES = 6
@@ -24,6 +25,11 @@ def drawn_paths(users: WorldState, seed: int) -> ModePaths:
 def along_a_mode(users: WorldState, on: ModePaths) -> Boxes:
     """Boxes of all road users under their first mode."""
     return Boxes(*(column[..., 0].copy() for column in (on.x, on.y, on.cos, on.sin)), sizes(users, MARGIN))
+
+
+def expected(boxes: Boxes, world: WorldState) -> Others:
+    """These boxes, of road users without routes."""
+    return Others(boxes, boxes, precedence(None, path_following(None, world), len(world)))
 
 
 def every_box(
@@ -40,12 +46,45 @@ def every_box(
                 x, y = mine.x[e, step], mine.y[e, step]
                 box = np.column_stack([x, y, np.arctan2(s, c), *np.repeat(theirs.size[me][:, None], MODES, 1)])
                 heading = np.arctan2(theirs.sin[other, step], theirs.cos[other, step])
+                there = _box(theirs.cos[other, step], theirs.sin[other, step], theirs.size[other])
                 there_x, there_y = theirs.x[other, step], theirs.y[other, step]
                 hit = boxes_overlap(box, np.tile([there_x, there_y, heading, *theirs.size[other]], (MODES, 1)))
+                now = _clearance(world, theirs, me, other)
+                if now < 0.0:  # in contact: only what brings them closer counts
+                    shapes = [
+                        clearance(there_x - x[m], there_y - y[m], _box(c[m], s[m], theirs.size[me]), there)
+                        for m in range(MODES)
+                    ]
+                    hit &= np.array(shapes) <= now - DEEPER
                 if excused[e]:
-                    hit &= (mine.speed[e, step] > STANDING) & (c * (there_x - x) + s * (there_y - y) > 0.0)
+                    ahead = c * (there_x - x) + s * (there_y - y) > 0.0
+                    hit &= (mine.speed[e, step] > STANDING) & (
+                        ahead | _was_ahead(world, mine, theirs, e, me, other, step)
+                    )
                 met[e] = np.maximum(met[e], hit * (1.0 - step / STEPS))
     return met
+
+
+def _box(cos: float, sin: float, size: Floats) -> Box:
+    return Box(float(cos), float(sin), float(size[0]), float(size[1]))
+
+
+def _was_ahead(
+    world: WorldState, mine: ModePaths, theirs: Boxes, e: int, me: int, other: int, step: int
+) -> NDArray[np.bool_]:
+    """Whether the other one was ahead of the centre an interval before."""
+    if step == 0:
+        dx, dy = world.x[other] - world.x[me], world.y[other] - world.y[me]
+        return np.full(MODES, np.cos(world.heading[me]) * dx + np.sin(world.heading[me]) * dy > 0.0)
+    dx, dy = theirs.x[other, step - 1] - mine.x[e, step - 1], theirs.y[other, step - 1] - mine.y[e, step - 1]
+    return np.asarray(mine.cos[e, step - 1] * dx + mine.sin[e, step - 1] * dy > 0.0)
+
+
+def _clearance(world: WorldState, theirs: Boxes, me: int, other: int) -> float:
+    """m between two road users as they are now, with the margins of `theirs`."""
+    shapes = [_box(np.cos(world.heading[i]), np.sin(world.heading[i]), theirs.size[i]) for i in (me, other)]
+    dx, dy = world.x[other] - world.x[me], world.y[other] - world.y[me]
+    return float(clearance(float(dx), float(dy), *shapes))
 
 
 @pytest.mark.parametrize("extent", [15.0, 60.0])
@@ -57,13 +96,15 @@ def test_circles_leave_out_no_road_user_that_is_hit(extent: float) -> None:
     theirs = along_a_mode(world, on)
     mine = ModePaths(*(column[rows] for column in (on.x, on.y, on.cos, on.sin, on.speed, on.distance)))
     excused = rows % 3 == 0
-    found = collision_scores(mine, excused, theirs, world, rows)
+    found = collision_scores(mine, excused, expected(theirs, world), world, rows)
     np.testing.assert_array_equal(found, every_box(mine, excused, theirs, world, rows))
     # Some are hit at once, some later, and some modes hit nothing.
     assert len(np.unique(found)) > 4
     assert (found == 0.0).any()
     # Whom one may drive into without blame makes a difference.
-    assert (collision_scores(mine, np.zeros(17, np.bool_), theirs, world, rows) > found).any()
+    unexcused = collision_scores(mine, np.zeros(17, np.bool_), expected(theirs, world), world, rows)
+    assert (unexcused >= found).all()
+    assert (unexcused > found).any() == (extent == 15.0)
 
 
 def test_a_road_user_excused_at_first_may_be_to_blame_later() -> None:
@@ -76,8 +117,13 @@ def test_a_road_user_excused_at_first_may_be_to_blame_later() -> None:
     mine = ModePaths(*(column[:1, :, None].copy() for column in (x, zero, one, zero, 3.75 * one, x)))
     rows = np.zeros(1, np.intp)
     # 5.4 m long with the margin: those behind touch all the time, those ahead from 6.6 m on.
-    assert collision_scores(mine, np.ones(1, np.bool_), theirs, world, rows).tolist() == [[1.0 - 4 / STEPS]]
-    assert collision_scores(mine, np.zeros(1, np.bool_), theirs, world, rows).tolist() == [[1.0]]
+    assert collision_scores(mine, np.ones(1, np.bool_), expected(theirs, world), world, rows).tolist() == [
+        [1.0 - 4 / STEPS]
+    ]
+    # The one behind is in contact now: that it stays so is no collision, that it comes closer would be.
+    assert collision_scores(mine, np.zeros(1, np.bool_), expected(theirs, world), world, rows).tolist() == [
+        [1.0 - 4 / STEPS]
+    ]
 
 
 def test_without_others_nothing_is_hit() -> None:
@@ -85,6 +131,6 @@ def test_without_others_nothing_is_hit() -> None:
     far = replace(world, x=np.array([0.0, 200.0, 400.0]))
     for some, n in ((far, 3), (world.take(np.array([1])), 1), (make_crowd(0, 1, 1.0), 0)):
         on = drawn_paths(some, 6)
-        alone = collision_scores(on, np.zeros(n, np.bool_), along_a_mode(some, on), some, np.arange(n))
+        alone = collision_scores(on, np.zeros(n, np.bool_), expected(along_a_mode(some, on), some), some, np.arange(n))
         assert not alone.any()
         assert alone.shape == (n, MODES)

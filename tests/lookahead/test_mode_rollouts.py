@@ -15,6 +15,7 @@ from slrl_sumo.lookahead.route_fit import AIM, COMFORT_SHARE, HEADWAY, MAX_RATIO
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.models.policy import PolicyConfig
+from slrl_sumo.perception.leaders import Leaders
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.route_context import (
     GAP,
@@ -31,6 +32,7 @@ from slrl_sumo.scene.route import POINTS, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
+NOBODY = np.zeros(0, np.int64)
 ABLE = Capability(np.ones((3, 2, len(SPEEDS))), np.broadcast_to(STOPPING**2 / 4.0, (3, len(STOPPING))))
 """Everybody brakes with 2 m/s²."""
 
@@ -52,7 +54,8 @@ def _rolled_out(
     scene = Scene(world, rows, ROAD, None if context is None else context.route)
     if context is not None:
         gap, speed = context.leader_gap, context.leader_speed
-        stop, follow = stop_distances(context.route, world, gap, speed)
+        row = np.where(np.isfinite(gap), len(world), -1)  # not one of the learned road users
+        stop, follow = stop_distances(context.route, world, Leaders(gap, speed, row, NOBODY))
         context = replace(
             route_context(context.route, world),
             leader_gap=gap,
@@ -124,7 +127,7 @@ def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: fl
     n = len(x)
     route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
     none = np.zeros(n)
-    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), none, none)
+    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), none, none, NOBODY)
 
 
 def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[ModeRollouts, RouteFit]:
@@ -217,14 +220,14 @@ def test_at_the_line_standing_is_required(shipped_bundle: ModelBundle) -> None:
     assert past.stop_ratio[0].max() == MAX_RATIO
 
 
-@pytest.mark.parametrize("leading", [0.0, 5.0])
+@pytest.mark.parametrize("leading", [0.0, 8.0])
 def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading: float) -> None:
     world = _cars([0.0], [0.0], [6.0])
     first = _speeds(_after(shipped_bundle, world, 1))
     ahead, fits = _on_route(shipped_bundle, world, _context(0.0, gap=14.5, leading=leading))
     # It stops where the leader would, if that braked, less the gap, the headway, and what it covers in between.
     behind = 14.5 - GAP[0] + leading**2 / (2.0 * LEADER_BRAKES) + leading * DECISION_INTERVAL
-    room = behind - (DECISION_INTERVAL + HEADWAY) * first
+    room = behind - (DECISION_INTERVAL + HEADWAY[0]) * first
     assert fits.follow_ratio[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
     quick = ahead.speed[0] > 7.0
     assert quick.any()
@@ -235,7 +238,7 @@ def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading
     step = _speeds(_after(shipped_bundle, walker, 1))
     _, walks = _on_route(shipped_bundle, walker, _context(0.0, gap=2.0))
     quickest = step.argmax()
-    room = 2.0 - GAP[2] - (DECISION_INTERVAL + HEADWAY) * step[quickest]
+    room = 2.0 - GAP[2] - (DECISION_INTERVAL + HEADWAY[2]) * step[quickest]
     assert walks.follow_ratio[0, quickest] == pytest.approx(step[quickest] ** 2 / 4.0 / room, rel=0.01)
 
 
@@ -254,8 +257,22 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     out = np.array([25.0, 25.0, 25.0, 25.0, 15.8, np.inf, 25.0])
     stop = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0])
     route = replace(RouteAhead.unknown(7), stop=stop, line=line, out=out)
-    stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), gap, speed)
+    ahead = Leaders(gap, speed, np.full(7, 7), NOBODY)
+    stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), ahead)
     assert (stop + STOP_MARGIN).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
+
+
+def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
+    """Three cars one behind the other, the first of which has to stop 20 m ahead: the third has no room beyond."""
+    n = 3
+    route = replace(RouteAhead.unknown(n), stop=np.array([20.0, np.inf, np.inf]), line=np.array([np.inf, np.inf, 4.0]))
+    route = replace(route, out=np.array([np.inf, np.inf, 24.0]))
+    ahead = Leaders(np.array([np.inf, 3.0, 4.0]), np.full(n, 6.0), np.array([-1, 0, 1]), NOBODY)
+    still = ahead._replace(gap=np.array([np.inf, 13.0, 14.0]))
+    cars = _cars([0.0] * n, [0.0] * n, [6.0] * n)
+    # It will stand after 20 + (3 - 1.5) + (4 - 1.5) m = 24 m, and needs 29 m; with 20 m more it has room.
+    assert stop_distances(route, cars, ahead)[0][2] + STOP_MARGIN == 3.0
+    assert stop_distances(route, cars, still)[0][2] == np.inf
 
 
 def test_routes_lead_round_corners_to_standing_road_users(shipped_bundle: ModelBundle) -> None:
@@ -265,7 +282,7 @@ def test_routes_lead_round_corners_to_standing_road_users(shipped_bundle: ModelB
     x, y = np.minimum(ALONG, 8.0)[None], np.maximum(ALONG - 8.0, 0.0)[None]
     context = replace(context, route=replace(context.route, x=x, y=y))
     ahead, _ = _on_route(shipped_bundle, world, context)
-    quick, slow = ahead.speed[0] > 6.0, ahead.speed[0] < 1.0
+    quick, slow = ahead.speed[0] > 7.0, ahead.speed[0] < 1.0
     assert (ahead.collision[0, quick] > 0.0).all()
     assert (ahead.collision[0, slow] == 0.0).all()
     assert quick.any()

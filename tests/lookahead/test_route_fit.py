@@ -45,7 +45,9 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
     context, capability = drawn_context(users)
     stop, room = context.stop_distance, context.follow_distance
     assert (stop <= context.route.stop - STOP_MARGIN).all()
-    within = COMFORT_SHARE * np.maximum(np.minimum(stop, room - HEADWAY * users.speed), 0.0)
+    braking = context.leader_speed**2 / (2.0 * LEADER_BRAKES)
+    behind = COMFORT_SHARE * (room - braking - HEADWAY[users.type] * users.speed) + braking
+    within = np.maximum(np.minimum(COMFORT_SHARE * stop, behind), 0.0)
     found = allowed_speed(context, capability, users)
     for row, kind in enumerate(users.type):
         most = np.interp(within[row], capability.stopping[kind], STOPPING)
@@ -69,13 +71,16 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         np.testing.assert_allclose(
             fits.stop_ratio[i], np.minimum(need / np.maximum(stop[i] - first * DECISION_INTERVAL, AT), MAX_RATIO)
         )
-        behind = room[i] + leading[i] * DECISION_INTERVAL - (DECISION_INTERVAL + HEADWAY) * first
+        behind = room[i] + leading[i] * DECISION_INTERVAL - (DECISION_INTERVAL + HEADWAY[kind]) * first
         np.testing.assert_allclose(
             fits.follow_ratio[i], np.minimum(need / np.maximum(behind, AT), MAX_RATIO), atol=1e-12
         )
-        left = np.minimum(stop[i], room[i] + 2.0 * leading[i] * DECISION_INTERVAL - HEADWAY * speed)
-        left = left - (first + speed) * DECISION_INTERVAL
-        most = np.interp(COMFORT_SHARE * left, capability.stopping[kind], STOPPING)
+        covered, braking = (first + speed) * DECISION_INTERVAL, leading[i] ** 2 / (2.0 * LEADER_BRAKES)
+        later = room[i] + 2.0 * leading[i] * DECISION_INTERVAL - covered - braking
+        left = np.minimum(
+            COMFORT_SHARE * (stop[i] - covered), COMFORT_SHARE * (later - HEADWAY[kind] * speed) + braking
+        )
+        most = np.interp(left, capability.stopping[kind], STOPPING)
         most = np.minimum(most, context.route.desired[rows[i]])
         pace = np.clip((speed - most) / np.maximum(most, 1.0), -1.0, 1.0)
         np.testing.assert_allclose(fits.speed_error[i], pace, atol=1e-12)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import ALONG, make_routes, make_world
 
-from slrl_sumo.perception.leaders import ALIKE, NEAREST, SIDE_GAP, STANDING, leaders
+from slrl_sumo.perception.leaders import ALIKE, BESIDE, NEAREST, SIDE_GAP, STANDING, leaders, way_code
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
@@ -92,10 +92,12 @@ def test_each_has_its_own_leader_and_none_without_a_route() -> None:
     )
     route = replace(eastwards(0.0, 0.0, 0.0), known=np.array([True, True, False]))
     route = replace(route, x=route.x + np.array([[0.0], [15.0], [30.0]]))
-    gap, speed = leaders(route, three)
+    found = leaders(route, three)
+    gap, speed = found.gap, found.speed
     assert gap.tolist() == [pytest.approx(10.0), pytest.approx(10.0), np.inf]
     assert speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
-    alone, _ = leaders(eastwards(0.0), world(EGO))
+    assert found.row.tolist() == [1, 2, -1]
+    alone = leaders(eastwards(0.0), world(EGO)).gap
     assert alone.tolist() == [np.inf]
 
 
@@ -150,6 +152,18 @@ def of_everybody(route: RouteAhead, crowd: WorldState) -> tuple[Floats, Floats]:
             kind = crowd.type[i]
             leads = abs(turn) < ALIKE or (kind != RoadUserType.PEDESTRIAN and crowd.speed[j] < STANDING)
             ahead = NEAREST[kind] < along < AHEAD + 0.5 * length
-            if beside < SIDE_GAP[kind] and ahead and leads and between < gap[i]:
+            passes = between < 0.0 and beside > -BESIDE
+            if beside < SIDE_GAP[kind] and ahead and leads and not passes and between < gap[i]:
                 gap[i], speed[i] = between, max(crowd.speed[j] * np.cos(turn), 0.0)
     return gap, speed
+
+
+def test_a_road_user_beside_the_follower_does_not_lead_but_is_in_its_way() -> None:
+    # 3 m ahead between centres of boxes of 5 m: they overlap along the path.
+    grazing, across = (3.0, 1.7, 0.0, 0.0, 5.0, 1.8), (3.0, 1.0, 0.0, 0.0, 5.0, 1.8)
+    for other, leads in ((grazing, False), (across, True)):
+        found = leaders(eastwards(0.0), world(EGO, other))
+        assert np.isfinite(found.gap[0]) == leads
+        assert found.in_way.tolist() == [way_code(0, 1, 2)]
+    far = leaders(eastwards(0.0), world(EGO, (20.0, 0.0, 0.0, 0.0, 5.0, 1.8)))
+    assert far.in_way.tolist() == []

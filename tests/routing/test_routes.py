@@ -205,7 +205,7 @@ def test_minor_traffic_looks_and_stops_only_for_traffic_that_comes(intersection:
         _car(intersection, "car that crosses", ("in1", "out3"), 2, 30.0, 8.0)
     routes = Routes(libsumo, intersection.network)
     said = []
-    for _ in range(5):
+    for _ in range(4):
         intersection.step()
         _clear("car", "car that crosses")
         world = _seen(intersection, "car", *(["car that crosses"] if crossing else []))

@@ -134,7 +134,7 @@ def test_those_handed_back_arrive_later_or_are_under_way() -> None:
         "intersection",
         takeover="car=1,pedestrian=1",
         region="junction:centre,radius=25",
-        steps=250,
+        steps=300,
         seed=2,
         selector="prior",
     )

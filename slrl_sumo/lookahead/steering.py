@@ -1,0 +1,77 @@
+"""Constraint `steering_residual`: inside a mode, vehicles correct their steering towards their path, within bounds.
+
+The regressed mean of a mode steers by one amount at a speed; with 20 modes, neighbouring ones are some 0.1 rad/s apart
+at 13 m/s. A lane is kept with finer steering than that.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.lookahead.mode_paths import ModePaths
+from slrl_sumo.lookahead.route_fit import STEERED, aim
+from slrl_sumo.perception.route_context import RouteContext
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import wrapped
+from slrl_sumo.scene.route import on_path
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+
+LATERAL = 0.7
+"""m/s²: largest lateral acceleration of the correction."""
+MOST = 0.12
+"""rad/s: largest correction."""
+PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
+
+
+def steering_residual(
+    context: RouteContext,
+    users: WorldState,
+    rows: NDArray[np.intp],
+    paths: ModePaths,
+    yaw_rate: Floats,
+    max_curvature: Floats,
+) -> Floats:
+    """What each mode's yaw rate is corrected by, rad/s, (n, modes): zeros for pedestrians, and without a route.
+
+    `rows`: the n road users among those of `context`; `users`: their states; `paths`: of their modes with `yaw_rate`,
+    rad/s, (n, modes); `max_curvature`: 1/m per type, (3,), which the corrected modes do not exceed either.
+    """
+    route, then = context.route, STEERED - 1
+    x, y = np.ascontiguousarray(paths.x[:, then]), np.ascontiguousarray(paths.y[:, then])
+    _, offset, direction = on_path(route, x, y, rows)
+    follows = route.known[rows] & (users.type != PEDESTRIAN)
+    speed = np.ascontiguousarray(paths.speed[:, then])
+    return _residual(follows, users.heading, yaw_rate, offset, direction, speed, max_curvature[users.type])
+
+
+@compiled
+def _residual(
+    follows: NDArray[np.bool_],
+    heading: Floats,
+    yaw_rate: Floats,
+    offset: Floats,
+    direction: Floats,
+    speed: Floats,
+    curvature: Floats,
+) -> Floats:
+    """`offset`, `direction` and `speed` after STEERED intervals, (n, modes)."""
+    n, modes = yaw_rate.shape
+    time = STEERED * DECISION_INTERVAL
+    residual = np.zeros((n, modes))
+    for i in range(n):
+        if not follows[i]:
+            continue
+        for mode in range(modes):
+            now = speed[i, mode]
+            off = wrapped(heading[i] + time * yaw_rate[i, mode] - direction[i, mode] + aim(offset[i, mode], now))
+            bound = min(MOST, LATERAL / max(now, 1.0))
+            corrected = yaw_rate[i, mode] + min(max(-off / time, -bound), bound)
+            # Vehicles turn by the metre: not at all while they stand.
+            most = curvature[i] * now
+            residual[i, mode] = min(max(corrected, -most), most) - yaw_rate[i, mode]
+            if math.fabs(yaw_rate[i, mode]) > most:
+                residual[i, mode] = 0.0
+    return residual

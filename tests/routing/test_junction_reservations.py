@@ -1,0 +1,129 @@
+"""Conflict areas, and who may enter a junction, in the shipped scenario `intersection`."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import libsumo
+import pytest
+
+from slrl_sumo.routing.conflict_areas import WIDTH, ConflictAreas
+from slrl_sumo.routing.junction_reservations import UNUSED, JunctionReservations
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+LENGTH = 5.0
+
+
+@pytest.fixture(scope="module")
+def graph() -> Iterator[LaneGraph]:
+    with SumoSession(find_scenario("intersection"), seed=1) as session:
+        yield LaneGraph(libsumo, session.network)
+
+
+def track(graph: LaneGraph, start: str, end: str, before: float, speed: float) -> VehicleTrack:
+    """A car so many m before the line of the way from one edge to another."""
+    lane = next(
+        lane.id
+        for lane in graph.lanes.values()
+        if lane.edge == start
+        and any(graph.lanes[target].edge == end for target, _ in graph.links(lane.id))
+        and lane.admits("passenger")
+    )
+    path = graph.path(lane, (end,), "passenger", [])
+    return VehicleTrack(
+        path=path,
+        s=path.entries[0].stop_line - before,
+        lateral_offset=0.0,
+        lateral_speed=0.0,
+        speed=speed,
+        edges=(end,),
+        vehicle_class="passenger",
+        accel=2.6,
+        decel=4.5,
+        emergency=9.0,
+        max_speed=13.9,
+        speed_factor=1.0,
+        tau=1.0,
+        x=0.0,
+        y=0.0,
+    )
+
+
+def inside(graph: LaneGraph, start: str, end: str, beyond: float, speed: float) -> VehicleTrack:
+    """A car so many m beyond the line."""
+    one = track(graph, start, end, -beyond, speed)
+    return replace(one, entry=one.path.entries[0].via, entered=0.0)
+
+
+def reserved(graph: LaneGraph, **tracks: VehicleTrack) -> JunctionReservations:
+    result = JunctionReservations(libsumo, graph, tracks.get)
+    result.renew(1.0)
+    for name, one in tracks.items():
+        result.update(name, one, LENGTH)
+    return result
+
+
+def may(reservations: JunctionReservations, name: str, one: VehicleTrack, priority: bool = False) -> bool:
+    line = next(entry.stop_line for entry in one.path.entries if entry.stop_line >= one.s)
+    return reservations.may_enter(name, one, line, priority=priority, length=LENGTH)
+
+
+def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
+    areas = ConflictAreas(graph)
+    across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
+    area = areas.between(across, along)
+    assert area is not None
+    other = areas.between(along, across)
+    assert other == (*area[2:], *area[:2])
+    # They cross at a right angle: the area is as long as both are wide.
+    assert 0.0 < area.begin < area.end < graph.lanes[across].length
+    assert area.end - area.begin == pytest.approx(2.0 * WIDTH, abs=1.5)
+    opposite = track(graph, "in2", "out0", 1.0, 0.0).path.entries[0].via
+    assert areas.between(across, opposite) is None
+
+
+def test_a_vehicle_waits_for_those_inside_that_are_on_its_way(graph: LaneGraph) -> None:
+    waiting = track(graph, "in0", "out2", 2.0, 0.0)
+    standing = inside(graph, "in1", "out3", 3.0, 0.0)
+    assert not may(reserved(graph, other=standing), "ego", waiting)
+    # One that leaves before it arrives does not matter, and neither does one that goes the opposite way.
+    leaving = inside(graph, "in1", "out3", 14.0, 9.0)
+    assert may(reserved(graph, other=leaving), "ego", waiting)
+    assert may(reserved(graph, other=inside(graph, "in2", "out0", 3.0, 0.0)), "ego", waiting)
+    # One that has stood outside the area for long does not keep others waiting.
+    idle = replace(inside(graph, "in1", "out3", 0.6, 0.0), standing_time=UNUSED + 1.0)
+    assert may(reserved(graph, other=idle), "ego", waiting)
+
+
+def test_of_two_at_their_lines_one_enters_and_the_other_waits(graph: LaneGraph) -> None:
+    first, second = track(graph, "in0", "out2", 2.0, 0.0), track(graph, "in1", "out3", 2.0, 0.0)
+    reservations = reserved(graph)
+    assert may(reservations, "first", first)
+    assert not may(reservations, "second", second)
+    # The right of way counts more than a reservation of one that has not entered; then that one waits.
+    assert may(reservations, "second", second, priority=True)
+    reservations.update("first", first, LENGTH)
+    assert not may(reservations, "first", first)
+    # Reservations that are not renewed end.
+    reservations.renew(1.4)
+    reservations.renew(1.8)
+    assert may(reservations, "first", first)
+
+
+def test_far_away_nothing_is_reserved(graph: LaneGraph) -> None:
+    reservations = reserved(graph)
+    assert may(reservations, "far", track(graph, "in0", "out2", 40.0, 5.0))
+    assert may(reservations, "second", track(graph, "in1", "out3", 2.0, 0.0))
+    # Too fast to stop comfortably, it needs its way from farther off.
+    reservations = reserved(graph)
+    assert may(reservations, "fast", track(graph, "in0", "out2", 40.0, 13.0))
+    assert not may(reservations, "second", track(graph, "in1", "out3", 2.0, 0.0))
+
+
+def test_vehicles_one_behind_the_other_do_not_wait_for_each_other(graph: LaneGraph) -> None:
+    leader, follower = inside(graph, "in0", "out2", 3.0, 0.0), track(graph, "in0", "out2", 2.0, 0.0)
+    assert may(reserved(graph, leader=leader), "follower", follower)
+    assert math.isinf(follower.entered)

@@ -1,0 +1,27 @@
+"""Paths of persons: which way round they go from an edge to the opposite one."""
+
+from pathlib import Path
+
+import libsumo
+import pytest
+
+from slrl_sumo.routing.walk_graph import WalkGraph
+from slrl_sumo.studies.flow.junctions import crosswalk
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+
+
+def test_the_opposite_edge_is_reached_by_the_nearer_junction(tmp_path: Path) -> None:
+    """A road of 200 m to either side of a crosswalk: from its north side to its south side."""
+    with SumoSession(find_scenario(str(crosswalk(tmp_path))), seed=1) as session:
+        graph = WalkGraph(libsumo, session.network)
+        north, (south_x, south_y) = graph._lane_of["mw"], graph._lane_of["wm"].shape[0]
+        (x, y), middle = north.shape[0], 170.0
+        near = graph.path(("mw", "wm"), middle, float(x) - 30.0, float(y))
+        assert near is not None
+        begin, _ = near.line.nearest(float(x) - 30.0, float(y), end=near.second_edge_end)
+        # 30 m to the crosswalk, over it, and 30 m back: not 170 m to the end of the road and back.
+        assert near.line.end - begin == pytest.approx(30.0 + 30.0 + 15.0, abs=10.0)
+        assert len(near.crossings) == 1
+        assert near.line.at(near.line.end)[:2] == pytest.approx((float(south_x) + middle, float(south_y)), abs=1.0)
+        assert graph.path((), 0.0, 0.0, 0.0) is None
