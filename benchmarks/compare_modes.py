@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from slrl_sumo.formats.trajectory_file import load_trajectories
-from slrl_sumo.learning.supervised.fit import MODES_BY, fit
+from slrl_sumo.learning.supervised.fit import fit
+from slrl_sumo.learning.supervised.goals import MODES_BY
 from slrl_sumo.studies.prediction.evaluate import evaluate
 from slrl_sumo.studies.prediction.rollout import STEPS
 

@@ -12,7 +12,8 @@ import time
 from pathlib import Path
 
 from slrl_sumo.formats.trajectory_file import load_trajectories
-from slrl_sumo.learning.supervised.fit import MODES_BY, fit
+from slrl_sumo.learning.supervised.fit import fit
+from slrl_sumo.learning.supervised.goals import MODES_BY
 
 
 def main() -> None:

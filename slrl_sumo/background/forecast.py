@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
-from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.kernels import moved, wrapped
 from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, SPACING, on_path
 from slrl_sumo.scene.state import WorldState
@@ -80,7 +80,7 @@ def _paths(users: WorldState, context: RouteContext | None) -> _Paths:
     route = context.route
     along, offset, direction = (a[:, 0] for a in on_path(route, users.x[:, None], users.y[:, None]))
     # Where the box turns from the path, or is beside it, the road user does something else.
-    turned = np.abs(np.remainder(users.heading - direction + np.pi, 2.0 * np.pi) - np.pi)
+    turned = np.abs(wrap_angle(users.heading - direction))
     followed = route.known & (np.abs(offset) < ASTRAY) & (turned < AGAINST)
     return _Paths(
         followed, route.x, route.y, along, offset, direction,

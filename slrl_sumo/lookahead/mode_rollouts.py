@@ -114,11 +114,10 @@ def _judged(
     margin = np.full_like(MARGIN, MARGIN.max()) if context is None else MARGIN
     if context is not None and capability is not None:
         fit, excused = route_fit(context, capability, users, rows, paths, yaw_rate), following.follows[rows]
-    others = Others(
-        forecast_boxes(world, following, margin),
-        forecast_boxes(world, following, margin, yielding=True),
-        precedence(context, following, len(world)),
-    )
+    going = forecast_boxes(world, following, margin)
+    # Without routes there is no order, and none waits.
+    yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
+    others = Others(going, yielding, precedence(context, following, len(world)))
     direct = collision_scores(paths, excused, others, world, rows) if off_route else None
     if context is not None:
         bring_to_paths(paths, following, rows)

@@ -94,7 +94,7 @@ class ModelBundle:
     config: BundleConfig
     mode_centres: Floats
     """(3, modes, 2) m, ego frame: mean of what the modes of each type are clusters of: destinations, or destinations
-    relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.fit.goals)."""
+    relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.goals)."""
     mode_counts: NDArray[np.int64]
     """(3, modes): windows of each type and mode in training; 0 for types that the bundle has no models for."""
     displacement: DisplacementModels

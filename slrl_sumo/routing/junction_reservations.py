@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas
 from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.right_of_way import time_to_cover
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
@@ -70,6 +71,8 @@ class JunctionReservations:
             if lane.internal:
                 self._lanes.setdefault(_junction(lane.id), []).append(lane.id)
         self._held: dict[str, dict[str, _Occupant]] = {}
+        self._holds: dict[str, set[str]] = {}
+        """The junctions in which each vehicle holds something."""
         self._others: dict[str, dict[str, _Occupant]] = {}
         self._time = 0.0
 
@@ -79,19 +82,21 @@ class JunctionReservations:
         for holders in self._held.values():
             for vehicle in [name for name, one in holders.items() if one.time < self._time - 1e-6]:
                 del holders[vehicle]
+                self._holds.pop(vehicle, None)
         self._time = time
 
     def update(self, vehicle: str, track: VehicleTrack, length: float) -> None:
         """Renew what a learned vehicle of this length (m) occupies; reservations for entries end here."""
-        for holders in self._held.values():
-            holders.pop(vehicle, None)
+        # Not a look at every junction: a city has thousands, for each of its vehicles.
+        for junction in self._holds.pop(vehicle, ()):
+            self._held[junction].pop(vehicle, None)
         if not track.entry:
             return
         pieces = tuple(_pieces(track, track.s - length))
         if pieces:
             until = _until(track)
             occupant = _Occupant(pieces, track.speed, length, until, self._time, False, track.standing_time > UNUSED)
-            self._held.setdefault(_junction(pieces[0].lane), {})[vehicle] = occupant
+            self._hold(vehicle, _junction(pieces[0].lane), occupant)
 
     def may_enter(self, vehicle: str, track: VehicleTrack, stop_line: float, *, priority: bool, length: float) -> bool:
         """Whether a learned vehicle may pass the line at `stop_line` (m along its path); if it is about to, its way is
@@ -104,8 +109,7 @@ class JunctionReservations:
         stops, exits = _stops(track, stop_line)
         yields = not priority and distance > track.speed * track.speed / (2.0 * HARD)
         mine = _Occupant(pieces, track.speed, length, stops, self._time, yields, track.standing_time > UNUSED)
-        holders = self._held.setdefault(junction, {})
-        others = {**self._elsewhere(junction), **holders}
+        others = {**self._elsewhere(junction), **self._held.get(junction, {})}
         free = all(
             self._passes(mine, other, priority=priority, pauses=stops < exits)
             for name, other in others.items()
@@ -115,8 +119,12 @@ class JunctionReservations:
         if free and distance <= max(COMMITTED, braking + 0.4 * track.speed):
             # With the lanes that it is on, where it waits inside the junction.
             held = tuple(_pieces(track, track.s - length)) if track.entry else pieces
-            holders[vehicle] = replace(mine, pieces=held)
+            self._hold(vehicle, junction, replace(mine, pieces=held))
         return free
+
+    def _hold(self, vehicle: str, junction: str, occupant: _Occupant) -> None:
+        self._held.setdefault(junction, {})[vehicle] = occupant
+        self._holds.setdefault(vehicle, set()).add(junction)
 
     def _passes(self, mine: _Occupant, other: _Occupant, *, priority: bool, pauses: bool) -> bool:
         """Whether a vehicle can go to the end of its reservation without meeting an occupant."""
@@ -140,8 +148,8 @@ class JunctionReservations:
                     continue  # it goes on after this one, which may be what stops it
                 if other.speed < STANDING:
                     return False
-                gone = _time(their_leave + other.length, other.speed)
-                if gone + GAP > _time(max(enter, 0.0), max(mine.speed, 0.1)):
+                gone = time_to_cover(their_leave + other.length, other.speed, ACCELERATION)
+                if gone + GAP > time_to_cover(enter, max(mine.speed, 0.1), ACCELERATION):
                     return False
         return True
 
@@ -192,10 +200,3 @@ def _until(track: VehicleTrack) -> float:
 def _junction(lane: str) -> str:
     """What the ids of all internal lanes of a junction begin with."""
     return lane.rsplit("_", 2)[0]
-
-
-def _time(distance: float, speed: float) -> float:
-    """s to cover `distance` (m) from `speed` (m/s) with ACCELERATION."""
-    if distance <= 0.0:
-        return 0.0
-    return (math.sqrt(speed * speed + 2.0 * ACCELERATION * distance) - speed) / ACCELERATION

@@ -67,7 +67,7 @@ class RightOfWay:
             return "go"
         if distance > LINE_OF_SIGHT + speed:
             return "look"
-        clear = _time(distance + entry.exit - entry.stop_line + 5.0, speed, acceleration)
+        clear = time_to_cover(distance + entry.exit - entry.stop_line + 5.0, speed, acceleration)
         if self._trust_sumo and standing_time < TRUST_TIME:
             return "stop" if not link.is_open or self._foe_arrives(entry, clear) else "look"
         # SUMO counts a vehicle with speed mode 0, as all taken-over ones have, as a foe even where it waits at red: a
@@ -127,6 +127,6 @@ class RightOfWay:
         return any(vehicle_speed(self._api, foe) > 0.5 for lane in lanes for foe in vehicles_on_lane(self._api, lane))
 
 
-def _time(distance: float, speed: float, acceleration: float) -> float:
+def time_to_cover(distance: float, speed: float, acceleration: float) -> float:
     """s to cover `distance` (m) from `speed` (m/s) with `acceleration` (m/s²)."""
-    return (math.sqrt(speed * speed + 2.0 * acceleration * distance) - speed) / acceleration
+    return (math.sqrt(speed * speed + 2.0 * acceleration * max(distance, 0.0)) - speed) / acceleration

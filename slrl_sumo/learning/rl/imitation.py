@@ -14,13 +14,11 @@ from torch.nn.functional import cross_entropy
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.learning.supervised.fit import goals
-from slrl_sumo.learning.supervised.modes import assign
+from slrl_sumo.learning.supervised.goals import modes_of, trained_ranges
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, policy_logits
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_images
-from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.record import record
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -60,10 +58,8 @@ def demonstrations(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundl
     """All windows of a recording on its ground, with the modes of `bundle`."""
     every = windows([recording], stride)
     every = every.take(bundle.types[every.type])
-    goal = goals(every, str(bundle.training.get("modes_by", "kmeans")))
-    mode = np.zeros(len(every), np.int64)
-    for t in RoadUserType:
-        mode[every.type == t] = assign(goal[every.type == t], bundle.mode_centres[t])
+    modes_by = str(bundle.training.get("modes_by", "kmeans"))
+    mode = modes_of(every, modes_by, bundle.mode_centres, trained_ranges(bundle.training))
     image = np.zeros((len(every), EGO_ROWS, EGO_COLS, 3), np.uint8)
     for frame in np.unique(every.frame):
         here = np.flatnonzero(every.frame == frame)

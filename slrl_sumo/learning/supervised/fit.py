@@ -11,20 +11,9 @@ from torch.nn import functional
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.learning.supervised.goals import HORIZONS, MODES_BY, Ranges, goals, modes_of, ranges, weigh
 from slrl_sumo.learning.supervised.model_card import model_card
-from slrl_sumo.learning.supervised.modes import (
-    AT_ONCE,
-    AT_PRESENT,
-    AccelerationRanges,
-    Weigh,
-    acceleration_ranges,
-    assign,
-    balance,
-    balance_accelerations,
-    cluster,
-    curved,
-    relative_accelerations,
-)
+from slrl_sumo.learning.supervised.modes import cluster
 from slrl_sumo.learning.supervised.network_training import HEADING, rolled, train_displacement, train_prior
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle
@@ -42,21 +31,6 @@ HELD_OUT = 0.1
 MIRROR_BELOW = 20_000
 """A type with fewer windows than this is trained on their mirror images too. Left and right differ in traffic, but few
 road users cannot show how; on held-out recordings of HC and SDD mirroring lowered the errors of all types."""
-
-MODES_BY = ("relative", "kmeans", "balanced", "curved", "accelerations")
-"""Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
-the default because it predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
-destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight (modes.balance).
-`curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so that some modes
-decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles, acceleration and
-lateral acceleration of the first 1.2 s relative to what was recorded at that speed (modes.relative_accelerations), so
-that modes brake, keep their speed and speed up with fine and with sharp steering at every speed; the models learn these
-1.2 s."""
-
-HORIZONS = {"curved": AT_ONCE, "accelerations": AT_PRESENT}
-"""Intervals that the models of these modes learn; of all others, the whole window."""
-
-Ranges = dict[RoadUserType, AccelerationRanges]
 
 TURNING = 0.02
 """rad/s; a road user with a higher yaw rate is turning."""
@@ -137,7 +111,7 @@ def _fit(
     goal = goals(train, modes, known)
     for t in types:
         centres[t] = cluster(goal[train.type == t], config.modes, seed, TYPE_NAMES[t], weigh=weigh(modes, t))
-    mode = _modes_of(train, modes, centres, known)
+    mode = modes_of(train, modes, centres, known)
     counts = np.stack([np.bincount(mode[train.type == t], minlength=config.modes) for t in RoadUserType])
 
     models = DisplacementModels(config.modes, config.displacement_hidden)
@@ -214,52 +188,6 @@ def _left_out(every: Windows, held_out: NDArray[np.bool_], modes: str, k: int) -
     return reasons
 
 
-def ranges(every: Windows, types: Sequence[RoadUserType]) -> Ranges:
-    """The ranges of accelerations of vehicles, which `goals` needs for `accelerations`."""
-    result: Ranges = {}
-    for t in types:
-        if t == RoadUserType.PEDESTRIAN:
-            continue
-        mine = every.type == t
-        result[t] = acceleration_ranges(every.vector[mine, SPEED].astype(np.float64), every.path[mine])
-    return result
-
-
-def goals(every: Windows, modes: str, known: Ranges | None = None) -> Floats:
-    """The quantity (N, 2) that modes of this kind (one of MODES_BY) cluster: m, or the result of `curved` or
-    `relative_accelerations` (by their ranges, `known`) for vehicles."""
-    if modes == "relative":
-        return every.relative
-    if modes == "curved":
-        goal = every.destination.copy()
-        for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
-            mine = every.type == kind
-            goal[mine] = curved(goal[mine], every.path[mine, AT_ONCE - 1], kind)
-        return goal
-    if modes == "accelerations":
-        goal = every.destination.copy()
-        for kind, one in (known or {}).items():
-            mine = every.type == kind
-            goal[mine] = relative_accelerations(every.vector[mine, SPEED].astype(np.float64), every.path[mine], one)
-        return goal
-    return every.destination
-
-
-def weigh(modes: str, kind: RoadUserType) -> Weigh | None:
-    """How the clustering of this kind (one of MODES_BY) weighs the windows of a type; None: equally."""
-    if modes == "accelerations" and kind != RoadUserType.PEDESTRIAN:
-        return balance_accelerations
-    return balance if modes in ("balanced", "curved", "accelerations") else None
-
-
-def _modes_of(every: Windows, modes: str, centres: Floats, known: Ranges) -> Longs:
-    """The mode of each window, (N,)."""
-    goal, mode = goals(every, modes, known), np.zeros(len(every), np.int64)
-    for t in RoadUserType:
-        mode[every.type == t] = assign(goal[every.type == t], centres[t])
-    return mode
-
-
 def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadUserType]) -> None:
     """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
     before = train.vector[:, SPEED].astype(np.float64)
@@ -311,7 +239,7 @@ def _measured(
     """The training record of one type: sizes, errors on its held-out windows, bounds."""
     mine = every.type == t
     test, train = every.take(held_out & mine), every.take(~held_out & mine)
-    true = torch.from_numpy(_modes_of(test, modes, centres, known))
+    true = torch.from_numpy(modes_of(test, modes, centres, known))
     vector, kind = torch.from_numpy(test.vector), torch.from_numpy(test.type)
     target = torch.from_numpy(test.displacement).float()
     acceleration, yaw_rate = (both.gather(1, true[:, None])[:, 0] for both in models.motion_all(vector, kind))

@@ -4,6 +4,7 @@ from sklearn.cluster import KMeans
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.supervised import modes
+from slrl_sumo.learning.supervised.goals import trained_ranges
 from slrl_sumo.learning.supervised.modes import (
     BEND,
     GENTLE,
@@ -164,3 +165,12 @@ def test_modes_of_accelerations_accelerate_and_steer_at_every_speed() -> None:
         without_braking = means[np.abs(means[:, 0]) < 0.7, 1]
         assert (np.abs(without_braking) > 1.2).any()
         assert ((np.abs(without_braking) > 0.1) & (np.abs(without_braking) < 0.8)).any()
+
+
+def test_ranges_come_back_from_the_training_record() -> None:
+    speed = np.random.default_rng(2).uniform(2.0, 14.0, 5_000)
+    known = acceleration_ranges(speed, accelerated(speed, 0.1 * speed, 1.0 / speed))
+    (back,) = trained_ranges({"acceleration_ranges": {"car": known.to_json()}}).items()
+    assert back[0] == RoadUserType.CAR
+    assert back[1].to_json() == known.to_json()
+    assert trained_ranges({"modes_by": "kmeans"}) == {}
