@@ -34,3 +34,25 @@ def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def interrupts_deferred() -> Iterator[None]:
+    """SIGINT, SIGTERM and SIGHUP received inside take effect afterwards; outside the main thread, nothing changes.
+
+    Blocking them in the main thread does not do that: the system delivers them to another thread (numpy has some), and
+    Python then runs the handler in the main thread.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    handled = [each for each in SIGNALS if signal.getsignal(each) not in (signal.SIG_IGN, None)]
+    before = {each: signal.signal(each, lambda number, _: received.append(number)) for each in handled}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in received:
+            signal.raise_signal(number)

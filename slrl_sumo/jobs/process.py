@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any
 
 from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
-from slrl_sumo.jobs.interrupt import SIGNALS
+from slrl_sumo.jobs.interrupt import SIGNALS, interrupts_deferred
 from slrl_sumo.jobs.standard_streams import open_closed_streams
 
 PRINTED = "printed"
@@ -64,23 +64,12 @@ class WorkerProcess:
         self.work = work
         self.requests = 0
         """How many were sent."""
-        context = multiprocessing.get_context("spawn")
-        with signals_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
-            try:
-                self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
-            except OSError as error:
-                raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
-            self.pipe, child_end = context.Pipe()
-            self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
-            self._process.start()
-            self._guard = subprocess.Popen(
-                ["/bin/sh", "-c", GUARD, "guard", str(self.pid), str(self._folder)],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-        child_end.close()
+        try:
+            with interrupts_deferred():
+                self._start(work)
+        except KeyboardInterrupt:
+            self.close()
+            raise
 
     @property
     def pid(self) -> int:
@@ -113,6 +102,25 @@ class WorkerProcess:
             self._process.join()
             shutil.rmtree(self._folder, ignore_errors=True)
             self._guard.communicate()
+
+    def _start(self, work: bytes) -> None:
+        context = multiprocessing.get_context("spawn")
+        with signals_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
+            try:
+                self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+            except OSError as error:
+                raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
+            self.pipe, child_end = context.Pipe()
+            self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
+            self._process.start()
+            self._guard = subprocess.Popen(
+                ["/bin/sh", "-c", GUARD, "guard", str(self.pid), str(self._folder)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        child_end.close()
 
     def _death(self) -> WorkerDiedError:
         self._process.join(EXIT_S)

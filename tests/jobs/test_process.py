@@ -1,12 +1,15 @@
 """Processes of ours that hold a SUMO."""
 
+import multiprocessing.util
 import os
 import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -72,3 +75,31 @@ def test_a_child_ignores_what_the_command_handles(number: signal.Signals) -> Non
         assert pickle.loads(process.receive(60.0)) == 3
     finally:
         process.close()
+
+
+def test_an_interrupt_while_a_child_starts_ends_the_child_quietly(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system gives the signal to any thread that does not block it, and Python handles it in the main thread."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    end, spawn = threading.Event(), multiprocessing.util.spawnv_passfds
+    other = threading.Thread(target=end.wait)
+    other.start()
+
+    def interrupted(*arguments: Any) -> int:
+        pid = int(spawn(*arguments))
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)
+        return pid
+
+    try:
+        WorkerProcess(pickle.dumps(abs)).close()  # the resource tracker runs from here on
+        monkeypatch.setattr("multiprocessing.util.spawnv_passfds", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            WorkerProcess(pickle.dumps(abs))
+    finally:
+        end.set()
+        other.join()
+    assert multiprocessing.active_children() == []
+    assert list(tmp_path.iterdir()) == []
+    assert capfd.readouterr().err == ""
