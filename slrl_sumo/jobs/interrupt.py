@@ -48,11 +48,11 @@ def interrupts_deferred() -> Iterator[None]:
         return
     received: list[int] = []
     handled = [each for each in SIGNALS if signal.getsignal(each) not in (signal.SIG_IGN, None)]
-    before = {each: signal.signal(each, lambda number, _: received.append(number)) for each in handled}
+    before = {each: signal.signal(each, lambda each, _: received.append(each)) for each in handled}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        for number in received:
-            signal.raise_signal(number)
+        for each in received:
+            signal.raise_signal(each)
