@@ -88,7 +88,7 @@ class RandomDriver:
 
     def __init__(self, seed: int, jump: float) -> None:
         self._rng, self._jump = np.random.default_rng(seed), jump
-        self.max_speed, self.max_length = TOP_SPEED, np.inf
+        self.max_speed, self.has_models = TOP_SPEED, False
         self.refusals = Refusals()
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:

@@ -86,8 +86,8 @@ class Followed:
             self._trips.give_back(road_user, now, returned_to_route=False, inside=False)
         rows = [i for i in np.flatnonzero(inside).tolist() if world.ids[i] not in kept]
         pedestrian = world.type[rows] == RoadUserType.PEDESTRIAN
-        eligible = self._control.eligible([world.ids[i] for i in rows], pedestrian)
-        for row in [row for row, can in zip(rows, eligible.tolist(), strict=True) if can]:
+        obstacles = self._control.obstacles([world.ids[i] for i in rows], pedestrian, models=False)
+        for row in [row for row, why in zip(rows, obstacles, strict=True) if not why]:
             self._trips.take(world.ids[row], RoadUserType(world.type[row]), now)
             kept.add(world.ids[row])
         self.ids = frozenset(kept)

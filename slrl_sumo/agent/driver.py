@@ -34,8 +34,6 @@ models."""
 
 GUARDED = "+guard"
 """Suffix of a selector's name in tables where it runs with the guard."""
-MAX_LENGTH = 8.0
-"""m: models that learned from cars turn buses and lorries with trailers into the next lane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +54,8 @@ class Driver(Protocol):
 
     max_speed: Floats
     """Top speed of each type, m/s, (3,)."""
-    max_length: float
-    """m: longer vehicles are not taken over."""
+    has_models: bool
+    """Whether learned models move the road users, so that vehicles unlike the recorded ones are not taken over."""
     refusals: Refusals
     """Road users for which SUMO has refused a call."""
 
@@ -88,12 +86,13 @@ class ModelDriver:
     `routes`: of selectors of the preset `extended`, and for the guard; None: road users know no routes.
     """
 
+    has_models = True
+
     def __init__(self, agent: Agent, routes: Routes | None = None, *, stopwatch: Stopwatch | None = None) -> None:
         self.agent = agent
         self.situation: Situation | None = None
         """What the last decision was, or the next one will be, taken from."""
         self.max_speed = agent.bundle.max_speed
-        self.max_length = MAX_LENGTH
         self._routes = routes
         self.refusals = Refusals() if routes is None else routes.refusals
         self._considered: WorldState | None = None
@@ -155,10 +154,11 @@ class ModelDriver:
 class RouteDriver:
     """The baseline `lane`: each road user follows its lane and route."""
 
+    has_models = False
+
     def __init__(self, lanes: LaneDriver) -> None:
         self._lanes = lanes
         self.max_speed: Floats = np.full(len(RoadUserType), np.inf)
-        self.max_length = np.inf
         self.refusals = lanes.refusals
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:

@@ -56,6 +56,9 @@ class RunSummary:
     refused: int
     wrapped_around: int
     taken_over: int
+    left_to_sumo: dict[str, int]
+    """Road users that `takeover` wanted in the region but could not take, by reason: `class bus`, `size`, `fast lane`,
+    `stop ahead`, `no walk`, `no lane`, `refused` (docs/how-to/take-over-road-users.md)."""
     handed_back: int
     returned_to_route: int
     arrived: int
@@ -124,6 +127,15 @@ class RunSummary:
         if self.taken_over:
             return f"{self.taken_over} taken over, {self.arrived} arrived, {self.under_way} under way"
         return f"{self.wrapped_around} wrapped around"
+
+    @property
+    def left_line(self) -> str:
+        """The road users that no takeover could take, in one line; '' where there is none."""
+        if not self.left_to_sumo:
+            return ""
+        count = sum(self.left_to_sumo.values())
+        reasons = ", ".join(f"{reason} {number}" for reason, number in self.left_to_sumo.items())
+        return f"{count} road {'user' if count == 1 else 'users'} of the takeover stayed SUMO's: {reasons}"
 
     @property
     def refusal_line(self) -> str:

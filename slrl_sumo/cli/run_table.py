@@ -26,7 +26,7 @@ def print_summary(result: RunResult) -> RunResult:
     text = io.StringIO()
     # Without a terminal the table need not fit into rich's 80 columns.
     Console(file=text, width=Console().width if terminal else 120, force_terminal=terminal).print(table)
-    if line := result.summary.refusal_line:
+    for line in filter(None, (result.summary.left_line, result.summary.refusal_line)):
         text.write(f"{line}\n")
     try:
         if sys.stdout is None:

@@ -8,6 +8,7 @@ from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.demand import Demand
 from slrl_sumo.sumo.scenario.options import is_output, option, switched_on
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
+from slrl_sumo.sumo.vehicle_classes import MAX_LENGTH, MAX_WIDTH
 
 
 def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
@@ -52,6 +53,15 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
             f"{counted(demand.stopping, 'vehicle or flow has', 'vehicles or flows have')} stops on the way "
             f"(first: {demand.first_stopping})",
             "none needed: a moved vehicle would lose its stops, so --takeover leaves them to SUMO",
+        )
+    if unsuited := demand.without_models():
+        reasons = ", ".join(f"{reason} {count}" for reason, count in unsuited.items())
+        yield Finding(
+            "note",
+            "vehicle classes",
+            f"vehicles and flows that models of cars and bicycles do not suit: {reasons} (size: longer than "
+            f"{MAX_LENGTH:g} m or wider than {MAX_WIDTH:g} m)",
+            "none needed: --takeover leaves them to SUMO and counts them",
         )
     if demand.riding:
         yield Finding(

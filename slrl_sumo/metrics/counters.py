@@ -91,6 +91,8 @@ class RunCounters:
         self.wraparounds: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
         self.refused: dict[str, tuple[float, str]] = {}
+        self.left_to_sumo: dict[str, str] = {}
+        """Road users that a takeover could not take, and why."""
         self.taken_over = self.handed_back = self.returned_to_route = self.arrived = self.interventions = 0
         self.under_way = 0
         self._sums = UserSums()
@@ -111,6 +113,9 @@ class RunCounters:
         self.lost += [(world.ids[row], step.time) for row in np.flatnonzero(decision.lost)]
         for road_user, reason in decision.refused:
             self.refused.setdefault(road_user, (step.time, reason))
+        self.left_to_sumo.update(decision.left_to_sumo)
+        for road_user in decision.taken_over:
+            self.left_to_sumo.pop(road_user, None)
         self.taken_over += len(decision.taken_over)
         self.handed_back += len(decision.handed_back)
         self.returned_to_route += len(decision.returned_to_route)
@@ -164,6 +169,7 @@ class RunCounters:
             "refused": len(self.refused),
             "wrapped_around": len(self.wraparounds),
             "taken_over": self.taken_over,
+            "left_to_sumo": dict(Counter(self.left_to_sumo.values()).most_common()),
             "handed_back": self.handed_back,
             "returned_to_route": self.returned_to_route,
             "arrived": self.arrived,

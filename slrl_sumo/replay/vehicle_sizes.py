@@ -5,34 +5,11 @@ import re
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.trace_types import trace_types
+from slrl_sumo.sumo.vehicle_classes import CLASS_SIZES, usual_shape
 
 Size = tuple[float, float]
 """Length and width, m."""
 
-CLASS_SIZES: dict[str, Size] = {
-    "pedestrian": (0.215, 0.478),
-    "wheelchair": (1.2, 0.72),
-    "bicycle": (1.6, 0.65),
-    "scooter": (1.2, 0.5),
-    "moped": (2.1, 0.78),
-    "motorcycle": (2.2, 0.9),
-    "emergency": (6.5, 2.16),
-    "delivery": (6.5, 2.16),
-    "bus": (12.0, 2.5),
-    "coach": (14.0, 2.6),
-    "truck": (7.1, 2.4),
-    "trailer": (16.5, 2.55),
-    "tram": (22.0, 2.4),
-    "rail_urban": (109.5, 3.0),
-    "rail": (135.0, 2.84),
-    "rail_electric": (200.0, 2.95),
-    "rail_fast": (200.0, 2.95),
-    "ship": (17.0, 4.0),
-}
-"""Defaults of SUMO 1.28 by vehicle class; all other classes are as long as cars
-(https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html)."""
-
-_PASSENGER: Size = (5.0, 1.8)
 _WORDS = (
     ("trailer", "trailer|semi|articulat"),
     ("truck", "truck|lorry|lkw|hgv"),
@@ -58,7 +35,7 @@ def scenario_sizes(scenario: Scenario) -> tuple[dict[str, Size], dict[str, str]]
     sizes, kinds = {}, {}
     for vtype in trace_types(scenario):
         name, vclass = vtype.get("id", ""), vtype.get("vClass", "passenger")
-        length, width = CLASS_SIZES.get(vclass, _PASSENGER)
+        _, length, width = usual_shape(vclass)
         try:
             sizes[name] = (float(vtype.get("length", length)), float(vtype.get("width", width)))
         except ValueError:  # SUMO itself says what is wrong with it

@@ -11,7 +11,8 @@ STANDING_SPEED = 0.1
 
 
 class RoadUserType(IntEnum):
-    """The three types of the paper. Trucks, buses and motorcycles of a scenario count as cars."""
+    """The three types of the paper. All vehicles but bicycles are perceived as cars; the car's models move those alone
+    that are like cars (`sumo.vehicle_classes`)."""
 
     CAR = 0
     BICYCLE = 1

@@ -38,6 +38,8 @@ FAST_LANE = 1.2
 """Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
 TURNING = 10.0
 """s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
+FAST = "fast lane"
+"""Why a road user stays SUMO's there."""
 RIM = 8.0
 """m outside the network's bounding box that a road user of the scenario may be."""
 
@@ -112,6 +114,8 @@ class CoSimulation:
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._taken_at_start: tuple[str, ...] = ()
+        self._left: dict[str, str] = {}
+        """Road users in the network that a takeover wants but cannot take, and why."""
         self._finished: set[str] = set()
         self._turning: dict[str, float] = {}
         """Until when (s) SUMO keeps road users that cannot follow a turn."""
@@ -146,6 +150,7 @@ class CoSimulation:
         self._taken_at_start = self._close(
             _Interval([users], Moved(users, None, {}), no_rows, [step], set(), 0)
         ).taken_over
+        self._left = {}  # so that the first decision names them
         return step
 
     def decide(self) -> Decision:
@@ -242,6 +247,7 @@ class CoSimulation:
         returned = self._return_to_route()
         handed_back = returned + self._hand_back()
         background = background_world(self._snapshot, self._simulation.time, frozenset())
+        told = self._left
         taken_over = self._taken_at_start + self._take_over(self._differences.complete(background), handed_back)
         self._taken_at_start = ()
         arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))
@@ -264,6 +270,7 @@ class CoSimulation:
             handed_back=handed_back,
             returned_to_route=returned,
             interventions=interval.interventions,
+            left_to_sumo=tuple(item for item in self._left.items() if item not in told.items()),
             refused=tuple(self._refused.items()),
         )
 
@@ -333,14 +340,21 @@ class CoSimulation:
             # Ids of spawned road users are those of road users without a route.
             own = SPAWNED_PREFIX
             wanted &= np.array([i not in skip and not i.startswith(own) for i in users.ids], np.bool_)
-            wanted &= users.length <= self._driver.max_length
             # SUMO sets the heading of a person with its first step: until then it may face the other way.
             wanted &= (users.type != RoadUserType.PEDESTRIAN) | (users.speed > WALKING)
-            if self._fast:
-                wanted &= ~self._on_fast_lane(users.ids)
             rows = np.flatnonzero(wanted)
             ids = tuple(users.ids[row] for row in rows)
-            rows = rows[self._taken_over_control.eligible(ids, self._snapshot.person[rows])]
+            obstacles = self._taken_over_control.obstacles(
+                ids, self._snapshot.person[rows], models=self._driver.has_models
+            )
+            if self._fast:
+                fast = self._on_fast_lane(ids).tolist()
+                obstacles = tuple(why or FAST * on for why, on in zip(obstacles, fast, strict=True))
+            # Where one was learned before, it is counted as handed back.
+            self._left = {
+                user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self._handed_back
+            }
+            rows = rows[[not why for why in obstacles]]
             taken = tuple(users.ids[row] for row in rows)
             if taken:
                 if self._yielding is not None:

@@ -91,6 +91,9 @@ class Decision:
     """Those handed back because they had left their route or the scene; SUMO put them on their route again."""
     interventions: int
     """How often a background vehicle began to brake for a learned road user."""
+    left_to_sumo: tuple[tuple[str, str], ...] = ()
+    """Road users of the scenario that a takeover would have taken from the end of this interval on, and why it cannot;
+    each once, and again where the reason changes."""
     refused: tuple[tuple[str, str], ...] = ()
     """Road users, mostly learned ones, that could not be moved, and the reason: from then on SUMO moves them; spawned
     ones are removed."""

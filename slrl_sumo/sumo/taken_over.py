@@ -27,6 +27,7 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import WALKING, loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
+from slrl_sumo.sumo.vehicle_classes import Shape, without_models
 
 LEFT_TO_SUMO = frozenset(
     {
@@ -47,6 +48,9 @@ MATCH_THRESHOLD_PERSON = 0.1
 """m; with 5 m SUMO moves persons beside their edge by up to 5 m towards it."""
 
 
+NO_LANE, INTERRUPTED, NOT_WALKING, REFUSED = "no lane", "stop ahead", "no walk", "refused"
+"""Why a road user cannot be taken over: SUMO has the vehicle on no lane; a stop or a calibrator is ahead; the person
+rides, waits or walks to a stop with <access>; SUMO refuses a call."""
 NO_WALK = "it does not walk any more"
 INFINITELY_WIDE = "it is on a lane of infinite width, where SUMO has persons nowhere"
 
@@ -97,13 +101,20 @@ class TakenOverControl:
         """Ids of all road users that are taken over now."""
         return frozenset(self._modes) | frozenset(self._walks)
 
-    def eligible(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of n road users on the network can be taken over, (n,); `person`: which of them are persons, (n,).
+    def obstacles(self, ids: Sequence[str], person: NDArray[np.bool_], *, models: bool) -> tuple[str, ...]:
+        """Why n road users on the network cannot be taken over, '' where they can; `person`: which of them are persons,
+        (n,).
 
-        Eligible are walking persons, and vehicles on a lane without stops ahead that are no trains, ships or aircraft,
-        and of no class that crossings admit.
+        Walking persons can, and vehicles on a lane without stops ahead that are no trains, ships or aircraft, and of no
+        class that crossings admit; with `models`, only vehicles that these suit.
         """
-        return self._each(ids, person, self._vehicle_eligible, self._person_eligible)
+        found = []
+        for road_user, walks in zip(ids, person.tolist(), strict=True):
+            reason = REFUSED
+            with self.refusals.of(road_user):
+                reason = self._obstacle_of_person(road_user) if walks else self._obstacle_of_vehicle(road_user, models)
+            found.append(reason)
+        return tuple(found)
 
     def unsupported(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Which of n taken-over road users must be handed back, (n,): vehicles with stops or a calibrator
@@ -216,24 +227,31 @@ class TakenOverControl:
     def _does_not_walk(self, road_user: str) -> bool:
         return self._api.person.getStage(road_user, 0).type != WALKING
 
-    def _vehicle_eligible(self, road_user: str) -> bool:
+    def _obstacle_of_vehicle(self, road_user: str, models: bool) -> str:
         vehicle = self._api.vehicle
-        if vehicle.getLaneID(road_user) == "" or self._is_interrupted(road_user):
-            return False
+        vehicle_class = vehicle.getVehicleClass(road_user)
         # SUMO 1.28 crashes in the step after a move has put a vehicle onto a walking area or a crossing. In networks of
         # netconvert only vehicles of class "pedestrian" can be mapped to one.
-        vehicle_class = vehicle.getVehicleClass(road_user)
-        return vehicle_class not in LEFT_TO_SUMO and vehicle_class not in self._network.classes_on_foot
+        if vehicle_class in LEFT_TO_SUMO or vehicle_class in self._network.classes_on_foot:
+            return f"class {vehicle_class}"
+        if models:
+            shape = Shape(vehicle_class, vehicle.getLength(road_user), vehicle.getWidth(road_user))
+            if unlike := without_models(shape):
+                return unlike
+        if vehicle.getLaneID(road_user) == "":
+            return NO_LANE
+        return INTERRUPTED if self._is_interrupted(road_user) else ""
 
-    def _person_eligible(self, road_user: str) -> bool:
+    def _obstacle_of_person(self, road_user: str) -> str:
         person = self._api.person
         if person.getVehicle(road_user) != "" or person.getRoadID(road_user) == "":
-            return False
+            return NOT_WALKING
         stage = person.getStage(road_user, 0)
         if stage.type != WALKING:
-            return False
+            return NOT_WALKING
         # With <access>, SUMO ends the walk to a stop on another edge than that of the stop.
-        return not stage.edges or self._edge_of_stop.get(stage.destStop, stage.edges[-1]) == stage.edges[-1]
+        whole = not stage.edges or self._edge_of_stop.get(stage.destStop, stage.edges[-1]) == stage.edges[-1]
+        return "" if whole else NOT_WALKING
 
     def _take_over_vehicle(self, road_user: str) -> bool:
         vehicle = self._api.vehicle

@@ -48,8 +48,8 @@ class Ride:
         snapshot = self.session.reader.read()
         own = set(self.learned.ids)
         rows = [i for i, r in enumerate(snapshot.ids) if self.wanted(r) and r not in own and r not in self.back | own]
-        able = self.loans.eligible([snapshot.ids[i] for i in rows], snapshot.person[rows])
-        rows = [i for i, may in zip(rows, able.tolist(), strict=True) if may]
+        obstacles = self.loans.obstacles([snapshot.ids[i] for i in rows], snapshot.person[rows], models=False)
+        rows = [i for i, why in zip(rows, obstacles, strict=True) if not why]
         self.loans.take_over([snapshot.ids[i] for i in rows], snapshot.person[rows])
         self.learned = replace(self.learned.join(_world(snapshot, rows, self.session.time)), time=self.session.time)
         own = set(self.learned.ids)

@@ -369,3 +369,22 @@ def test_edges_with_calibrators_are_counted(make: Make) -> None:
     )
     finding = one(make(additional=calibrator), "calibrators")
     assert finding.what == "1 edge has a calibrator (in0), which may remove vehicles"
+
+
+def test_vehicles_that_models_do_not_suit_are_told_before_a_run(make: Make) -> None:
+    types = (
+        '<vType id="bus" vClass="bus"/><vType id="van" length="6.5"/><vType id="tricycle" vClass="bicycle" length="3"/>'
+        '<vTypeDistribution id="mixed"><vType id="m" vClass="motorcycle"/><vType id="p"/></vTypeDistribution>'
+        '<vTypeDistribution id="named" vTypes="bus p"/>'
+    )
+
+    def vehicle(number: int, vtype: str) -> str:
+        return f'<vehicle id="v{number}" type="{vtype}" depart="{number}"><route edges="in0 out2"/></vehicle>'
+
+    demand = types + "".join(
+        vehicle(n, t) for n, t in enumerate(["p", "tricycle", "bus", "bus", "van", "mixed", "named"])
+    )
+    finding = one(make(demand + CAR.replace('depart="1"', 'depart="9"')), "vehicle classes")
+    assert finding.severity == "note"
+    assert ": class bus 3, size 1, class motorcycle 1 (size: longer than 5.7 m" in finding.what
+    assert "vehicle classes" not in {topic for _, topic in grave(make(types + vehicle(0, "p") + CAR))}

@@ -1,5 +1,6 @@
 """The loop in this process: what each decision says, step by step."""
 
+import json
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -9,6 +10,7 @@ from typing import Any
 import libsumo
 import numpy as np
 import pytest
+from conftest import Cli
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.driver import Moved
@@ -203,7 +205,7 @@ class _Straight:
     """A driver whose road users go straight on at 10 m/s, and can do no more."""
 
     max_speed = np.full(3, 10.0)
-    max_length = np.inf
+    has_models = True
     refusals = Refusals()
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
@@ -289,14 +291,47 @@ def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_b
     assert not notices(settings)
 
 
-def test_vehicles_too_long_for_a_driver_stay_sumos(into_the_fast_lane: Path) -> None:
-    taken = []
-    for longest in (4.0, 6.0):
-        with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:
-            driver = _Straight()
-            driver.max_length = longest  # SUMO's cars are 5 m long
-            rule = Takeover(np.ones(3), parse_region(None, session.network), 1)
-            simulation = CoSimulation(session, driver, takeover=rule)
-            simulation.start()
-            taken.append(len(simulation.population.ids))
-    assert taken == [0, 1]
+@pytest.fixture
+def mixed_traffic(into_the_fast_lane: Path) -> Path:
+    """On the same roads two cars, a bus, a motorcycle, a car that stops, and a car on the fast road."""
+    into_the_fast_lane.with_name("bare.rou.xml").write_text(
+        '<routes><vType id="car" vClass="passenger"/><vType id="bus" vClass="bus"/>'
+        '<vType id="motorcycle" vClass="motorcycle"/><vType id="van" vClass="passenger" length="6.5"/>'
+        '<route id="whole" edges="slow fast"/><route id="end" edges="fast"/>'
+        '<vehicle id="there" type="car" route="end" depart="0" departPos="10"/>'
+        '<vehicle id="car.0" type="car" route="whole" depart="0" departPos="90"/>'
+        '<vehicle id="bus.0" type="bus" route="whole" depart="0" departPos="75"/>'
+        '<vehicle id="motorcycle.0" type="motorcycle" route="whole" depart="0" departPos="55"/>'
+        '<vehicle id="van.0" type="van" route="whole" depart="0" departPos="45"/>'
+        '<vehicle id="stops" type="car" route="whole" depart="0" departPos="30">'
+        '<stop lane="slow_0" endPos="60" duration="99"/></vehicle>'
+        '<vehicle id="car.1" type="car" route="whole" depart="0" departPos="10"/></routes>'
+    )
+    return into_the_fast_lane
+
+
+def test_vehicles_that_models_do_not_suit_stay_sumos_and_are_counted_by_reason(mixed_traffic: Path, cli: Cli) -> None:
+    settings = RunSettings(str(mixed_traffic), takeover="car=1", steps=8, selector="rule")
+    learned: set[str] = set()
+    left: dict[str, str] = {}
+    for event in run(settings):
+        if isinstance(event, Decision):
+            learned.update(event.steps[-1].world.ids[: len(event.surface)])
+            assert not learned.intersection(user for user, _ in event.left_to_sumo)
+            left.update(event.left_to_sumo)
+    assert learned == {"car.0", "car.1"}
+    reasons = {"there": "fast lane", "bus.0": "class bus", "motorcycle.0": "class motorcycle", "van.0": "size"}
+    assert left == {**reasons, "stops": "stop ahead"}
+
+    summary = mixed_traffic.with_name("summary.json")
+    shown = cli("run", mixed_traffic, "--takeover", "car=1", "--steps", "8", "--summary", summary)
+    assert json.loads(summary.read_text())["left_to_sumo"] == dict.fromkeys([*reasons.values(), "stop ahead"], 1)
+    assert "5 road users of the takeover stayed SUMO's: " in shown.stdout
+    assert "class motorcycle 1" in shown.stdout
+    # The lane follower drives vehicles of all classes.
+    cli("run", mixed_traffic, "--takeover", "car=1", "--steps", "8", "--selector", "lane", "--summary", summary)
+    assert json.loads(summary.read_text())["left_to_sumo"] == {"stop ahead": 1}
+
+
+def test_nothing_is_said_where_no_road_user_is_left_to_sumo(cli: Cli) -> None:
+    assert "stayed SUMO's" not in cli("run", "intersection", "--takeover", "car=1", "--steps", "3").stdout

@@ -23,6 +23,7 @@ from netgen.binaries import run_program
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import front_from_centre, heading_to_sumo, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
+from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
 from slrl_sumo.sumo.session import SumoSession
@@ -47,6 +48,11 @@ def play(*words: object) -> subprocess.CompletedProcess[str]:
     with tempfile.TemporaryDirectory() as folder:
         env = os.environ | {"TMPDIR": folder}
         return subprocess.run(command, capture_output=True, text=True, check=False, timeout=240, env=env)
+
+
+def _able(control: TakenOverControl, snapshot: Snapshot) -> NDArray[np.bool_]:
+    """Which road users could be taken over by a driver without models."""
+    return np.array([not why for why in control.obstacles(snapshot.ids, snapshot.person, models=False)], np.bool_)
 
 
 def survived(*words: object) -> dict[str, Any]:
@@ -173,7 +179,7 @@ def footpath(tmp_path: Path) -> Path:
 
 
 def test_vehicles_that_may_use_walking_areas_are_left_to_sumo(footpath: Path) -> None:
-    assert survived("lent_vehicle_on_a_walking_area", footpath) == {"lane": "ab_0", "eligible": False}
+    assert survived("lent_vehicle_on_a_walking_area", footpath) == {"lane": "ab_0", "why": "class pedestrian"}
 
 
 def test_sumo_dies_of_vehicles_on_walking_areas() -> None:
@@ -271,7 +277,7 @@ def lent_cars_over_sidewalks(options: str) -> dict[str, Any]:
             session.step()
         snapshot = session.reader.read()
         control = TakenOverControl(libsumo, session.network)
-        wheels = np.flatnonzero(~snapshot.person & control.eligible(snapshot.ids, snapshot.person))
+        wheels = np.flatnonzero(~snapshot.person & _able(control, snapshot))
         ids, length = tuple(snapshot.ids[i] for i in wheels), snapshot.length[wheels]
         assert len(ids) >= 6
         crowd, person = Wanderers(len(ids), CENTRE, 8.0), np.zeros(len(ids), np.bool_)
@@ -316,7 +322,7 @@ def lent_persons(steps: str) -> dict[str, Any]:
         for _ in range(int(steps)):
             snapshot = session.reader.read()
             missing += len(set(state) - set(snapshot.ids))
-            able = snapshot.person & control.eligible(snapshot.ids, snapshot.person)
+            able = snapshot.person & _able(control, snapshot)
             for i in np.flatnonzero(able).tolist():
                 if snapshot.ids[i] not in state:
                     control.take_over(snapshot.ids[i : i + 1], snapshot.person[i : i + 1])
@@ -456,8 +462,8 @@ def lent_vehicle_on_a_walking_area(config: str) -> dict[str, Any]:
         session.step()
         session.step()
         control = TakenOverControl(libsumo, session.network)
-        eligible = bool(control.eligible(["v"], np.array([False]))[0])
-        return {"lane": libsumo.vehicle.getLaneID("v"), "eligible": eligible}
+        (why,) = control.obstacles(["v"], np.array([False]), models=False)
+        return {"lane": libsumo.vehicle.getLaneID("v"), "why": why}
 
 
 def naive_vehicles_on_walking_areas() -> dict[str, Any]:

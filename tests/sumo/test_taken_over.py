@@ -142,20 +142,45 @@ def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSessio
 def test_vehicles_with_stops_ahead_or_of_other_kinds_are_left_alone(session: SumoSession) -> None:
     _add_car(session)
     control = TakenOverControl(libsumo, session.network)
-    assert control.eligible(["car"], VEHICLE).tolist() == [True]
+    assert control.obstacles(["car"], VEHICLE, models=True) == ("",)
     lane = libsumo.vehicle.getLaneIndex("car")
     libsumo.vehicle.setStop("car", "in0", pos=80.0, laneIndex=lane, duration=1000.0)
-    assert control.eligible(["car"], VEHICLE).tolist() == [False]
+    assert control.obstacles(["car"], VEHICLE, models=True) == ("stop ahead",)
     for _ in range(60):
         _clear()
         session.step()
     assert libsumo.vehicle.isStopped("car")
-    assert control.eligible(["car"], VEHICLE).tolist() == [False]
+    assert control.obstacles(["car"], VEHICLE, models=True) == ("stop ahead",)
     libsumo.vehicle.resume("car")
     session.step()
-    assert control.eligible(["car"], VEHICLE).tolist() == [True]
+    assert control.obstacles(["car"], VEHICLE, models=True) == ("",)
     libsumo.vehicle.setVehicleClass("car", "tram")
-    assert control.eligible(["car"], VEHICLE).tolist() == [False]
+    assert control.obstacles(["car"], VEHICLE, models=False) == ("class tram",)
+
+
+@pytest.mark.parametrize("vehicle_class", ["bus", "truck", "motorcycle", "moped", "scooter", "emergency"])
+def test_models_of_cars_move_no_vehicles_that_sumo_drives_otherwise(session: SumoSession, vehicle_class: str) -> None:
+    _add_car(session)
+    control = TakenOverControl(libsumo, session.network)
+    libsumo.vehicle.setVehicleClass("car", vehicle_class)
+    assert control.obstacles(["car"], VEHICLE, models=True) == (f"class {vehicle_class}",)
+    # The lane follower drives as the vehicle type says.
+    assert control.obstacles(["car"], VEHICLE, models=False) == ("",)
+
+
+@pytest.mark.parametrize(("vehicle_class", "length", "width", "why"), [
+    ("passenger", 5.6, 2.0, ""), ("delivery", 5.2, 1.9, ""), ("taxi", 5.0, 1.8, ""),
+    ("passenger", 12.0, 1.8, "size"), ("delivery", 6.5, 2.16, "size"), ("passenger", 5.0, 2.5, "size"),
+])  # fmt: skip
+def test_models_of_cars_move_no_vehicles_larger_than_recorded_cars(
+    session: SumoSession, vehicle_class: str, length: float, width: float, why: str
+) -> None:
+    _add_car(session)
+    libsumo.vehicle.setVehicleClass("car", vehicle_class)
+    libsumo.vehicle.setLength("car", length)
+    libsumo.vehicle.setWidth("car", width)
+    control = TakenOverControl(libsumo, session.network)
+    assert control.obstacles(["car"], VEHICLE, models=True) == (why,)
 
 
 def test_persons_that_walk_may_be_taken_those_that_wait_or_ride_may_not(session: SumoSession) -> None:
@@ -171,7 +196,7 @@ def test_persons_that_walk_may_be_taken_those_that_wait_or_ride_may_not(session:
     assert libsumo.person.getVehicle("rider") == "taxi"
     control = TakenOverControl(libsumo, session.network)
     people = np.array([True, True, True])
-    assert control.eligible(["walker", "waiter", "rider"], people).tolist() == [True, False, False]
+    assert control.obstacles(["walker", "waiter", "rider"], people, models=True) == ("", "no walk", "no walk")
 
 
 def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(session: SumoSession) -> None:

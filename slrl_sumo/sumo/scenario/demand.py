@@ -1,5 +1,6 @@
 """The demand in a scenario's route and additional files, read in one pass with bounded memory."""
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +14,7 @@ from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.scenario.configuration import Scenario
 from slrl_sumo.sumo.scenario.input_check import unusable_inputs
 from slrl_sumo.sumo.scenario.options import input_files
+from slrl_sumo.sumo.vehicle_classes import Shape, usual_shape, without_models
 
 VEHICLES = frozenset({"vehicle", "trip", "flow"})
 PERSONS = frozenset({"person", "personFlow"})
@@ -23,6 +25,10 @@ DETECTORS = frozenset(
     }
 )
 """Elements of additional files that write output files."""
+
+
+DEFAULT_TYPE = "DEFAULT_VEHTYPE"
+"""Type of a vehicle that names none."""
 
 
 @dataclass
@@ -45,6 +51,10 @@ class Demand:
     """Detectors and similar elements that write files."""
     types: set[str] = field(default_factory=set)
     """Ids of vTypes and vTypeDistributions."""
+    shapes: dict[str, list[Shape]] = field(default_factory=dict)
+    """By type: its class and size; by distribution: those of its types."""
+    vehicles_of_type: Counter[str] = field(default_factory=Counter)
+    """How many vehicles, trips and flows are of a type or distribution."""
     types_used: dict[str, tuple[str, float]] = field(default_factory=dict)
     """By type: the first road user of that type and its departure."""
     edges_used: dict[str, tuple[str, float]] = field(default_factory=dict)
@@ -56,6 +66,16 @@ class Demand:
     """By route file: how many road users depart before the preceding one, and the first of them. SUMO drops these."""
     unreadable: dict[Path, str] = field(default_factory=dict)
     """By file: why it is no XML."""
+
+    def without_models(self) -> dict[str, int]:
+        """How many vehicles, trips and flows are, or with a distribution may be, such as models of cars and bicycles do
+        not suit, by reason; the most frequent first."""
+        found: Counter[str] = Counter()
+        for name, count in self.vehicles_of_type.items():
+            found.update(
+                dict.fromkeys({why for shape in self.shapes.get(name, ()) if (why := without_models(shape))}, count)
+            )
+        return dict(found.most_common())
 
 
 def read_demand(scenario: Scenario) -> Demand:
@@ -125,6 +145,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
     tag, name = str(item.tag), item.get("id", "")
     if tag in ("vType", "vTypeDistribution"):
         demand.types.add(name)
+        demand.shapes.setdefault(name, []).extend(_shapes(item, demand))
         on = {key for p in item.iterfind("param") if (key := p.get("key")) and p.get("value", "").lower() == "true"}
         if "has.rerouting.device" in on:
             demand.rerouting_types.add(name)
@@ -159,11 +180,27 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
             demand.own_ids.append(name)
         if tag in PERSONS:
             demand.riding += item.find(".//ride") is not None or "public" in _modes(item)
-        elif item.find(".//stop") is not None or item.get("route") in stopping_routes:
-            demand.stopping += 1
-            demand.first_stopping = demand.first_stopping or name
+        else:
+            demand.vehicles_of_type[item.get("type", DEFAULT_TYPE)] += 1
+            if item.find(".//stop") is not None or item.get("route") in stopping_routes:
+                demand.stopping += 1
+                demand.first_stopping = demand.first_stopping or name
         return depart
     return None
+
+
+def _shapes(item: etree._Element, demand: Demand) -> list[Shape]:
+    """Of a vType its own; of a distribution those of the types inside it and of those that it names."""
+    if item.tag == "vTypeDistribution":
+        inside = [shape for vtype in item.iterfind("vType") for shape in _shapes(vtype, demand)]
+        return inside + [shape for name in item.get("vTypes", "").split() for shape in demand.shapes.get(name, ())]
+    usual = usual_shape(item.get("vClass", "passenger"))
+    try:
+        return [
+            usual._replace(length=float(item.get("length", usual.length)), width=float(item.get("width", usual.width)))
+        ]
+    except ValueError:  # SUMO itself says what is wrong with it
+        return [usual]
 
 
 def _modes(person: etree._Element) -> set[str]:
