@@ -7,8 +7,8 @@ from scipy.spatial import cKDTree
 
 from slrl_sumo.doctor.demand_checks import demand_findings, output_findings, unknown_names
 from slrl_sumo.doctor.finding import Finding, Severity, counted, some
+from slrl_sumo.doctor.model_checks import fast_lane_findings, turn_findings
 from slrl_sumo.doctor.option_checks import missing_inputs, option_findings
-from slrl_sumo.doctor.turn_checks import turn_findings
 from slrl_sumo.doctor.versions import version_findings
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
@@ -54,14 +54,14 @@ def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     try:
         with SumoSession(scenario) as session:
             network = session.network
-            turns = list(turn_findings(session.api, network))
+            beyond = [*turn_findings(session.api, network), *fast_lane_findings(network)]
     except InputError as error:
         reason = str(error).removeprefix(f"{scenario.config}: ")
         yield Finding("problem", "SUMO", reason, f"correct it until plain SUMO runs it: sumo -c {scenario.config.name}")
         return
     yield from unknown_names(scenario, demand, frozenset(lane.edge for lane in network.lanes))
     yield from network_findings(network)
-    yield from turns
+    yield from beyond
 
 
 def network_findings(network: Network) -> Iterator[Finding]:

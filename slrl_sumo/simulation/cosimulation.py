@@ -125,7 +125,7 @@ class CoSimulation:
         self._refusals += [] if self._yielding is None else [self._yielding.refusals]
         self._refused: dict[str, str] = {}
         self._time: float | None = None
-        self._fast = fast_lanes(simulation.network, driver)
+        self._fast = fast_lanes(simulation.network, driver.max_speed)
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
 
@@ -370,10 +370,10 @@ class CoSimulation:
         self.world = self.population.world.join(users.take(others))
 
 
-def fast_lanes(network: Network, driver: Driver) -> frozenset[str]:
-    """Ids of car lanes with a limit above FAST_LANE times the top speed of the cars of `driver`: no vehicle is learned
-    there, because all others would queue behind it. None where the driver moves no cars."""
-    most = FAST_LANE * float(driver.max_speed[RoadUserType.CAR]) or np.inf
+def fast_lanes(network: Network, max_speed: Floats) -> frozenset[str]:
+    """Ids of car lanes with a limit above FAST_LANE times the top speed of learned cars (`max_speed`: of each type,
+    (3,) m/s): no vehicle is learned there, because all others would queue behind it. None where no cars are learned."""
+    most = FAST_LANE * float(max_speed[RoadUserType.CAR]) or np.inf
     return frozenset(
         lane.id
         for lane in network.lanes

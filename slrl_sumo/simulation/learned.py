@@ -54,7 +54,7 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         constraints=constraints_of(settings.guard, settings.without),
     )
     loop = CoSimulation(simulation, driver, takeover=takeover, yielding=settings.background_yields)
-    if takeover is not None and (fast := len(fast_lanes(simulation.network, driver))):
+    if takeover is not None and (fast := len(fast_lanes(simulation.network, driver.max_speed))):
         notices.append(
             f"{'1 lane has a limit' if fast == 1 else f'{fast} lanes have limits'} far above the top speed of bundle "
             f"'{bundle.name}' ({driver.max_speed[RoadUserType.CAR]:.1f} m/s): vehicles there stay SUMO's"

@@ -388,3 +388,13 @@ def test_vehicles_that_models_do_not_suit_are_told_before_a_run(make: Make) -> N
     assert finding.severity == "note"
     assert ": class bus 3, size 1, class motorcycle 1 (size: longer than 5.7 m" in finding.what
     assert "vehicle classes" not in {topic for _, topic in grave(make(types + vehicle(0, "p") + CAR))}
+
+
+def test_lanes_that_are_too_fast_for_the_models_are_told_before_a_run(bare_network: Callable[[str], Path]) -> None:
+    edges = '<edge id="slow" from="a" to="b" numLanes="1" speed="13.89"/>'
+    fast = bare_network(edges + '<edge id="fast" from="b" to="c" numLanes="2" speed="33.33"/>')
+    finding = one(fast, "fast lanes")
+    assert finding.severity == "note"
+    assert finding.what.startswith("2 lanes have limits far above the top speed of bundle 'intersection' (")
+    assert "): 0.2 of 0.3 km for cars, up to 33.33 m/s" in finding.what
+    assert "fast lanes" not in {topic for _, topic in grave(bare_network(edges))}

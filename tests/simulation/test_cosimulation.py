@@ -248,11 +248,11 @@ def test_no_road_user_is_learned_where_all_others_would_have_to_wait(into_the_fa
     with SumoSession(find_scenario(str(into_the_fast_lane)), seed=1) as session:
         driver = _Straight()
         # Junctions are not lanes to drive on, and a fifth more than it can do is tolerable.
-        assert fast_lanes(session.network, driver) == {"fast_0"}
+        assert fast_lanes(session.network, driver.max_speed) == {"fast_0"}
         driver.max_speed = np.array([25.5, 0.0, 0.0])
-        assert fast_lanes(session.network, driver) == frozenset()
+        assert fast_lanes(session.network, driver.max_speed) == frozenset()
         driver.max_speed = np.array([24.5, 99.0, 99.0])
-        assert fast_lanes(session.network, driver) == {"fast_0"}
+        assert fast_lanes(session.network, driver.max_speed) == {"fast_0"}
         driver.max_speed = np.full(3, 10.0)
         rule = Takeover(np.ones(3), parse_region(None, session.network), 1)
         simulation = CoSimulation(session, driver, takeover=rule)

@@ -1,4 +1,4 @@
-"""Turns that learned road users cannot follow."""
+"""What the models of the usual bundle cannot do in a network: turns that are too sharp, lanes that are too fast."""
 
 import math
 from collections.abc import Iterator
@@ -8,11 +8,12 @@ import numpy as np
 
 from slrl_sumo.agent.path_smoothing import FOLLOWED, path_moved
 from slrl_sumo.doctor.finding import Finding, counted
-from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.capability import Capability, capability_of
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import SPACING
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.simulation.cosimulation import fast_lanes
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
 from slrl_sumo.simulation.spawn import legal_lanes
 from slrl_sumo.sumo.api import SumoApi
@@ -52,9 +53,32 @@ def turn_findings(api: SumoApi, network: Network) -> Iterator[Finding]:
             )
 
 
+def fast_lane_findings(network: Network) -> Iterator[Finding]:
+    """Lanes that are too fast for the cars of the usual bundle."""
+    max_speed = _bundle().max_speed
+    roads = [lane for lane in legal_lanes(network, RoadUserType.CAR) if not lane.internal]
+    fast = fast_lanes(network, max_speed)
+    if fast:
+        whole, part = (sum(lane.length for lane in some) / 1000 for some in (roads, [r for r in roads if r.id in fast]))
+        top = max(lane.max_speed for lane in roads)
+        yield Finding(
+            "note",
+            "fast lanes",
+            f"{counted(len(fast), 'lane has a limit', 'lanes have limits')} far above the top speed of bundle "
+            f"'{DEFAULT_BUNDLE}' ({max_speed[RoadUserType.CAR]:.1f} m/s): {part:.1f} of {whole:.1f} km for cars, up to "
+            f"{top:g} m/s",
+            "none needed: --takeover leaves vehicles there to SUMO and counts them; --selector lane drives there",
+        )
+
+
+@cache
+def _bundle() -> ModelBundle:
+    return load_bundle(DEFAULT_BUNDLE)
+
+
 @cache
 def _capability() -> Capability:
-    return capability_of(load_bundle(DEFAULT_BUNDLE))
+    return capability_of(_bundle())
 
 
 def _turns(lanes: dict[str, Lane], admitting: set[str], links: LaneLinks) -> Iterator[tuple[str, Floats]]:
