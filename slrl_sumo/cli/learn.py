@@ -112,6 +112,7 @@ def fit(
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
     from slrl_sumo.formats.trajectory_file import load_trajectories
+    from slrl_sumo.learning.supervised.fit import TooFewTracksError
     from slrl_sumo.learning.supervised.fit import fit as learn
     from slrl_sumo.models.bundle_folder import check_replaceable
     from slrl_sumo.studies.prediction.modes_report import MODES_FILES, write_modes
@@ -120,7 +121,10 @@ def fit(
     claim(Output("out", out, REPLACED), *pictures, inputs=[*files, *(test or [])])
     check_replaceable(out)
     recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
-    bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
+    try:
+        bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
+    except TooFewTracksError as error:
+        raise InputError(f"{', '.join(_at_most([str(file) for file in files], 'files'))}: {error}") from None
     bundle.save(out)
     for kind, reason in bundle.training["left_out"].items():
         typer.echo(f"note: no models for {kind}: {reason}", err=True)

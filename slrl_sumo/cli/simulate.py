@@ -175,14 +175,14 @@ def doctor(
     json_file: Annotated[Path | None, typer.Option("--json", help="The findings as JSON.")] = None,
 ) -> None:
     """List what in a scenario will cause trouble for learned road users, and how to correct it."""
-    from slrl_sumo.doctor.diagnosis import examine
+    from slrl_sumo.doctor.isolated import examine_isolated
     from slrl_sumo.doctor.report import findings_record, print_findings
     from slrl_sumo.sumo.scenario import find_scenario
 
     if json_file is not None:
         claim(Output("json", json_file), scenarios=[scenario])
     found = find_scenario(scenario)
-    findings = examine(found)
+    findings = examine_isolated(found)
     if json_file is not None:
         write_json(json_file, findings_record(found.name, findings))
     print_findings(findings)

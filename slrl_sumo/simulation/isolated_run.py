@@ -1,16 +1,16 @@
 """A run in a process of its own: a crash of SUMO ends that process alone."""
 
 import pickle
-import signal
 from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 
-from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.errors import SumoError
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.jobs.process import EXIT_S, WorkerDiedError, WorkerProcess
 from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.sumo.isolation import death_message, loading_error
 
 
 def run_isolated(
@@ -38,13 +38,9 @@ def run_isolated(
             yield event
         exit_s = 0.0
     except WorkerDiedError as death:
-        if time is None and death.exitcode in (-signal.SIGSEGV, -signal.SIGABRT):
-            # Some broken networks cause that.
-            raise InputError(
-                f"{settings.where}: SUMO crashes while loading it ({signal.Signals(-death.exitcode).name}); "
-                "check that network and demand are complete"
-            ) from None
-        raise SumoError(_message(death, time)) from None
+        if time is None:
+            raise loading_error(settings.where, death) from None
+        raise SumoError(death_message(death, f"after {time:g} s of simulation time")) from None
     finally:
         # A child that simulates notices the closed pipe when it sends its next event, and then closes SUMO properly. A
         # child that loads would notice too late, and after the last event SUMO is closed: these are killed.
@@ -61,14 +57,3 @@ def _events(job: tuple[RunSettings, frozenset[int], bool]) -> Generator[Event, N
             if isinstance(event, Started) and not with_surfaces:
                 event = replace(event, surfaces=SurfaceShapes(()))
             yield event
-
-
-def _message(death: WorkerDiedError, time: float | None) -> str:
-    """One line on the death of the child."""
-    when = "while it was loading" if time is None else f"after {time:g} s of simulation time"
-    cause = f"exit code {death.exitcode}"
-    if death.exitcode is not None and death.exitcode < 0:
-        cause = signal.Signals(-death.exitcode).name
-        if death.exitcode == -signal.SIGKILL:
-            cause += ": it was killed, or it took too much memory"
-    return f"SUMO died {when} ({cause}){': ' + death.printed_error if death.printed_error else ''}"

@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.sumo.isolation import isolated
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
 from slrl_sumo.sumo.scenario.options import input_files
@@ -12,7 +13,8 @@ from slrl_sumo.sumo.session import SumoSession
 
 
 def read_net_file(net: Path) -> Network:
-    """The network of a .net.xml or .net.xml.gz. Raises InputError (about --net) where SUMO cannot read it."""
+    """The network of a .net.xml or .net.xml.gz, read in a child process. Raises InputError (about --net) where SUMO
+    cannot read it."""
     if not net.exists():
         raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
@@ -22,11 +24,15 @@ def read_net_file(net: Path) -> Network:
             encoding="utf-8",
         )
         try:
-            with SumoSession(read_scenario(config)) as session:
-                return session.network
+            return isolated(_network, config, config)
         except InputError as error:
             reason = str(error).removeprefix(f"{config}: ").removeprefix(f"{net.absolute()}: ")
             raise InputError(f"--net {net}: {reason}") from None
+
+
+def _network(config: Path) -> Network:
+    with SumoSession(read_scenario(config)) as session:
+        return session.network
 
 
 def find_net(text: str) -> tuple[Path, Scenario | None]:

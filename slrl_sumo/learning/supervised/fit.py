@@ -44,6 +44,10 @@ FREE_TURNING = 0.5
 Longs = NDArray[np.int64]
 
 
+class TooFewTracksError(InputError):
+    """The recordings hold too few tracks of every type."""
+
+
 def fit(
     recordings: Sequence[Trajectories],
     *,
@@ -65,7 +69,7 @@ def fit(
     stride-th frame only; `modes` is one of MODES_BY; `mirror` adds mirrored windows for every type, not only for types
     with few windows; `forget` is passed to train_displacement; `notice` is the text that the data's licence requires in
     the model card. The same seed and recordings give the same weights on one machine, independent of the number of
-    threads. Raises InputError where the recordings have another interval or too few tracks of every type.
+    threads. Raises InputError where the recordings have another interval, TooFewTracksError.
     """
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
@@ -99,7 +103,8 @@ def _fit(
     left_out = _left_out(every, held_out, modes, config.modes)
     types = [t for t in RoadUserType if TYPE_NAMES[t] not in left_out]
     if not types:
-        raise InputError(f"nothing can be learned: {'; '.join(f'{name}: {why}' for name, why in left_out.items())}")
+        reasons = "; ".join(f"{name}: {why}" for name, why in left_out.items())
+        raise TooFewTracksError(f"nothing can be learned: {reasons}")
     served = np.isin(every.type, types)
     every, held_out = every.take(served), held_out[served]
     train = every.take(~held_out)
