@@ -87,12 +87,12 @@ def network_findings(network: Network) -> Iterator[Finding]:
         "nothing to do",
     )
     yield from _odd_lanes(network)
-    if network.calibrated:
-        edges = sorted(network.calibrated)
+    if network.removing:
+        edges = sorted(network.removing)
         yield Finding(
             "note",
-            "calibrators",
-            f"{counted(len(edges), 'edge has a calibrator', 'edges have calibrators')} ({some(edges)}), which may "
+            "removing edges",
+            f"{counted(len(edges), 'edge has', 'edges have')} a calibrator or vaporizer ({some(edges)}), which may "
             "remove vehicles",
             "none needed: SUMO drives vehicles that are taken over along them; added ones are removed before them",
         )

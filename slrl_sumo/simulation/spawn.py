@@ -64,7 +64,7 @@ def starting_points(network: Network) -> tuple[LanePoints, ...]:
     """
     points = []
     for kind in RoadUserType:
-        lanes = [lane for lane in legal_lanes(network, kind) if lane.edge not in network.calibrated]
+        lanes = [lane for lane in legal_lanes(network, kind) if lane.edge not in network.removing]
         spacing, strip = float(POINT_SPACING[kind]), float(STRIP[kind])
         many = sum(lane.length * max(1, int(lane.width / strip)) for lane in lanes) / spacing
         points.append(LanePoints(lanes, spacing=spacing * max(1.0, many / MOST_POINTS), strip=strip))

@@ -14,6 +14,7 @@ from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.scene.types import MAX_POSITION
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import ALL_CLASSES, MOTOR_CLASSES, Lane, LanePoints
+from slrl_sumo.sumo.scenario.vaporizers import OPTIONS, vaporized_edges
 
 LANE_WIDTH = 3.2
 """m: SUMO's default, which stands for widths that no lane has."""
@@ -40,8 +41,8 @@ class Network:
     """Lanes whose width in SUMO is not above 0 and up to WIDEST: they have LANE_WIDTH here."""
     infinitely_wide: frozenset[str] = frozenset()
     """Lanes of infinite width."""
-    calibrated: frozenset[str] = frozenset()
-    """Edges with a calibrator, which may remove vehicles."""
+    removing: frozenset[str] = frozenset()
+    """Edges with a calibrator or a vaporizer, which may remove vehicles."""
 
     @cached_property
     def classes_on_foot(self) -> frozenset[str]:
@@ -144,7 +145,6 @@ def read_network(api: SumoApi) -> Network:
         for junction in api.junction.getIDList()
         if not junction.startswith(":")
     }
-    calibrated = frozenset(api.calibrator.getEdgeID(calibrator) for calibrator in api.calibrator.getIDList())
     return Network(
         tuple(lanes),
         tuple(junctions),
@@ -153,8 +153,14 @@ def read_network(api: SumoApi) -> Network:
         _signal_junctions(api),
         tuple(without_width),
         frozenset(infinitely_wide),
-        calibrated,
+        _removing(api),
     )
+
+
+def _removing(api: SumoApi) -> frozenset[str]:
+    """See Network.removing."""
+    calibrated = (api.calibrator.getEdgeID(calibrator) for calibrator in api.calibrator.getIDList())
+    return frozenset(calibrated) | vaporized_edges(*(api.simulation.getOption(name) for name in OPTIONS))
 
 
 def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ Rules (measured with libsumo 1.28, see docs/architecture.md):
 - Bicycles are a vehicle type of class "passenger": SUMO then maps them to car lanes, and cars stop for them.
 - Persons move with keepRoute 7 (2 crashes); their walk is renewed when the edge under them changes.
 - Every road user is moved in every SUMO step: a vehicle beside its lane vanishes in the first step without a move.
-- No vehicle is moved to an edge with a calibrator: see `calibrators`.
+- No vehicle is moved to an edge with a calibrator or a vaporizer: see `removing_edges`.
 - With the sublane model, SUMO crashes later when a vehicle has left all lanes: see `sublanes`.
 """
 
@@ -22,10 +22,10 @@ from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.api import RoadUserDomain, SumoApi
-from slrl_sumo.sumo.calibrators import CALIBRATED, Calibrators
 from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
+from slrl_sumo.sumo.removing_edges import MAY_BE_REMOVED, RemovingEdges
 from slrl_sumo.sumo.road_users import loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 
@@ -53,11 +53,11 @@ class SpawnedControl:
         self._edge_of_person: dict[str, str] = {}
         self._staged: set[str] = set()
         self._routes: set[str] = set(api.route.getIDList())
-        self._calibrators = Calibrators(api, network)
+        self._removing = RemovingEdges(api, network)
         lanes = [lane for lane in network.lanes if not lane.internal]
         # In networks without lanes for cars (cycle paths), bicycles are of class "bicycle".
         self._vehicle_class = "passenger" if any("passenger" in lane.allowed for lane in lanes) else "bicycle"
-        free = _staging_points([lane for lane in lanes if lane.edge not in network.calibrated], self._vehicle_class)
+        free = _staging_points([lane for lane in lanes if lane.edge not in network.removing], self._vehicle_class)
         self._staging = free if len(free) else _staging_points(lanes, self._vehicle_class)
         self._walks = network.walks
         if any(lane.length <= SHORT for lane in self._walks.lanes):
@@ -110,7 +110,7 @@ class SpawnedControl:
         angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
         walking = kinds == RoadUserType.PEDESTRIAN
         lanes_under = iter(self._walks.lanes_under(x[walking], y[walking]).tolist())
-        forbidden = self._calibrators.near(x, y).tolist()
+        forbidden = self._removing.near(x, y).tolist()
         vehicle, person = self._api.vehicle, self._api.person
         for i, road_user in enumerate(ids):
             lane = next(lanes_under) if walking[i] else -1
@@ -127,7 +127,7 @@ class SpawnedControl:
                 if road_user in self._staged:
                     continue
                 if forbidden[i]:
-                    self.refusals.add(road_user, CALIBRATED)
+                    self.refusals.add(road_user, MAY_BE_REMOVED)
                     continue
                 vehicle.moveToXY(
                     road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD

@@ -7,7 +7,7 @@ Rules (measured with libsumo 1.28, see docs/explanation/sumo.md):
 - A vehicle that is moved past a stop loses it silently: vehicles with stops ahead are left to SUMO.
 - Vehicles with stops ahead, also with ones that a script or a taxi dispatch adds later, are handed back, and so are
   persons that begin another stage: SUMO refuses to move a person that rides or is in an <access> stage.
-- Vehicles with a calibrator on their next edge are handed back, see `calibrators`.
+- Vehicles with a calibrator or vaporizer on their next edge are handed back, see `removing_edges`.
 - A person on the way to a stop that it reaches by <access> is left to SUMO: if its walk is changed, SUMO begins the
   access at once, wherever it is.
 - A walk over many edges ends in "Disconnected walk" or a crash when the person is moved. While a person is taken over,
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.calibrators import CALIBRATED, Calibrators
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
+from slrl_sumo.sumo.removing_edges import MAY_BE_REMOVED, RemovingEdges
 from slrl_sumo.sumo.road_users import WALKING, loaded_ids
 from slrl_sumo.sumo.sublanes import Sublanes
 from slrl_sumo.sumo.vehicle_classes import Shape, without_models
@@ -49,8 +49,8 @@ MATCH_THRESHOLD_PERSON = 0.1
 
 
 NO_LANE, INTERRUPTED, NOT_WALKING, REFUSED = "no lane", "stop ahead", "no walk", "refused"
-"""Why a road user cannot be taken over: SUMO has the vehicle on no lane; a stop or a calibrator is ahead; the person
-rides, waits or walks to a stop with <access>; SUMO refuses a call."""
+"""Why a road user cannot be taken over: SUMO has the vehicle on no lane; a stop, a calibrator or a vaporizer is
+ahead; the person rides, waits or walks to a stop with <access>; SUMO refuses a call."""
 NO_WALK = "it does not walk any more"
 INFINITELY_WIDE = "it is on a lane of infinite width, where SUMO has persons nowhere"
 
@@ -92,7 +92,7 @@ class TakenOverControl:
             if not lane.internal and "pedestrian" in lane.allowed:
                 self._lengths.setdefault(lane.edge, lane.length)
         self._network = network
-        self._calibrators = Calibrators(api, network)
+        self._removing = RemovingEdges(api, network)
         self._edge_of_stop = {stop: api.busstop.getLaneID(stop).rpartition("_")[0] for stop in api.busstop.getIDList()}
         self._sublanes = Sublanes(api, network)
 
@@ -117,8 +117,8 @@ class TakenOverControl:
         return tuple(found)
 
     def unsupported(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of n taken-over road users must be handed back, (n,): vehicles with stops or a calibrator
-        ahead, and persons that do not walk any more."""
+        """Which of n taken-over road users must be handed back, (n,): vehicles with stops, a
+        calibrator or a vaporizer ahead, and persons that do not walk any more."""
         return self._each(ids, person, self._is_interrupted, self._does_not_walk)
 
     def take_over(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -154,8 +154,8 @@ class TakenOverControl:
                     persons.moveToXY(
                         road_user, "", front_x[i], front_y[i], angles[i], KEEP_ROUTE_PERSON, MATCH_THRESHOLD_PERSON
                     )
-                elif self._calibrators.next_for(road_user, inside_junctions=True):
-                    self.refusals.add(road_user, CALIBRATED)
+                elif self._removing.next_for(road_user, inside_junctions=True):
+                    self.refusals.add(road_user, MAY_BE_REMOVED)
                 else:
                     self._sublanes.clear(road_user)
                     vehicle.moveToXY(
@@ -222,7 +222,7 @@ class TakenOverControl:
         # Bits 1 and 8 and up of the stop state: at a stop, parked, or waiting for passengers.
         if vehicle.getStops(road_user, 1) or vehicle.getStopState(road_user) != 0:
             return True
-        return self._calibrators.next_for(road_user)
+        return self._removing.next_for(road_user)
 
     def _does_not_walk(self, road_user: str) -> bool:
         return self._api.person.getStage(road_user, 0).type != WALKING

@@ -363,12 +363,13 @@ def test_odd_lanes_are_counted(make: Make, tmp_path: Path, lane: str, topic: str
     assert "in0_0" in finding.what
 
 
-def test_edges_with_calibrators_are_counted(make: Make) -> None:
-    calibrator = (
+def test_edges_that_may_remove_vehicles_are_counted(make: Make) -> None:
+    additional = (
         '<calibrator id="c" edge="in0" pos="0" period="60"><flow begin="0" end="60" vehsPerHour="0"/></calibrator>'
+        '<vaporizer id="in1" begin="0" end="60"/>'
     )
-    finding = one(make(additional=calibrator), "calibrators")
-    assert finding.what == "1 edge has a calibrator (in0), which may remove vehicles"
+    finding = one(make(additional=additional), "removing edges")
+    assert finding.what == "2 edges have a calibrator or vaporizer (in0, in1), which may remove vehicles"
 
 
 def test_vehicles_that_models_do_not_suit_are_told_before_a_run(make: Make) -> None:

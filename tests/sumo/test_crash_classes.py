@@ -196,6 +196,32 @@ def test_networks_in_which_walking_areas_admit_cars_are_refused(footpath: Path) 
         pass
 
 
+# --- 8: vehicles that are moved to an edge with a vaporizer
+
+
+@pytest.fixture
+def vaporizer(copy_scenario: Copy) -> Path:
+    """The shipped intersection with a vaporizer on one of its arms, in an included file."""
+    config = copy_scenario("intersection").with_name("v.sumocfg")
+    config.with_name("v.xml").write_text('<additional><vaporizer id="in0" begin="0" end="100"/></additional>')
+    config.with_name("a.add.xml").write_text('<additional><include href="v.xml"/></additional>')
+    files = '<net-file value="intersection.net.xml"/><additional-files value="a.add.xml"/>'
+    config.write_text(f"<configuration>{files}</configuration>")
+    return config
+
+
+@pytest.mark.parametrize("options", ["", SUBLANE])
+def test_cars_before_a_vaporizer_are_given_back(vaporizer: Path, options: str) -> None:
+    end = survived("car_before_a_vaporizer", vaporizer, options)
+    assert end["staged"] not in ("", "in0")
+    assert "vaporizer" in end["refused"]["learned.0"]
+    assert not end["left"]
+
+
+def test_sumo_dies_of_a_car_that_is_staged_on_an_edge_with_a_vaporizer(vaporizer: Path) -> None:
+    crashes("naive_car_before_a_vaporizer", vaporizer)
+
+
 # --- the situations, each in its own process
 
 
@@ -488,6 +514,34 @@ def naive_vehicles_on_walking_areas() -> dict[str, Any]:
     return {}
 
 
+def car_before_a_vaporizer(config: str, options: str) -> dict[str, Any]:
+    """Added in the middle of the edge with the vaporizer, and removed when it was refused."""
+    ids, kinds, length = ("learned.0",), np.zeros(1, np.int8), np.full(1, 5.0)
+    with SumoSession(with_options(find_scenario(config), options.split())) as session:
+        at = [np.array([value]) for value in libsumo.simulation.convert2D("in0", 30.0, 2)]
+        session.spawned.add(ids, kinds, at[0], at[1])
+        session.spawned.move(ids, kinds, at[0], at[1], np.zeros(1), np.zeros(1), length)
+        session.step()
+        staged = libsumo.vehicle.getRoadID(ids[0])
+        session.spawned.move(ids, kinds, at[0], at[1], np.zeros(1), np.zeros(1), length)
+        refused = session.spawned.refusals.take()
+        session.spawned.remove(tuple(refused))
+        for _ in range(10):
+            session.step()
+        return {"staged": staged, "refused": refused, "left": libsumo.vehicle.getIDList()}
+
+
+def naive_car_before_a_vaporizer(config: str) -> dict[str, Any]:
+    """Staged on its edge, as on any other one."""
+    with SumoSession(with_options(find_scenario(config), SUBLANE.split())) as session:
+        libsumo.route.add("r", ["in0"])
+        libsumo.vehicle.add("v", "r")
+        libsumo.vehicle.moveToXY("v", "in0", 2, *libsumo.simulation.convert2D("in0", 30.0, 2), 90.0, 6, 5.0)
+        session.step()
+        session.step()
+    return {}
+
+
 SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
     function.__name__: function
     for function in (
@@ -498,6 +552,7 @@ SITUATIONS: dict[str, Callable[..., dict[str, Any]]] = {
         *(standing_cars, naive_standing_cars),
         *(car_beside_its_lane, naive_car_beside_its_lane),
         *(lent_vehicle_on_a_walking_area, naive_vehicles_on_walking_areas),
+        *(car_before_a_vaporizer, naive_car_before_a_vaporizer),
     )
 }
 

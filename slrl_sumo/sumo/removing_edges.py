@@ -1,7 +1,12 @@
-"""Edges that vehicles must not be moved to: those with a calibrator, which may remove vehicles.
+"""Edges that vehicles must not be moved to: those with a calibrator or a vaporizer, which may remove vehicles.
 
-libsumo 1.28 crashes when a calibrator removes a vehicle that has come onto its edge by `moveToXY` (a town of 9
-junctions with one calibrator: 6 of 6 runs); not where SUMO itself has driven the vehicle onto it.
+Measured with libsumo 1.28. It crashes when a calibrator removes a vehicle that has come onto its edge by `moveToXY` (a
+town of 9 junctions with one calibrator: 6 of 6 runs); not where SUMO itself has driven the vehicle onto it.
+
+SUMO removes a vehicle as it drives onto an edge with a vaporizer. For one that is there already, it leaves out the end
+of its step (`MSVehicle::executeMove`), which prepares the change of lanes. In the sublane model, a vehicle that was
+moved there then has no expected speeds of the sublanes, or those of another edge: `MSLCM_SL2015::_wantsChangeSublane`
+reads invalid memory, and ends the process where the vehicle was staged there.
 """
 
 import numpy as np
@@ -12,16 +17,16 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 
-CALIBRATED = "it comes to an edge with a calibrator, which may remove vehicles"
+MAY_BE_REMOVED = "it comes to an edge with a calibrator or vaporizer, which may remove vehicles"
 REACH = 10.0
 """m from the middle of a lane within which `moveToXY` may assign a vehicle to it: its threshold and half a lane."""
 
 
-class Calibrators:
-    """The edges of a network that have calibrators; without effect where there are none."""
+class RemovingEdges:
+    """The edges of a network that may remove vehicles; without effect where there are none."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
-        self._api, self._edges = api, network.calibrated
+        self._api, self._edges = api, network.removing
         self._points = LanePoints([lane for lane in network.lanes if lane.edge in self._edges], spacing=2.0)
 
     def near(self, x: Floats, y: Floats) -> NDArray[np.bool_]:

@@ -1,0 +1,40 @@
+"""Edges with vaporizers are found in the files that SUMO has read."""
+
+from pathlib import Path
+
+import pytest
+
+from slrl_sumo.sumo.scenario.vaporizers import vaporized_edges
+
+
+def test_vaporizers_are_found_at_any_depth_and_in_included_files(tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "b.xml").write_text('<additional><include href="c.xml"/><vaporizer id="e2"/></additional>')
+    (tmp_path / "inner" / "c.xml").write_text('<additional><foo><vaporizer id="e3"/></foo></additional>')
+    (tmp_path / "a.xml").write_text(
+        '<additional><!-- <vaporizer id="e0"/> --><vaporizer id="e1"/><include href="inner/b.xml"/></additional>'
+    )
+    assert vaporized_edges(f"{tmp_path / 'a.xml'}", "") == {"e1", "e2", "e3"}
+    assert vaporized_edges("", "") == frozenset()
+
+
+def test_files_that_cannot_be_read_are_left_out(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text('<additional><vaporizer id="e1"/></additional>')
+    (tmp_path / "b.xml").write_text("no XML")
+    config = tmp_path / "x.sumocfg"
+    assert vaporized_edges(",".join(f"{tmp_path}/{name}" for name in ("b.xml", "none", "a.xml")), f"{config}") == {"e1"}
+
+
+def test_paths_are_those_of_the_configuration_and_of_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FOLDER", str(tmp_path / "d"))
+    for name in ("c", "d"):
+        (tmp_path / name).mkdir()
+    for number, name in enumerate(("c/a.xml", "d/b.xml", "e.xml")):
+        (tmp_path / name).write_text(f'<additional><vaporizer id="{number}"/></additional>')
+    # As getOption of libsumo 1.28 gives them for "a.xml, ${FOLDER}/b.xml" in c/x.sumocfg.
+    assert vaporized_edges("c/a.xml,c/ ${FOLDER}/b.xml", "c/x.sumocfg") == {"0", "1"}
+    assert vaporized_edges("e.xml, c/a.xml", "c/x.sumocfg") == {"2", "0"}
+    assert vaporized_edges("a.xml", "c/x.sumocfg") == frozenset()
