@@ -17,7 +17,7 @@ from netgen.specs import (
     most_spread,
 )
 
-Family = Literal["intersection", "roundabout", "shared-space", "random"]
+Family = Literal["intersection", "roundabout", "shared-space", "random", "town"]
 
 
 def generate(family: str, seed: int, folder: Path, size: int | None = None) -> Path:
@@ -48,7 +48,7 @@ def draw_spec(family: str, seed: int, size: int | None = None) -> tuple[NetSpec,
         return _draw_roundabout(random, seed)
     if family == "shared-space":
         return _draw_shared_space(random, seed)
-    return _draw_random(random, seed, size)
+    return _draw_random(random, seed, size) if family == "random" else _draw_town(random, seed)
 
 
 def _draw_intersection(random: Random, seed: int) -> tuple[IntersectionSpec, DemandSpec]:
@@ -115,6 +115,27 @@ def _draw_random(random: Random, seed: int, size: int | None) -> tuple[RandomSpe
     )
     # More streets have more ends to enter by, so traffic grows with the net.
     return spec, _draw_demand(random, seed, cars=(200 + 20 * iterations, 350 + 25 * iterations))
+
+
+def _draw_town(random: Random, seed: int) -> tuple[RandomSpec, DemandSpec]:
+    iterations = random.randint(14, 32)
+    spec = RandomSpec(
+        iterations=iterations,
+        street_length=float(random.randint(100, 180)),
+        two_lane_share=round(random.uniform(0.1, 0.6), 2),
+        signal_share=round(random.uniform(0.2, 0.7), 2),
+        cycle_lanes=random.random() < 0.5,
+        speed_limit=random.choice((8.33, 11.11, 13.89, 13.89)),
+        seed=seed,
+    )
+    # With 40 cars a street traffic is light; with 100 there are queues at most junctions (measured with plain SUMO).
+    demand = DemandSpec(
+        cars_per_hour=float(iterations * random.randint(40, 100)),
+        bicycles_per_hour=float(iterations * random.randint(8, 18)),
+        pedestrians_per_hour=float(iterations * random.randint(10, 24)),
+        seed=seed,
+    )
+    return spec, demand
 
 
 def _draw_demand(

@@ -107,8 +107,6 @@ class PolicySelector:
     Raises InputError where the bundle has no trained policy.
     """
 
-    needs_image = True
-
     def __init__(self, bundle: ModelBundle, uniform: Uniform | None = None) -> None:
         if bundle.policy is None:
             raise InputError(
@@ -116,7 +114,8 @@ class PolicySelector:
                 "`slrl-sumo train`"
             )
         self._policy, self._prior = bundle.policy, bundle.prior
-        self.needs_rollouts, self.preset = bundle.policy.config.lookahead, bundle.policy.config.preset
+        config = bundle.policy.config
+        self.needs_image, self.needs_rollouts, self.preset = config.image, config.lookahead, config.preset
         self._uniform = uniform
 
     def choose(
@@ -127,13 +126,13 @@ class PolicySelector:
         masks: Sequence[Mask] = (),
     ) -> list[Modes]:
         """See Selector."""
-        if observation.image is None:
+        if observation.image is None and self.needs_image:
             raise ValueError("this selector needs observations with images")
         if rollouts is None and self.needs_rollouts:
             raise ValueError("this selector needs mode rollouts")
         with torch.inference_mode():
             vector, kind = tensors(observation)
-            image = torch.from_numpy(observation.image)
+            image = None if observation.image is None else torch.from_numpy(observation.image)
             ahead, route = self._inputs(observation, rollouts)
             free = choice_logits(self._policy, self._prior, vector, image, kind, ahead, route)
             every = [free, *(masked(free, torch.from_numpy(mask)) for mask in masks)]

@@ -139,13 +139,20 @@ def train(
         str,
         typer.Argument(
             metavar="SCENARIO|FAMILY",
-            help="intersection, roundabout, shared-space or random, generated; or a scenario; several with commas.",
+            help="intersection, roundabout, shared-space, random or town, generated; or a scenario; several with "
+            "commas.",
         ),
     ],
-    bundle: Annotated[
-        str, typer.Option(help="Shipped bundle or folder of one; its displacement models stay as they are.")
-    ],
     out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
+    bundle: Annotated[
+        str | None, typer.Option(help="Shipped bundle or folder of one; its displacement models stay as they are.")
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="BUNDLE", help="As --bundle, and go on from its selector instead of from a teacher."
+        ),
+    ] = None,
     steps: Annotated[int, typer.Option(help="Decisions of single road users in total.")] = 5_000_000,
     workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
     ray: RayAddress = None,
@@ -172,11 +179,16 @@ def train(
     from slrl_sumo.models.bundle_folder import check_replaceable
 
     check_whole_number("episodes", episodes, 0, 1_000_000)
-    request = TrainRequest(scenario, bundle, out, steps, workers, seed, device, threads, tuple(recording or ()), ray)
+    if (bundle is None) == (start is None):
+        raise InputError("give either --bundle, whose selector is trained anew, or --from, whose selector goes on")
+    source = bundle or start or ""
+    request = TrainRequest(
+        scenario, source, out, steps, workers, seed, device, threads, tuple(recording or ()), ray, start is not None
+    )
     claim(
         Output("out", out, REPLACED),
         Output("out", request.folder, REPLACED),
-        inputs=[bundle, config, *(recording or [])],
+        inputs=[source, config, *(recording or [])],
         scenarios=[name for name in scenario.split(",") if name.strip() not in get_args(Family)],
     )
     check_replaceable(out)

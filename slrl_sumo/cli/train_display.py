@@ -44,14 +44,19 @@ def closing_scenario(trained_in: str) -> str:
     was not among them.
     """
     first = trained_in.split(",")[0].strip()
-    return {"random": "district", "roundabout": "intersection"}.get(first, first)
+    return {"random": "district", "town": "district", "roundabout": "intersection"}.get(first, first)
 
 
 def _text(stage: str, figures: Figures) -> str:
     """The most important figures, in one line."""
     if stage == "training":
         rate, mean_return = figures["speed/agent_steps_per_s"], figures["episode/return"]
-        return f"{rate:.0f} steps/s  return {mean_return:.2f}  completed {figures['episode/completed']:.0%}"
+        text = f"{rate:.0f} steps/s  return {mean_return:.2f}  reward {figures['reward/total']:.3f}"
+        if "trips/reached" not in figures:
+            return f"{text}  completed {figures['episode/completed']:.0%}"
+        contacts, off = (-1000.0 * figures.get(f"reward/{name}", 0.0) for name in ("contact", "off_surface"))
+        reached = f"{figures['trips/reached']:.0%} reached  {figures['trips/clean']:.1%} of them clean"
+        return f"{text}  {reached}  contacts {contacts:.2f}  off surface {off:.1f} per 1,000 steps"
     if stage == "imitation":
         right, by_prior = figures["imitation/accuracy"], figures["imitation/prior_accuracy"]
         return f"{right:.0%} of modes predicted, {by_prior:.0%} by the prior"

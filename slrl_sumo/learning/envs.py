@@ -22,8 +22,8 @@ from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selectors import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
-from slrl_sumo.learning.rl.arena_slots import action_mask
 from slrl_sumo.learning.rl.rewards import RewardWeights
+from slrl_sumo.learning.rl.slots import action_mask
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PRESETS

@@ -61,6 +61,8 @@ class PolicyConfig:
     head: int = 64
     lookahead: bool = True
     """Whether it also reads the mode rollouts."""
+    image: bool = True
+    """Whether it reads the image."""
     prior_logits: bool = True
     """Whether the prior's log probabilities are added to its logits. They hold back road users with a route: of a car
     on an empty road the prior expects that it keeps its speed, not that it speeds up."""
@@ -88,27 +90,27 @@ class Policy(nn.Module):
         super().__init__()
         self.config = config
         types = len(RoadUserType)
-        layers: list[nn.Module] = []
-        inputs, rows, cols = 3, EGO_ROWS, EGO_COLS
-        for k, channels in enumerate(config.channels):
-            kernel = 5 if k == 0 else 3
-            layers += [_scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)), _rectifier()]
-            inputs, rows, cols = channels, (rows + 1) // 2, (cols + 1) // 2
-        self.encoder = nn.Sequential(
-            *layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), _rectifier()
-        )
-        inputs = config.hidden + len(FEATURES) - 1 + config.route_columns
+        inputs = len(FEATURES) - 1 + config.route_columns
+        if config.image:
+            self.encoder = _encoder(config)
+            inputs += config.hidden
         self.trunk = nn.Sequential(_scaled(nn.Linear(inputs, config.hidden)), _rectifier())
         self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.lookahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
 
     def forward(
-        self, vector: Tensor, image: Tensor, kind: Tensor, rollouts: Tensor | None = None, route: Tensor | None = None
+        self,
+        vector: Tensor,
+        image: Tensor | None,
+        kind: Tensor,
+        rollouts: Tensor | None = None,
+        route: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
         """The own logits, (n, modes), and the value, (n,).
 
-        `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8; `kind`: (n,) int64 types;
+        `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8, for those that read it;
+        `kind`: (n,) int64 types;
         `rollouts`: (n, modes, features), columns as in `PolicyConfig.rollout_features`, for policies that look ahead;
         `route`: (n, 14), for those of the preset `extended`.
         """
@@ -117,14 +119,22 @@ class Policy(nn.Module):
         return self._correction(seen, vector, types, rollouts), types.each(self.critics, seen)[:, 0]
 
     def correction(
-        self, vector: Tensor, image: Tensor, kind: Tensor, rollouts: Tensor | None = None, route: Tensor | None = None
+        self,
+        vector: Tensor,
+        image: Tensor | None,
+        kind: Tensor,
+        rollouts: Tensor | None = None,
+        route: Tensor | None = None,
     ) -> Tensor:
         """The first result of `forward` alone."""
         return self._correction(self._seen(vector, image, route), vector, _Types(kind), rollouts)
 
-    def _seen(self, vector: Tensor, image: Tensor, route: Tensor | None) -> Tensor:
+    def _seen(self, vector: Tensor, image: Tensor | None, route: Tensor | None) -> Tensor:
         """Output of the trunk for n observations, (n, hidden)."""
-        known = [torch.cat([self._encoded(some) for some in torch.split(image, AT_ONCE)]), _normalised(vector)]
+        known = [_normalised(vector)]
+        if self.config.image:
+            assert image is not None
+            known.insert(0, torch.cat([self._encoded(some) for some in torch.split(image, AT_ONCE)]))
         if self.config.route_columns:
             assert route is not None
             known.append(route)
@@ -174,7 +184,7 @@ def policy_logits(
     policy: Policy,
     prior: Prior,
     vector: Tensor,
-    image: Tensor,
+    image: Tensor | None,
     kind: Tensor,
     rollouts: Tensor | None = None,
     route: Tensor | None = None,
@@ -210,7 +220,7 @@ def choice_logits(
     policy: Policy,
     prior: Prior,
     vector: Tensor,
-    image: Tensor,
+    image: Tensor | None,
     kind: Tensor,
     rollouts: Tensor | None = None,
     route: Tensor | None = None,
@@ -237,6 +247,16 @@ def _column(values: Tensor, names: tuple[str, ...], name: str) -> Tensor:
     """The column of that name, (n, modes, 1)."""
     place = names.index(name)
     return values[..., place : place + 1]
+
+
+def _encoder(config: PolicyConfig) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    inputs, rows, cols = 3, EGO_ROWS, EGO_COLS
+    for k, channels in enumerate(config.channels):
+        kernel = 5 if k == 0 else 3
+        layers += [_scaled(nn.Conv2d(inputs, channels, kernel, stride=2, padding=kernel // 2)), _rectifier()]
+        inputs, rows, cols = channels, (rows + 1) // 2, (cols + 1) // 2
+    return nn.Sequential(*layers, nn.Flatten(), _scaled(nn.Linear(inputs * rows * cols, config.hidden)), _rectifier())
 
 
 def _scorer(config: PolicyConfig) -> nn.Sequential:

@@ -70,6 +70,8 @@ class Takeover:
     shares: Floats
     region: Region
     seed: int
+    most: float = np.inf
+    """Road users that are learned at the same time; further ones stay SUMO's until there is room."""
 
 
 @dataclass
@@ -355,6 +357,7 @@ class CoSimulation:
                 user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self._handed_back
             }
             rows = rows[[not why for why in obstacles]]
+            rows = rows[: int(min(rule.most - len(learned_before), len(rows)))]
             taken = tuple(users.ids[row] for row in rows)
             if taken:
                 if self._yielding is not None:

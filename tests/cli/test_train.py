@@ -23,6 +23,42 @@ count = 2
 reset_every = 2
 """
 
+TRIPS = (
+    SMALL
+    + """
+[policy]
+preset = "extended"
+image = false
+prior_logits = false
+[reward]
+danger = 0.0
+"""
+)
+
+
+@pytest.mark.slow
+def test_a_selector_goes_on_in_trips_through_a_town(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "trips.toml").write_text(TRIPS.replace("agents = 12", "agents = 12\ntrips = true\nwarm_up = 20.0"))
+    words = ["--config", "trips.toml", "--workers", "1", "--episodes", "0"]
+    first = cli("train", "town", "--bundle", "intersection", "--out", "a", "--steps", "192", *words, cwd=tmp_path)
+    assert first.returncode == 0, first.stderr
+    assert "reached" in first.stderr
+    assert "contacts" in first.stderr
+    more = cli("train", "town", "--from", "a", "--out", "b", "--steps", "96", *words, cwd=tmp_path)
+    assert more.returncode == 0, more.stderr
+    record = json.loads((tmp_path / "b" / "selector.json").read_text())
+    assert record["image"] is False
+    assert record["training"]["goes_on"] is True
+    run = cli("run", "intersection", "--bundle", "b", "--selector", "greedy", "--agents", 4, "--steps", 3, cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("words", [[], ["--bundle", "intersection", "--from", "intersection"]])
+def test_a_training_starts_anew_or_goes_on(cli: Cli, tmp_path: Path, words: list[str]) -> None:
+    done = cli("train", "random", "--out", "a", *words, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "give either --bundle" in done.stderr
+
 
 @pytest.mark.slow
 def test_from_a_bundle_to_a_run_of_its_trained_selector(cli: Cli, tmp_path: Path) -> None:

@@ -59,8 +59,8 @@ def test_size_sets_the_iterations_of_random_nets_only(tmp_path: Path) -> None:
 
 def test_wrong_families_and_seeds_are_named(tmp_path: Path) -> None:
     with pytest.raises(
-        NetgenError, match="no family 'town': give one of intersection, roundabout, shared-space, random"
+        NetgenError, match="no family 'village': give one of intersection, roundabout, shared-space, random, town"
     ):
-        generate("town", 1, tmp_path / "made")
+        generate("village", 1, tmp_path / "made")
     with pytest.raises(NetgenError, match="seed is -1"):
         generate("random", -1, tmp_path / "made")

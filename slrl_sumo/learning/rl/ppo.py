@@ -20,6 +20,8 @@ from slrl_sumo.models.policy import Policy, policy_logits
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 
+RAREST = -8.0
+"""Log probability at which the prior's end, so that a mode that was never recorded costs a bounded amount."""
 CAR = FEATURES.index("car")
 """First column of the one-hot type in the vector."""
 
@@ -50,6 +52,10 @@ class PpoSettings:
     """First and last weight of the divergence KL(teacher || policy), interpolated linearly. The teacher is the initial
     policy minus the cost of each mode (Arena.teacher_costs). So behaviour imitated from recordings fades only
     where the reward opposes it (as in human-regularised PPO, arXiv 2403.19648)."""
+    kl_until: float = 1.0
+    """Share of the training at which kl_coef_last is reached."""
+    prior_coef: float = 0.0
+    """Weight of the divergence KL(policy || prior) from the bundle's prior, learned from recordings."""
     teacher_first: int = 40
     """Updates in which the policy learns from the teacher alone while the critic learns its values: an untrained critic
     would destroy what was imitated before."""
@@ -70,7 +76,7 @@ class Batch:
     """One rollout: T steps of N slots."""
 
     seen: dict[str, Tensor]
-    """(T, N, ...): observations `vector`, `image`, `rollouts` and optionally `route` and `action_mask`."""
+    """(T, N, ...): observations `vector`, `rollouts` and optionally `image`, `route`, `action_mask` and `active`."""
     actions: Tensor
     """(T, N) int64."""
     logprobs: Tensor
@@ -87,6 +93,11 @@ class Batch:
     """(N,): value of the observation after the last step."""
     teacher_costs: Tensor
     """(T, N, modes): cost of each mode (Arena.teacher_costs)."""
+
+    @property
+    def active(self) -> Tensor:
+        """(T, N) bool: which slots had a road user."""
+        return self.seen["active"].bool() if "active" in self.seen else torch.ones_like(self.terminated)
 
 
 class Rollouts(Protocol):
@@ -139,15 +150,34 @@ class Actor:
         self.device, self.explore = device, explore
 
     def logits_and_value(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """Log probabilities (n, modes) and values (n,) of observations on any device."""
-        return self._logits(self.policy, seen)
+        """Log probabilities (n, modes) and values (n,) of observations on any device; 0 without a road user."""
+        active = seen.get("active")
+        if active is None or bool(active.all()):
+            return self._logits(self.policy, seen)
+        rows = active.nonzero()[:, 0]
+        some, worth = self._logits(self.policy, {name: value[rows] for name, value in seen.items()})
+        logits, values = some.new_zeros(len(active), some.shape[1]), worth.new_zeros(len(active))
+        logits[rows], values[rows] = some, worth
+        return logits, values
+
+    def prior_logits(self, seen: dict[str, Tensor]) -> Tensor:
+        """Log probabilities (n, modes) of the bundle's prior, at least RAREST."""
+        vector = seen["vector"].to(self.device)
+        with torch.no_grad():
+            return torch.log_softmax(self.prior.logits(vector, _kind(vector)), -1).clamp_min(RAREST)
 
     def _logits(self, policy: Policy, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        vector, image, rollouts = (seen[name].to(self.device) for name in ("vector", "image", "rollouts"))
-        route, mask = (seen[name].to(self.device) if name in seen else None for name in ("route", "action_mask"))
-        kind = vector[:, CAR : CAR + 3].argmax(-1)
+        vector, rollouts = (seen[name].to(self.device) for name in ("vector", "rollouts"))
+        optional = ("image", "route", "action_mask")
+        image, route, mask = (seen[name].to(self.device) if name in seen else None for name in optional)
+        kind = _kind(vector)
         mask = None if mask is None else mask.bool()
         return policy_logits(policy, self.prior, vector, image, kind, rollouts, route, mask=mask, explore=self.explore)
+
+
+def _kind(vector: Tensor) -> Tensor:
+    """RoadUserType of feature vectors (n, 12), (n,)."""
+    return vector[:, CAR : CAR + 3].argmax(-1)
 
 
 class Agent(Actor):
@@ -232,15 +262,24 @@ def update(
     teacher_only: bool = False,
 ) -> dict[str, float]:
     """One PPO update on a rollout. Returns the figures that CleanRL logs (losses, approx_kl, clipfrac,
-    explained_variance) and kl_teacher (see PpoSettings.kl_coef)."""
+    explained_variance), kl_teacher (see PpoSettings.kl_coef) and kl_prior.
+
+    Advantages are normalised within each type: the returns of pedestrians differ less than those of cars.
+    """
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
-    names = ("actions", "logprobs", "values")
-    flat = {name: getattr(batch, name).flatten(0, 1).to(agent.device) for name in names}
-    seen = {name: value.flatten(0, 1).to(agent.device) for name, value in batch.seen.items()}
-    teacher = None
-    if kl_coef:
-        teacher = agent.teacher_logits(seen, batch.teacher_costs.flatten(0, 1).to(agent.device))
-    b_advantages, b_returns = (x.flatten().to(agent.device) for x in (advantages, returns))
+    active = batch.active.flatten()
+
+    def taken(values: Tensor) -> Tensor:
+        """The rows of slots with a road user."""
+        return values.flatten(0, 1)[active].to(agent.device)
+
+    flat = {name: taken(getattr(batch, name)) for name in ("actions", "logprobs", "values")}
+    seen = {name: taken(value) for name, value in batch.seen.items() if name != "active"}
+    teacher = agent.teacher_logits(seen, taken(batch.teacher_costs)) if kl_coef else None
+    prior = agent.prior_logits(seen) if settings.prior_coef and not teacher_only else None
+    b_advantages, b_returns = taken(advantages), taken(returns)
+    if settings.norm_adv:
+        b_advantages = _normalised(b_advantages, _kind(seen["vector"]))
     size = len(b_returns)
     minibatch = math.ceil(size / settings.num_minibatches)
     sums: dict[str, float] = {}
@@ -255,8 +294,6 @@ def update(
             logratio = newlogprob - flat["logprobs"][mb]
             ratio = logratio.exp()
             mb_advantages = b_advantages[mb]
-            if settings.norm_adv:
-                mb_advantages = (mb_advantages - mb_advantages.mean()) / (mb_advantages.std() + 1e-8)
             pg_loss1 = -mb_advantages * ratio
             pg_loss2 = -mb_advantages * ratio.clamp(1 - settings.clip_coef, 1 + settings.clip_coef)
             pg_loss = torch.max(pg_loss1, pg_loss2).mean()
@@ -266,12 +303,15 @@ def update(
                 v_loss = torch.max(v_loss, (flat["values"][mb] + change - b_returns[mb]) ** 2)
             v_loss = 0.5 * v_loss.mean()
             loss = settings.vf_coef * v_loss
-            kl_teacher = torch.zeros(())
+            kl_teacher = kl_prior = torch.zeros(())
             if not teacher_only:
                 loss = pg_loss - settings.ent_coef * entropy + loss
             if teacher is not None:
                 kl_teacher = (teacher[mb].exp() * (teacher[mb] - logits)).sum(-1).mean()
                 loss = loss + kl_coef * kl_teacher
+            if prior is not None:
+                kl_prior = (logits.exp() * (logits - prior[mb])).sum(-1).mean()
+                loss = loss + settings.prior_coef * kl_prior
             agent.optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(agent.policy.parameters(), settings.max_grad_norm)
@@ -282,6 +322,7 @@ def update(
                     "value_loss": v_loss,
                     "entropy": entropy,
                     "kl_teacher": kl_teacher,
+                    "kl_prior": kl_prior,
                     "approx_kl": ((ratio - 1) - logratio).mean(),
                     "clipfrac": ((ratio - 1).abs() > settings.clip_coef).float().mean(),
                 }
@@ -293,6 +334,15 @@ def update(
     unexplained = float((b_returns - flat["values"]).var())
     figures_mean["explained_variance"] = 1.0 - unexplained / var if var > 0 else 0.0
     return figures_mean
+
+
+def _normalised(advantages: Tensor, kind: Tensor) -> Tensor:
+    """Advantages (n,) with mean 0 and deviation 1 within each type."""
+    result = torch.zeros_like(advantages)
+    for rows in (kind == k for k in range(3)):
+        if rows.sum() > 1:
+            result[rows] = (advantages[rows] - advantages[rows].mean()) / (advantages[rows].std() + 1e-8)
+    return result
 
 
 def learn(
@@ -325,7 +375,8 @@ def learn(
         started = time.perf_counter()
         batch, infos = rollouts.collect(agent, settings.num_steps, number)
         rolled = time.perf_counter()
-        kl_coef = settings.kl_coef_last + frac * (settings.kl_coef - settings.kl_coef_last)
+        left = max(0.0, 1.0 - iteration / (total * settings.kl_until)) if settings.kl_until else 0.0
+        kl_coef = settings.kl_coef_last + left * (settings.kl_coef - settings.kl_coef_last)
         teacher_only = iteration < settings.teacher_first
         figures = update(agent, batch, settings, generator, kl_coef=kl_coef, teacher_only=teacher_only)
         figures["rollout_s"], figures["update_s"] = rolled - started, time.perf_counter() - rolled

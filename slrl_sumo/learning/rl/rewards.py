@@ -68,9 +68,14 @@ class RewardWeights:
 TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
 
 
+def weighted_terms(weights: RewardWeights) -> tuple[str, ...]:
+    """The terms with a weight other than 0."""
+    return tuple(name for name in TERMS if getattr(weights, name))
+
+
 def weighted(terms: dict[str, Floats], weights: RewardWeights) -> Floats:
-    """The reward of each road user, (n,): the sum of all TERMS, each (n,), by weight."""
-    return np.asarray(sum(getattr(weights, name) * terms[name] for name in TERMS), np.float64)
+    """The reward of each road user, (n,): the sum of the terms, each (n,), by weight."""
+    return np.asarray(sum(getattr(weights, name) * values for name, values in terms.items()), np.float64)
 
 
 def close(world: WorldState, n: int) -> Floats:

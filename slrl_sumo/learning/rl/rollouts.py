@@ -20,8 +20,8 @@ from slrl_sumo.jobs.pool import Backend, Failures, ask_all
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.ray_workers import RayActors
 from slrl_sumo.jobs.workers import LocalWorkers, MachineLostError
-from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource
 from slrl_sumo.learning.rl.ppo import Actor, Agent, Batch, joined, rollout
+from slrl_sumo.learning.rl.simulation_env import ArenaSource, SimulationVectorEnv, drawn_seed
 from slrl_sumo.learning.rl.vector_env import ATTEMPTS, MEMORY_LIMIT, TIMEOUT
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
@@ -58,7 +58,7 @@ class RolloutWorker:
 
     def __init__(self, source: ArenaSource, config: PolicyConfig, explore: float) -> None:
         self._source, self._config, self._explore = source, config, explore
-        self._slots = ArenaSlots(source)
+        self._env: SimulationVectorEnv | None = None  # made in the process: its spaces are large
         self._actor: Actor | None = None
         self._at: tuple[tuple[int, ...], int] | None = None
         """Draw and number of steps of the simulation that is open."""
@@ -68,20 +68,21 @@ class RolloutWorker:
         """Answer a pickled Request with a policy of these weights (safetensors)."""
         torch.set_num_threads(1)
         request: Request = pickle.loads(message[0])
+        self._env = env = self._env or SimulationVectorEnv(self._source)
         if self._actor is None:
             prior = load_bundle(self._source.bundle).prior
             self._actor = Actor(Policy(self._config), prior, self._explore, torch.device("cpu"))
         self._actor.policy.load_state_dict(load(message[1]))
         at, self._at = self._at, None  # unknown if the rollout fails
         if at != (request.draw, len(request.past)):
-            reply = self._slots.reset(request.draw)
+            start, info = env.reset(seed=drawn_seed(*request.draw))
             for modes in request.past:
-                reply = self._slots.flat_step(modes.astype(np.int64))
-            self._seen = {name: reply[name] for name in OBSERVED if name in reply}, reply["teacher_costs"]
+                start, *_, info = env.step(modes)
+            self._seen = start, info["teacher_costs"]
         generator = torch.Generator().manual_seed(request.seed)
         observation, teacher_costs = self._seen
         batch, observation, infos, teacher_costs = rollout(
-            self._actor, self._slots, observation, teacher_costs, request.num_steps, generator
+            self._actor, env, observation, teacher_costs, request.num_steps, generator
         )
         self._seen = observation, teacher_costs
         self._at = request.draw, len(request.past) + request.num_steps

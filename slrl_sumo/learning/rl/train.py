@@ -24,12 +24,12 @@ from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
-from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.checkpoint import read_checkpoint, read_record, restore, save_checkpoint, write_record
 from slrl_sumo.learning.rl.imitation import demonstrations, imitate, recorded_traffic
 from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.selector_card import with_selector
+from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.training_log import EpisodeFigures, Figures, TrainingLog, read_rows
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
@@ -46,7 +46,7 @@ class TrainRequest:
     """What to train; the words are those of `slrl-sumo train`."""
 
     scenarios: str
-    """Families (intersection, roundabout, shared-space, random) or scenarios, separated by commas."""
+    """Families (intersection, roundabout, shared-space, random, town) or scenarios, separated by commas."""
     bundle: str
     out: Path
     steps: int
@@ -63,6 +63,8 @@ class TrainRequest:
 
     ray: str | None = None
     """Where the simulations run: see slrl_sumo.jobs.pool.Backend. The result does not depend on it."""
+    goes_on: bool = False
+    """Whether the training starts from the selector of the bundle, without imitation and teacher."""
 
     def __post_init__(self) -> None:
         check_whole_number("steps", self.steps, 1, 10**12)
@@ -86,6 +88,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     hold a checkpoint. Raises InputError, SumoError (a worker fails repeatedly).
     """
     bundle = load_bundle(request.bundle)
+    if request.goes_on:
+        settings = _going_on(settings, bundle)
     folder = request.folder
     rollout_size = request.workers * settings.arena.agents * settings.ppo.num_steps
     total = max(1, round(request.steps / rollout_size))
@@ -100,6 +104,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(request.seed)
         policy = Policy(replace(settings.policy, modes=bundle.config.modes))
+    if request.goes_on and bundle.policy is not None:
+        policy.load_state_dict(bundle.policy.state_dict())
     agent = Agent(policy, bundle.prior, settings.ppo, device)
     done = 0
     if state is None:
@@ -117,8 +123,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
                 "simulations, and cannot be resumed; start a new training with more `steps`"
             )
         restore(agent, state, folder / "checkpoint.pt")
-    extended = settings.policy.preset == "extended"
-    arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher, extended=extended)
+    extended, image = settings.policy.preset == "extended", settings.policy.image
+    arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher, extended=extended, image=image)
     source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
     log = TrainingLog(folder, rows, done, rollout_size)
     rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Backend(request.workers, request.ray))
@@ -159,6 +165,14 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     return trained
 
 
+def _going_on(settings: TrainSettings, bundle: ModelBundle) -> TrainSettings:
+    """Settings of a training that starts from the selector of `bundle`: its shapes, no imitation and no teacher."""
+    if bundle.policy is None:
+        raise InputError(f"bundle {bundle.name}: it has no trained selector to go on from; give it as `bundle`")
+    ppo = replace(settings.ppo, kl_coef=0.0, kl_coef_last=0.0, teacher_first=0)
+    return replace(settings, policy=bundle.policy.config, ppo=ppo, imitation=replace(settings.imitation, epochs=0))
+
+
 def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
     """Everything that determines the result, as JSON values."""
     asked = {
@@ -166,7 +180,7 @@ def _record(request: TrainRequest, settings: TrainSettings) -> dict[str, Any]:
         "bundle": request.bundle,
         "recordings": [path.name for path in request.recordings],
     }
-    numbers = {"steps": request.steps, "workers": request.workers, "seed": request.seed}
+    numbers = {"steps": request.steps, "workers": request.workers, "seed": request.seed, "goes_on": request.goes_on}
     return json.loads(json.dumps({**asked, **numbers, "settings": asdict(settings)}))  # type: ignore[no-any-return]
 
 

@@ -34,8 +34,9 @@ class EpisodeFigures:
 
         `episode/return`: mean over the episodes that ended (NaN if none did); `episode/completed`: share of them
         that ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
-        `motion/…`: mean speed (m/s) and share of time standing, per type.
+        `motion/…`: mean speed (m/s) and share of time standing, per type; `trips/…`: see `_trips`.
         """
+        active = batch.active.numpy()
         reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()
         ended = terminated | batch.truncated.numpy()
         replaced = np.stack([info["replaced"] for info in infos])
@@ -48,16 +49,31 @@ class EpisodeFigures:
             returns.append(self._return[ended[t]])
             self._return[ended[t]] = 0.0
         result = {"episode/return": _mean(np.concatenate(returns)), "episode/completed": _mean(~terminated[ended])}
-        result["reward/total"] = float(reward.mean())
+        result["reward/total"] = _mean(reward[active])
         for name in TERMS:
-            result[f"reward/{name}"] = float(np.mean([info[name] for info in infos]))
+            if name in infos[0]:
+                result[f"reward/{name}"] = _mean(np.stack([info[name] for info in infos])[active])
+        if "reached" in infos[0]:
+            result |= _trips(infos, active)
         for number, name in enumerate(TYPE_NAMES):
-            mine = kind == number
+            mine = (kind == number) & active
             result[f"episode/completed_{name}"] = _mean(~terminated[ended & mine])
             result[f"motion/mean_speed_{name}_mps"] = _mean(speed[mine])
             result[f"motion/standing_{name}"] = _mean(speed[mine] < STANDING_SPEED)
             result[f"episode/ends_per_1000_steps_{name}"] = 1000.0 * _mean(terminated[mine])
         return result
+
+
+def _trips(infos: list[dict[str, Any]], active: NDArray[np.bool_]) -> Figures:
+    """`trips/active`: share of the slots with a road user; `trips/reached`: of the road users that SUMO has again, the
+    share at their destination; `trips/clean`: of those, the share without a contact and never off the own surface."""
+    reached, clean, handed_back = (np.stack([info[name] for info in infos]) for name in ("reached", "clean", "gone"))
+    return {
+        "trips/active": float(active.mean()),
+        "trips/ended": float(handed_back.sum()),
+        "trips/reached": _mean(reached[handed_back]),
+        "trips/clean": _mean(clean[reached]),
+    }
 
 
 def _mean(values: NDArray[Any]) -> float:

@@ -8,7 +8,6 @@ import pickle
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -17,12 +16,16 @@ from slrl_sumo.errors import SumoError
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.pool import Failures, ask_all
 from slrl_sumo.jobs.workers import LocalWorkers
-from slrl_sumo.learning.rl.arena_slots import OBSERVED, ArenaSlots, ArenaSource, Arrays, stepped
-from slrl_sumo.learning.rl.rewards import TERMS
-from slrl_sumo.models.displacement import MODES
-from slrl_sumo.models.policy import PolicyConfig
-from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
-from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.learning.rl.simulation_env import (
+    ACTION_SPACE,
+    ArenaSource,
+    SimulationVectorEnv,
+    drawn_seed,
+    observation_space,
+    stepped,
+    told_terms,
+)
+from slrl_sumo.learning.rl.slots import OBSERVED, Arrays
 
 TIMEOUT = 120.0
 """s that a worker may take for one step or reset."""
@@ -32,32 +35,10 @@ MEMORY_LIMIT = 1500.0
 """MiB of a worker, above which it is replaced at the next reset."""
 
 
-def observation_space(config: PolicyConfig) -> spaces.Dict:
-    """Observation of one road user for a policy: the fields of `Observation` of these names."""
-    seen: dict[str, spaces.Space[Any]] = {
-        "vector": spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32),
-        "image": spaces.Box(0, 255, (EGO_ROWS, EGO_COLS, 3), np.uint8),
-        "rollouts": spaces.Box(-np.inf, np.inf, (MODES, len(config.rollout_features)), np.float32),
-        "action_mask": spaces.MultiBinary(MODES),
-    }
-    if config.route_columns:
-        seen["route"] = spaces.Box(-np.inf, np.inf, (config.route_columns,), np.float32)
-    return spaces.Dict(seen)
-
-
-ACTION_SPACE: spaces.Discrete = spaces.Discrete(MODES)
-
-
 class ArenaVectorEnv(VectorEnv):
-    """`workers` simulations with `source.settings.agents` slots each: every slot is one road user.
+    """`workers` simulations in processes of their own, side by side: see SimulationVectorEnv, n = workers x agents.
 
-    Observations are dicts of arrays `vector` (n, 12) float32, `image` (n, 20, 40, 3) uint8 and `rollouts` (n, 20, 4)
-    float32, the rollout of each mode (lookahead.lookahead), n = workers x agents; in the preset `extended` 9 columns,
-    and `route` (n, 14).
-    Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
-    where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
-    `type`, `steps` (decisions of the episode so far) and `replaced` (rows whose worker died in this step: their
-    episodes are truncated, with reward 0), all (n,), and `teacher_costs` (n, modes) (see Arena.teacher_costs).
+    `infos` also has `replaced` (n,): rows whose worker died in this step. Their episodes are truncated, with reward 0.
 
     `reset(seed=...)` opens a scenario in every worker, drawn by the seed: same seed, same episodes. Raises InputError
     if a worker cannot load scenario or bundle, SumoError if one fails ATTEMPTS times in a row.
@@ -67,8 +48,7 @@ class ArenaVectorEnv(VectorEnv):
 
     def __init__(self, source: ArenaSource, workers: int, *, memory_limit: float = MEMORY_LIMIT) -> None:
         self.num_envs = workers * source.settings.agents
-        config = PolicyConfig(preset="extended" if source.settings.extended else "paper")
-        space = observation_space(config)
+        space = observation_space(source.settings)
         self.single_observation_space = space
         self._names = tuple(space)
         self.single_action_space = ACTION_SPACE
@@ -76,6 +56,7 @@ class ArenaVectorEnv(VectorEnv):
         self.action_space = batch_space(ACTION_SPACE, self.num_envs)
         self.replaced = 0
         """Number of workers that were replaced because they died or timed out."""
+        self._terms = told_terms(source.settings)
         self._memory_limit = memory_limit
         self._seed = 0
         self._count, self._agents = workers, source.settings.agents
@@ -103,7 +84,7 @@ class ArenaVectorEnv(VectorEnv):
         replies, restarted = self._asked(dict(enumerate(modes)))
         for number in range(self._count):
             if number in restarted:
-                replies[number] = _cut_off(replies[number], self._seen[number])
+                replies[number] = _cut_off(replies[number], self._seen[number], self._terms)
             else:
                 self._failures.deaths[number] = 0
         self._seen = replies
@@ -119,7 +100,7 @@ class ArenaVectorEnv(VectorEnv):
         restarted = set()
 
         def begin(number: int) -> None:
-            draw = self._seed, number, self._failures.deaths[number]
+            draw = drawn_seed(self._seed, number, self._failures.deaths[number])
             message = ("step", modes[number]) if number in modes and number not in restarted else ("reset", draw)
             self._workers.begin(number, pickle.dumps(message), TIMEOUT)
 
@@ -136,29 +117,34 @@ class ArenaWorker:
     """The work of a process: resets and steps of one simulation. An answer has the peak memory of the process, MiB."""
 
     def __init__(self, source: ArenaSource) -> None:
-        self._slots = ArenaSlots(source)
+        self._source = source
+        self._env: SimulationVectorEnv | None = None
 
     def __call__(self, message: tuple[str, Any]) -> tuple[float, Arrays]:
-        """("reset", numbers that draw the simulation) or ("step", modes)."""
+        """("reset", seed) or ("step", modes)."""
         import torch
 
         torch.set_num_threads(1)
+        self._env = env = self._env or SimulationVectorEnv(self._source)
         word, value = message
-        reply = self._slots.reset(value) if word == "reset" else self._slots.flat_step(value)
+        reply = env.flat_reset(value) if word == "reset" else env.flat_step(value)
         return peak_memory_mib(), reply
 
 
-def _cut_off(restarted: Arrays, last: Arrays) -> Arrays:
+def _cut_off(restarted: Arrays, last: Arrays, terms: tuple[str, ...]) -> Arrays:
     """The step in which a worker failed: all its episodes end at their last observation, with reward 0."""
     n = len(restarted["type"])
     none = np.zeros(n)
+    no = np.zeros(n, np.bool_)
+    trips = {"gone": np.ones(n, np.bool_), "reached": no, "clean": no} if "active" in restarted else {}
     return restarted | {
         "reward": none,
-        "terminated": np.zeros(n, np.bool_),
+        "terminated": no,
         "truncated": np.ones(n, np.bool_),
         "speed_mps": none,
         "steps": np.zeros(n, np.int64),
-        **dict.fromkeys(TERMS, none),
+        **dict.fromkeys(terms, none),
+        **trips,
         "replaced": np.ones(n, np.bool_),
         **{f"final_{name}": last[name] for name in OBSERVED if name in last},
     }

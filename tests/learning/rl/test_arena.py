@@ -10,7 +10,8 @@ from slrl_sumo.agent.decide import choose
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.selectors import PriorSelector
-from slrl_sumo.learning.rl.arena import Arena, ArenaSettings, lanes_here, recorded_speed
+from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
+from slrl_sumo.learning.rl.reward_terms import lanes_here, recorded_speed
 from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights, weighted
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.route_features import ROUTE_FEATURES

@@ -7,7 +7,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, gae, learn, rollout, update
+from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, _normalised, gae, learn, rollout, update
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.models.prior import Prior
@@ -54,6 +54,52 @@ def test_a_truncated_episode_is_worth_its_last_observation_and_not_the_next_epis
     cut = _batch([1.0, 2.0], [0.5, 1.5], truncated=_only(0, 2), final_values=torch.tensor([[10.0], [0.0]]))
     advantages, _ = gae(cut, 0.5, 0.5)
     torch.testing.assert_close(advantages[:, 0], torch.tensor([1.0 + 5.0 - 0.5, 2.0 + 2.0 - 1.5]))
+
+
+def test_slots_without_a_road_user_change_nothing() -> None:
+    """The same rollout with an empty slot beside it, of absurd contents, gives the same update."""
+    settings = PpoSettings(num_minibatches=1, update_epochs=1, kl_coef=0.0, prior_coef=0.1)
+    generator = torch.Generator().manual_seed(1)
+    seen = {name: torch.from_numpy(value)[None].repeat(4, 1, *[1] * (value.ndim - 1)) for name, value in
+            _seen_at_first(6).items()}  # fmt: skip
+    shape = (4, 6)
+    fields: dict[str, Any] = {
+        "actions": torch.randint(MODES, shape, generator=generator),
+        "logprobs": torch.full(shape, -3.0),
+        "values": torch.rand(shape, generator=generator),
+        "rewards": torch.rand(shape, generator=generator),
+        "terminated": torch.zeros(shape, dtype=torch.bool),
+        "truncated": torch.zeros(shape, dtype=torch.bool),
+        "final_values": torch.zeros(shape),
+        "teacher_costs": torch.zeros(*shape, MODES),
+    }
+    alone = Batch(seen=seen | {"active": torch.ones(shape, dtype=torch.int8)}, next_value=torch.ones(6), **fields)
+    wider = {
+        name: torch.cat([value, (9 * torch.ones_like(value[:, :1])).to(value.dtype)], 1)
+        for name, value in fields.items()
+    }
+    beside = {name: torch.cat([value, value[:, :1]], 1) for name, value in alone.seen.items()}
+    beside["active"][:, 6] = 0
+    crowded = Batch(seen=beside, next_value=torch.ones(7), **wider)
+
+    def updated(batch: Batch) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
+        torch.manual_seed(2)
+        agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+        figures = update(agent, batch, settings, torch.Generator().manual_seed(3))
+        return figures, agent.policy.state_dict()
+
+    (figures, weights), (again, same) = updated(alone), updated(crowded)
+    assert figures == again
+    for name, value in weights.items():
+        torch.testing.assert_close(value, same[name])
+    assert figures["kl_prior"] >= 0.0
+
+
+def test_advantages_are_normalised_within_each_type() -> None:
+    kind = torch.tensor([0, 0, 1, 1, 2])
+    normal = _normalised(torch.tensor([1.0, 3.0, 100.0, 300.0, 7.0]), kind)
+    torch.testing.assert_close(normal[:2], normal[2:4])
+    assert normal[4] == 0.0
 
 
 class _Lights:

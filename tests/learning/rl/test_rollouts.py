@@ -16,9 +16,9 @@ from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.workers import LocalWorkers
 from slrl_sumo.learning.rl.arena import ArenaSettings
-from slrl_sumo.learning.rl.arena_slots import ArenaSource
 from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings
 from slrl_sumo.learning.rl.rollouts import Result, RolloutWorker, WorkerRollouts
+from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.rl.arena import ArenaSettings
-from slrl_sumo.learning.rl.arena_slots import ArenaSource
+from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.vector_env import ArenaVectorEnv
 
 SOURCE = ArenaSource(("intersection", "shared-space"), "intersection", ArenaSettings(agents=8, warm_up=4.0))

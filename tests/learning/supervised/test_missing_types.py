@@ -3,6 +3,7 @@
 import json
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.hc import PIXELS_PER_METRE
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.envs import RoadUserEnv
-from slrl_sumo.learning.rl.arena import recorded_speed
+from slrl_sumo.learning.rl.reward_terms import recorded_speed
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.shares import parse_mix, served_shares
 from slrl_sumo.simulation.spawn import starting_points, type_counts
@@ -20,6 +21,16 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
+
+
+def test_a_recording_from_which_nothing_can_be_learned_is_named(
+    cli: Cli, traffic: list[Trajectories], tmp_path: Path
+) -> None:
+    still = traffic[0]
+    replace(still, x=np.zeros(len(still.x)), y=np.zeros(len(still.y))).save(tmp_path / "still.npz")
+    done = cli("fit", tmp_path / "still.npz", "--out", tmp_path / "b", "--epochs", 1)
+    assert done.returncode == 1
+    assert f"{tmp_path / 'still.npz'}: nothing can be learned: car: 1 distinct destinations" in done.stderr
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,162 @@
+"""The terms of the reward of the learned road users of a simulation, after a decision."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from slrl_sumo.agent.decide import Situation
+from slrl_sumo.learning.rl import rewards
+from slrl_sumo.learning.rl.rewards import TERMS
+from slrl_sumo.lookahead.route_fit import allowed_speed
+from slrl_sumo.models.bundle import ModelBundle, tensors
+from slrl_sumo.models.capability import Capability
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.route import on_path
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+from slrl_sumo.simulation.events import Decision
+from slrl_sumo.sumo.lanes import LanePoints
+
+HORIZON = 4.8
+"""s from a window's moment to its destination (paper, section 3.2)."""
+MOVING_DISTANCE = rewards.SLOW * HORIZON
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What the terms need of a simulation: places on its lanes by type, desired speed (m/s) by type, and models."""
+
+    points: tuple[LanePoints, ...]
+    desired: Floats
+    bundle: ModelBundle
+    capability: Capability
+
+
+@dataclass(frozen=True, eq=False)
+class Transition:
+    """A decision of n road users, which are the first ones of `world`, and what it led to."""
+
+    ground: Ground
+    before: Situation
+    modes: NDArray[np.int64]
+    """Chosen, (n,)."""
+    world: WorldState
+    """All road users after it."""
+    decision: Decision
+    hit: NDArray[np.bool_]
+    """In contact anew, (n,)."""
+    lost: NDArray[np.bool_]
+    """Off the ground, or off its route, (n,)."""
+
+    def terms(self, wanted: Collection[str] = TERMS) -> dict[str, Floats]:
+        """The `wanted` terms of the reward before weighting, (n,) each, by name."""
+        return {name: self._by_name[name]() for name in TERMS if name in wanted}
+
+    @cached_property
+    def _by_name(self) -> dict[str, Callable[[], Floats]]:
+        n, learned = len(self.modes), self._learned
+        return {
+            "close": lambda: rewards.close(self.world, n),
+            "off_surface": lambda: rewards.off_surface(learned.type, self.decision.surface),
+            "moving": lambda: rewards.moving(learned.speed),
+            "alive": lambda: rewards.alive(n),
+            "contact": lambda: rewards.contact(self.hit),
+            "lost": lambda: rewards.lost(self.lost),
+            "danger": lambda: rewards.danger(self.world, n),
+            "speed": lambda: rewards.speed_kept(learned.speed, self._desired),
+            "wrong_way": lambda: rewards.wrong_way(learned.heading, self._lanes[0], self._lanes[2]),
+            "comfort": lambda: rewards.comfort(learned.speed, learned.acceleration, learned.yaw_rate),
+            "realism": lambda: rewards.realism(self._log_probability),
+            "progress": lambda: self._along["progress"],
+            "off_path": lambda: self._along["off_path"],
+            "red": lambda: self._along["red"],
+            "priority": lambda: self._along["priority"],
+        }
+
+    @cached_property
+    def _learned(self) -> WorldState:
+        return self.world.take(np.arange(len(self.modes)))
+
+    @cached_property
+    def _lanes(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        return lanes_here(self._learned, self.ground.points)
+
+    @cached_property
+    def _log_probability(self) -> Floats:
+        """Of each chosen mode under the bundle's prior, (n,)."""
+        with torch.inference_mode():
+            every = torch.log_softmax(self.ground.bundle.prior.logits(*tensors(self.before.observation)), -1)
+            return every.double().numpy()[np.arange(len(self.modes)), self.modes]
+
+    @cached_property
+    def _allowed(self) -> Floats:
+        """m/s that were right for the routes as they were before the decision, (n,)."""
+        context, scene = self.before.context, self.before.scene
+        assert context is not None
+        return allowed_speed(context, self.ground.capability, scene.world.take(scene.rows))
+
+    @cached_property
+    def _known(self) -> NDArray[np.bool_]:
+        assert self.before.context is not None
+        return self.before.context.route.known & ~self.decision.wrapped_around
+
+    @cached_property
+    def _desired(self) -> Floats:
+        learned = self._learned
+        if self.before.context is None:
+            return np.minimum(self.ground.desired[learned.type], self._lanes[1])
+        return np.where(self._known, self._allowed, learned.speed)
+
+    @cached_property
+    def _along(self) -> dict[str, Floats]:
+        """The terms about the route; zeros without routes."""
+        context, learned = self.before.context, self._learned
+        if context is None:
+            return {name: np.zeros(len(learned)) for name in ("progress", "off_path", "red", "priority")}
+        route, known = context.route, self._known
+        covered, aside, _ = (c[:, 0] for c in on_path(route, learned.x[:, None], learned.y[:, None]))
+        gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
+        return {
+            "progress": rewards.progress(covered, self._allowed * DECISION_INTERVAL, known),
+            "off_path": rewards.off_path(aside, known),
+            "red": rewards.passed(covered, route.line, known & route.closed),
+            "priority": rewards.passed(covered, route.line, gives_way),
+        }
+
+
+def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Heading (rad) and speed limit (m/s) of the nearest lane for the type of each of n road users, and whether it is
+    on a lane with a direction, (n,) each. Pedestrians walk either way; junctions have no lanes here."""
+    heading, limit = np.zeros(len(users)), np.full(len(users), np.inf)
+    on_lane = np.zeros(len(users), np.bool_)
+    for kind, source in enumerate(points):
+        rows = np.flatnonzero(users.type == kind)
+        if not len(rows) or not len(source):
+            continue
+        nearest, under = source.nearest_lanes(users.x[rows], users.y[rows])
+        heading[rows] = source.heading[nearest]
+        limit[rows] = source.max_speed(nearest)
+        if kind != RoadUserType.PEDESTRIAN:
+            on_lane[rows] = under
+    return heading, limit, on_lane
+
+
+def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
+    """m/s per type: the mean, over the recordings that the bundle was fitted to, of road users in motion.
+
+    A road user is in motion if it comes farther than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
+    """
+    types = bundle.training.get("types", {})
+    recorded = [types.get(name, {}).get("moving_speed_mps") for name in TYPE_NAMES]
+    if all(speed for speed, served in zip(recorded, bundle.types, strict=True) if served):
+        car, bicycle, pedestrian = (speed or 0.0 for speed in recorded)  # 0 for types that the bundle lacks
+        return car, bicycle, pedestrian
+    # Bundles that were fitted before this was written down: their modes are clusters of positions.
+    distance = np.hypot(bundle.mode_centres[..., 0], bundle.mode_centres[..., 1])
+    count = np.where(distance > MOVING_DISTANCE, bundle.mode_counts, 0)
+    car, bicycle, pedestrian = (distance * count).sum(1) / np.maximum(count.sum(1), 1) / HORIZON
+    return float(car), float(bicycle), float(pedestrian)
