@@ -27,7 +27,9 @@ import torch
 from safetensors.torch import save
 
 from slrl_sumo.jobs.pool import Backend, run_jobs
-from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, update
+from slrl_sumo.learning.rl.actor import Agent
+from slrl_sumo.learning.rl.batch import Batch
+from slrl_sumo.learning.rl.ppo import update
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.training_settings import TrainSettings
@@ -116,7 +118,7 @@ def rollouts(rounds: int = 1) -> None:
     settings, bundle = TrainSettings(), load_bundle("intersection")
     torch.set_num_threads(1)
     torch.manual_seed(1)
-    agent = Agent(Policy(settings.policy), bundle.prior, PpoSettings(), torch.device("cpu"))
+    agent = Agent(Policy(settings.policy), bundle.prior, 0.03, 5e-4, torch.device("cpu"))
     arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher)
     source = ArenaSource(("intersection",), "intersection", arena)
     print(f"weights: {len(save(agent.policy.state_dict()))} bytes")

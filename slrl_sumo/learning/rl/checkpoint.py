@@ -10,7 +10,7 @@ import torch
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import open_input, read_json
-from slrl_sumo.learning.rl.ppo import Agent
+from slrl_sumo.learning.rl.actor import Agent
 
 STATES = ("policy", "begin", "optimizer")
 """Parts of an Agent in a checkpoint, besides the number of updates."""

@@ -24,9 +24,11 @@ from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
+from slrl_sumo.learning.rl.actor import Agent
+from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.checkpoint import read_checkpoint, read_record, restore, save_checkpoint, write_record
 from slrl_sumo.learning.rl.imitation import demonstrations, imitate, recorded_traffic
-from slrl_sumo.learning.rl.ppo import Agent, Batch, learn
+from slrl_sumo.learning.rl.ppo import learn
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.selector_card import with_selector
 from slrl_sumo.learning.rl.simulation_env import ArenaSource
@@ -106,7 +108,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         policy = Policy(replace(settings.policy, modes=bundle.config.modes))
     if request.goes_on and bundle.policy is not None:
         policy.load_state_dict(bundle.policy.state_dict())
-    agent = Agent(policy, bundle.prior, settings.ppo, device)
+    agent = Agent(policy, bundle.prior, settings.ppo.explore, settings.ppo.learning_rate, device)
     done = 0
     if state is None:
         imitated = _imitated(policy, bundle, request, scenarios, settings, report)

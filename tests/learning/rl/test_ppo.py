@@ -1,4 +1,4 @@
-"""PPO: advantages by hand, a task that must be learned, the same seed the same run."""
+"""PPO: a task that must be learned, the same seed the same run."""
 
 from typing import Any
 
@@ -7,53 +7,15 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings, _normalised, gae, learn, rollout, update
+from slrl_sumo.learning.rl.actor import Agent
+from slrl_sumo.learning.rl.batch import Batch
+from slrl_sumo.learning.rl.ppo import PpoSettings, learn, update
+from slrl_sumo.learning.rl.rollout import rollout
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.models.prior import Prior
 
 SMALL = PolicyConfig(channels=(4, 8), hidden=32, head=16)
-
-
-def _batch(rewards: list[float], values: list[float], **changes: Any) -> Batch:
-    steps = len(rewards)
-    none = torch.zeros(steps, 1)
-    fields: dict[str, Any] = {
-        "seen": {},
-        "actions": none,
-        "logprobs": none,
-        "values": torch.tensor(values)[:, None],
-        "rewards": torch.tensor(rewards)[:, None],
-        "terminated": torch.zeros(steps, 1, dtype=torch.bool),
-        "truncated": torch.zeros(steps, 1, dtype=torch.bool),
-        "final_values": none,
-        "next_value": torch.tensor([4.0]),
-        "teacher_costs": torch.zeros(steps, 1, MODES),
-    }
-    return Batch(**(fields | changes))
-
-
-def _only(step: int, steps: int) -> torch.Tensor:
-    return (torch.arange(steps) == step)[:, None]
-
-
-def test_gae_without_ends_by_hand() -> None:
-    advantages, returns = gae(_batch([1.0, 2.0], [0.5, 1.5]), gamma=0.5, gae_lambda=0.5)
-    last = 2.0 + 0.5 * 4.0 - 1.5
-    first = 1.0 + 0.5 * 1.5 - 0.5 + 0.25 * last
-    torch.testing.assert_close(advantages[:, 0], torch.tensor([first, last]))
-    torch.testing.assert_close(returns[:, 0], torch.tensor([first + 0.5, last + 1.5]))
-
-
-def test_nothing_comes_after_a_terminated_episode() -> None:
-    advantages, _ = gae(_batch([1.0, 2.0], [0.5, 1.5], terminated=_only(0, 2)), 0.5, 0.5)
-    torch.testing.assert_close(advantages[:, 0], torch.tensor([1.0 - 0.5, 2.0 + 2.0 - 1.5]))
-
-
-def test_a_truncated_episode_is_worth_its_last_observation_and_not_the_next_episode() -> None:
-    cut = _batch([1.0, 2.0], [0.5, 1.5], truncated=_only(0, 2), final_values=torch.tensor([[10.0], [0.0]]))
-    advantages, _ = gae(cut, 0.5, 0.5)
-    torch.testing.assert_close(advantages[:, 0], torch.tensor([1.0 + 5.0 - 0.5, 2.0 + 2.0 - 1.5]))
 
 
 def test_slots_without_a_road_user_change_nothing() -> None:
@@ -84,7 +46,7 @@ def test_slots_without_a_road_user_change_nothing() -> None:
 
     def updated(batch: Batch) -> tuple[dict[str, float], dict[str, torch.Tensor]]:
         torch.manual_seed(2)
-        agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+        agent = Agent(Policy(SMALL), Prior(MODES), settings.explore, settings.learning_rate, torch.device("cpu"))
         figures = update(agent, batch, settings, torch.Generator().manual_seed(3))
         return figures, agent.policy.state_dict()
 
@@ -93,13 +55,6 @@ def test_slots_without_a_road_user_change_nothing() -> None:
     for name, value in weights.items():
         torch.testing.assert_close(value, same[name])
     assert figures["kl_prior"] >= 0.0
-
-
-def test_advantages_are_normalised_within_each_type() -> None:
-    kind = torch.tensor([0, 0, 1, 1, 2])
-    normal = _normalised(torch.tensor([1.0, 3.0, 100.0, 300.0, 7.0]), kind)
-    torch.testing.assert_close(normal[:2], normal[2:4])
-    assert normal[4] == 0.0
 
 
 class _Lights:
@@ -153,7 +108,7 @@ def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch
         num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0, kl_coef=0.0, kl_coef_last=0.0, teacher_first=0
     )
     torch.manual_seed(seed)
-    agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+    agent = Agent(Policy(SMALL), Prior(MODES), settings.explore, settings.learning_rate, torch.device("cpu"))
     shares: list[float] = []
 
     def after(iteration: int, batch: Batch, infos: list[dict[str, Any]], losses: dict[str, float]) -> None:
@@ -190,7 +145,7 @@ def test_same_seed_same_run_and_another_seed_another() -> None:
 
 
 def test_training_can_only_be_taken_up_where_simulations_begin_anew() -> None:
-    agent = Agent(Policy(SMALL), Prior(MODES), PpoSettings(), torch.device("cpu"))
+    agent = Agent(Policy(SMALL), Prior(MODES), 0.03, 5e-4, torch.device("cpu"))
     with pytest.raises(ValueError, match="where simulations restart"):
         learn(
             agent,
@@ -209,7 +164,7 @@ def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
     random = np.random.default_rng(3)
     settings = PpoSettings(num_minibatches=1, update_epochs=40, learning_rate=5e-3, explore=0.0)
     torch.manual_seed(2)
-    agent = Agent(Policy(SMALL), Prior(MODES), settings, torch.device("cpu"))
+    agent = Agent(Policy(SMALL), Prior(MODES), settings.explore, settings.learning_rate, torch.device("cpu"))
     steps, slots = 4, 16
     free = random.integers(0, MODES, (steps, slots))
     ahead = np.zeros((steps, slots, MODES, 4), np.float32)
@@ -246,7 +201,7 @@ def test_the_policy_learns_what_the_teacher_sees_in_each_mode() -> None:
 
 
 def test_exploring_gives_every_mode_a_chance() -> None:
-    agent = Agent(Policy(SMALL), Prior(MODES), PpoSettings(explore=0.2), torch.device("cpu"))
+    agent = Agent(Policy(SMALL), Prior(MODES), 0.2, 5e-4, torch.device("cpu"))
     for parameter in agent.policy.actors.parameters():
         parameter.data += 3.0
     agent.policy.actors[0][-1].bias.data[5] += 50.0

@@ -15,8 +15,9 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.workers import LocalWorkers
+from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.arena import ArenaSettings
-from slrl_sumo.learning.rl.ppo import Agent, Batch, PpoSettings
+from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.rollouts import Result, RolloutWorker, WorkerRollouts
 from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.models.bundle import load_bundle
@@ -31,7 +32,7 @@ def agent() -> Agent:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(5)
         policy = Policy(SMALL)
-    return Agent(policy, load_bundle("intersection").prior, PpoSettings(), torch.device("cpu"))
+    return Agent(policy, load_bundle("intersection").prior, 0.03, 5e-4, torch.device("cpu"))
 
 
 @pytest.fixture(scope="module")
