@@ -10,6 +10,7 @@ from netgen.specs import (
     Control,
     DemandSpec,
     IntersectionSpec,
+    MotorwaySpec,
     NetSpec,
     RandomSpec,
     RoundaboutSpec,
@@ -17,7 +18,7 @@ from netgen.specs import (
     most_spread,
 )
 
-Family = Literal["intersection", "roundabout", "shared-space", "random", "town"]
+Family = Literal["intersection", "roundabout", "shared-space", "random", "town", "motorway"]
 
 
 def generate(family: str, seed: int, folder: Path, size: int | None = None) -> Path:
@@ -48,6 +49,8 @@ def draw_spec(family: str, seed: int, size: int | None = None) -> tuple[NetSpec,
         return _draw_roundabout(random, seed)
     if family == "shared-space":
         return _draw_shared_space(random, seed)
+    if family == "motorway":
+        return _draw_motorway(random, seed)
     return _draw_random(random, seed, size) if family == "random" else _draw_town(random, seed)
 
 
@@ -100,6 +103,21 @@ def _draw_shared_space(random: Random, seed: int) -> tuple[SharedSpaceSpec, Dema
         seed=seed,
     )
     return spec, _draw_demand(random, seed, cars=(80, 250), pedestrians=(200, 500))
+
+
+def _draw_motorway(random: Random, seed: int) -> tuple[MotorwaySpec, DemandSpec]:
+    lanes = random.choice((2, 2, 3))
+    spec = MotorwaySpec(
+        lanes=lanes,
+        stretch=float(random.randint(500, 700)),
+        curve_radius=float(random.randint(500, 1500)),
+        ramp_limit=random.choice((13.89, 16.67, 22.22)),
+        speed_limit=random.choice((19.44, 22.22, 27.78, 33.33, 36.11)),
+        seed=seed,
+    )
+    # Some seeds bring more than the narrow stretch can take, so that speeds between jam and limit are seen.
+    cars = float(random.randint(800 * (lanes - 1), 2300 * (lanes - 1)))
+    return spec, DemandSpec(cars_per_hour=cars, bicycles_per_hour=0.0, pedestrians_per_hour=0.0, seed=seed)
 
 
 def _draw_random(random: Random, seed: int, size: int | None) -> tuple[RandomSpec, DemandSpec]:

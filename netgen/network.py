@@ -2,7 +2,7 @@
 
 netgenerate's own net has straight arms and one kind of street. Its plain XML (nodes and edges) is therefore edited:
 streets are turned, removed and given lanes, and netconvert builds the net. Roundabouts, which netgenerate lacks, come
-from netgen.roundabout. See https://sumo.dlr.de/docs/netgenerate.html and
+from netgen.roundabout, motorways from netgen.motorway. See https://sumo.dlr.de/docs/netgenerate.html and
 https://sumo.dlr.de/docs/Networks/PlainXML.html.
 """
 
@@ -17,9 +17,10 @@ from lxml import etree
 
 from netgen.binaries import run_program
 from netgen.errors import NetgenError
+from netgen.motorway import RAMP_OPTIONS, place_motorway
 from netgen.plan import Edge, Node, Plan, lanes_of, write_plan
 from netgen.roundabout import place_ring
-from netgen.specs import IntersectionSpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
+from netgen.specs import IntersectionSpec, MotorwaySpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
 _HEADER = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 
@@ -36,6 +37,9 @@ def build_net(spec: NetSpec) -> bytes:
             options += ["--crossings.guess"] if spec.crossings else []
         elif isinstance(spec, RoundaboutSpec):
             plan = place_ring(spec)
+        elif isinstance(spec, MotorwaySpec):
+            plan = place_motorway(spec)
+            options = ["--no-turnarounds", *RAMP_OPTIONS]
         else:
             plan = _place_arms(_draw_cross(spec.arm_length, folder), spec)
             if isinstance(spec, SharedSpaceSpec):

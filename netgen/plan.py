@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from netgen.specs import NetSpec, SharedSpaceSpec
+from netgen.specs import IntersectionSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
 SIDEWALK_WIDTH = "2.00"
 CYCLE_LANE_WIDTH = "1.50"
@@ -52,7 +52,9 @@ class Plan:
     """Nodes with a crossing, and the two edges that it crosses, besides the crossings that netconvert guesses."""
 
 
-def lanes_of(spec: NetSpec, car_lanes: int) -> tuple[Mapping[str, str], ...]:
+def lanes_of(
+    spec: IntersectionSpec | RandomSpec | RoundaboutSpec | SharedSpaceSpec, car_lanes: int
+) -> tuple[Mapping[str, str], ...]:
     """One direction's lanes, from the right: sidewalk, cycle lane, car lanes; or one lane for all on a shared space."""
     if isinstance(spec, SharedSpaceSpec):
         return ({"allow": "passenger bicycle pedestrian", "width": f"{spec.width / 2:g}"},)

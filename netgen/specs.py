@@ -176,7 +176,32 @@ class RandomSpec:
         _crossings_have_sidewalks(self)
 
 
-NetSpec = IntersectionSpec | RoundaboutSpec | SharedSpaceSpec | RandomSpec
+@dataclass(frozen=True)
+class MotorwaySpec:
+    """One carriageway of a motorway, for cars: an on-ramp, an off-ramp, and a lane that ends."""
+
+    lanes: int = 2
+    """Before the one that ends, without those of the ramps; 2 to 4."""
+    stretch: float = 600.0
+    """m: each of four: to the on-ramp, to the off-ramp, to the end of the lane, and after it."""
+    curve_radius: float = 1000.0
+    """m, of the stretches that are no straight lines."""
+    ramp_limit: float = 22.22
+    """m/s."""
+    speed_limit: float = 33.33
+    """m/s."""
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _whole(self, "lanes", 2, 4)
+        _within(self, "stretch", 300.0, 5000.0)
+        _within(self, "curve_radius", 200.0, 10000.0)
+        _within(self, "ramp_limit", 8.0, 40.0)
+        _within(self, "speed_limit", 16.5, 55.0)
+        _whole(self, "seed", 0, 2**31 - 1)
+
+
+NetSpec = IntersectionSpec | RoundaboutSpec | SharedSpaceSpec | RandomSpec | MotorwaySpec
 
 
 @dataclass(frozen=True)

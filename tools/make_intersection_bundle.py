@@ -5,6 +5,8 @@
 
 With --paper: the paper's modes (K-Means of positions), and no roundabouts; the models that ship in `intersection-paper`
 were made before epochs drew the same number of windows of each mode (see learning/supervised/network_training.py).
+With --motorways: motorways as well, so that cars are learned up to 34 m/s. The shipped bundle is made without: the
+modes are others then, and its policy was trained on its own.
 
 Takes three minutes on two cores. Recordings are kept in --work, so that an interrupted run goes on where it was.
 None of the shipped scenarios is among the networks: those are for evaluation.
@@ -29,7 +31,10 @@ NETWORKS = (
     ("shared-space", range(3000, 3008)),
     ("roundabout", range(4000, 4008)),
 )
-SECONDS = 600.0
+MOTORWAYS = (("motorway", range(5020, 5026)),)
+SECONDS = {"motorway": 200.0}
+"""s that are recorded of a network, else 600: the bounds of the models are percentiles of all windows, and long
+straight drives would narrow those of braking and turning."""
 WORDS = {"intersection": "intersections", "random": "street nets", "shared-space": "shared spaces"}
 LICENCE = "MIT: made by slrl_sumo itself, without recorded data of anybody"
 
@@ -41,12 +46,15 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".work/intersection-bundle"), help="networks and recordings")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--paper", action="store_true", help="the paper's modes")
+    parser.add_argument("--motorways", action="store_true", help="recordings of motorways as well")
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
     networks = [(family, seeds) for family, seeds in NETWORKS if not arguments.paper or family != "roundabout"]
+    networks += MOTORWAYS if arguments.motorways else ()
     drawn = ", ".join(f"{len(seeds)} {WORDS.get(family, family + 's')}" for family, seeds in networks)
     count = sum(len(seeds) for _, seeds in networks)
-    source = f"SUMO 1.28 traffic on {count} networks drawn by netgen ({drawn}), 600 s each"
+    also = ", motorways 200 s" if arguments.motorways else ""
+    source = f"SUMO 1.28 traffic on {count} networks drawn by netgen ({drawn}), 600 s each{also}"
     wanted = [(family, seed) for family, seeds in networks for seed in seeds]
     recordings = [_recording(family, seed, arguments.work, source) for family, seed in track(wanted, "recording")]
     name, seed = arguments.out.name, arguments.seed
@@ -63,7 +71,7 @@ def _recording(family: str, seed: int, work: Path, source: str) -> Trajectories:
     file = work / f"{family}-{seed}.npz"
     if not file.exists():
         config = generate(family, seed, work / f"{family}-{seed}")
-        *_, trajectories = record(find_scenario(str(config)), seconds=SECONDS, seed=seed)
+        *_, trajectories = record(find_scenario(str(config)), seconds=SECONDS.get(family, 600.0), seed=seed)
         assert isinstance(trajectories, Trajectories)
         trajectories.save(file)
     return replace(load_trajectories(file), source=source, licence=LICENCE)

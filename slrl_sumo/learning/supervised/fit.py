@@ -38,6 +38,8 @@ TURNING = 0.02
 MOVING_DISTANCE = 2.4
 """m in the 4.8 s of a window above which a road user is in motion: 0.5 m/s, as in the paper's r3."""
 
+CORNERING = 10.0
+"""m/s below which the curvature of vehicles' turns is measured."""
 FREE_TURNING = 0.5
 """m/s above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
 
@@ -210,11 +212,13 @@ def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[Road
         ):
             lowest, highest = np.percentile(values, (1, 99))
             bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
-        fast = rows & (after > 1.0)
+        # Sharp turns are driven slowly: long straight drives in the recordings must not lower the bound.
+        steering = rows & (after > 1.0) & (after < CORNERING)
+        steering = steering if steering.any() else rows & (after > 1.0)
         if t == RoadUserType.PEDESTRIAN:
             models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
-        elif fast.any():
-            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[fast]) / after[fast], 99.7))
+        elif steering.any():
+            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[steering]) / after[steering], 99.7))
         models.max_speed[t] = float(np.percentile(before[train.type == t], 99))
 
 

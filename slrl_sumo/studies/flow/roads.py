@@ -4,7 +4,9 @@ from collections.abc import Callable
 from math import cos, radians, sin
 from pathlib import Path
 
+from netgen.motorway import RAMP_OPTIONS, place_motorway
 from netgen.plan import Edge, Plan
+from netgen.specs import MotorwaySpec
 from slrl_sumo.studies.flow.scenario_files import element, flow, nodes, road, write_situation
 
 BENDS = (30, -60, 90, -110, 130)
@@ -43,8 +45,8 @@ def following(folder: Path) -> Path:
     return write_situation(folder, _straight(1200.0), demand, 240.0)
 
 
-def merge(folder: Path) -> Path:
-    """A ramp with an acceleration lane of 200 m joins a road of one lane."""
+def merge(through: float, joining: float) -> Callable[[Path], Path]:
+    """A ramp with an acceleration lane of 200 m joins a road of one lane; cars per hour on the road and on the ramp."""
     plan = Plan(
         nodes({"a": (0.0, 0.0), "r": (150.0, -80.0), "m": (400.0, 0.0), "n": (600.0, 0.0), "b": (900.0, 0.0)}),
         {
@@ -55,18 +57,28 @@ def merge(folder: Path) -> Path:
         },
     )
     links = (("main", "both", 0, 1), ("ramp", "both", 0, 0), ("both", "out", 1, 0))
-    demand = [flow("through", "main", "out", 900.0), flow("joining", "ramp", "out", 500.0)]
-    return write_situation(folder, plan, demand, 300.0, connections=_connections(links))
+    demand = [flow("through", "main", "out", through), flow("joining", "ramp", "out", joining)]
+    return lambda folder: write_situation(folder, plan, demand, 300.0, connections=_connections(links))
 
 
-def lane_drop(folder: Path) -> Path:
-    """A road of two lanes of which the right one ends."""
+def lane_drop(per_hour: float) -> Callable[[Path], Path]:
+    """A road of two lanes, with so many cars per hour, of which the right one ends."""
     plan = Plan(
         nodes({"a": (0.0, 0.0), "m": (500.0, 0.0), "b": (800.0, 0.0)}),
         {"two": road("a", "m", 2), "one": road("m", "b")},
     )
-    demand = [flow("cars", "two", "one", 1500.0, departLane="random")]
-    return write_situation(folder, plan, demand, 300.0, connections=_connections((("two", "one", 1, 0),)))
+    demand = [flow("cars", "two", "one", per_hour, departLane="random")]
+    links = _connections((("two", "one", 1, 0),))
+    return lambda folder: write_situation(folder, plan, demand, 300.0, connections=links)
+
+
+def motorway(folder: Path) -> Path:
+    """A motorway of three lanes for 33 m/s, with an on-ramp, an off-ramp and a lane that ends, at three quarters of its
+    capacity."""
+    plan = place_motorway(MotorwaySpec(lanes=3, seed=1))
+    trips = (("begin", "narrow", 1800.0), ("begin", "off", 500.0), ("on", "narrow", 700.0))
+    demand = [flow(f"{start}-{end}", start, end, per_hour) for start, end, per_hour in trips]
+    return write_situation(folder, plan, demand, 300.0, options=RAMP_OPTIONS)
 
 
 def bends(folder: Path) -> Path:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
-from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge
+from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway
 from slrl_sumo.studies.flow.scenario_files import LIMIT
 from slrl_sumo.studies.flow.towns import town
 from slrl_sumo.studies.flow.wheel import game
@@ -53,8 +53,13 @@ SITUATIONS: dict[str, Situation] = {
     ),
     "following": Situation("a platoon behind a car that stops twice, on one lane", 240.0, following),
     "bends": Situation("a road with bends of 30, 60, 90, 110 and 130 degrees", 240.0, bends),
-    "merge": Situation("a ramp with an acceleration lane of 200 m joins a road of one lane", 300.0, merge),
-    "lane-drop": Situation("a road of two lanes of which the right one ends", 300.0, lane_drop),
+    "merge": Situation(
+        "a ramp with an acceleration lane of 200 m joins a road of one lane", 300.0, merge(900.0, 500.0)
+    ),
+    "merge-full": Situation("the same with more demand than capacity", 300.0, merge(1300.0, 800.0)),
+    "lane-drop": Situation("a road of two lanes of which the right one ends", 300.0, lane_drop(1500.0)),
+    "lane-drop-full": Situation("the same with more demand than capacity", 300.0, lane_drop(2200.0)),
+    "motorway": Situation("a motorway for 33 m/s with ramps and a lane that ends", 300.0, motorway),
     "queue": Situation("queues of 20 and more cars that discharge at a signal, two lanes", 405.0, queue),
     "signal": Situation(
         "a signalised crossing with more demand than capacity, two lanes",
