@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.models.capability import SPEEDS, Capability
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import HERE, SPACING, RouteAhead
+from slrl_sumo.scene.route import HERE, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -48,7 +48,7 @@ def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -
         return route, changed
     x, y, desired = route.x.copy(), route.y.copy(), route.desired.copy()
     largest = np.ascontiguousarray(capability.sharpest)
-    _smooth(x, y, desired, np.flatnonzero(driving), users.type, users.speed, largest, changed)
+    _smooth(x, y, route.spacing, desired, np.flatnonzero(driving), users.type, users.speed, largest, changed)
     return replace(route, x=x, y=y, desired=desired), changed
 
 
@@ -60,7 +60,7 @@ def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:
 
 
 def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> float:
-    """How far (m) smoothing moves a path, points (k, 2) in m with a distance of SPACING, for a type of road user."""
+    """How far (m) smoothing moves a path, points (k, 2) in m, 1 m from each other, for a type of road user."""
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     right, left = SPARE * capability.sharpest[kind, :, 0]
     _round(x, y, right, left, np.empty((3, len(x))), np.empty(len(x), np.bool_))
@@ -71,6 +71,7 @@ def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> fl
 def _smooth(
     x: Floats,
     y: Floats,
+    spacing: Floats,
     desired: Floats,
     rows: NDArray[np.intp],
     kinds: NDArray[np.int8],
@@ -98,7 +99,7 @@ def _smooth(
                     allowed = min(
                         _fastest(abs(signed), right if signed < 0.0 else left), math.sqrt(COMFORT / abs(signed))
                     )
-            distance = max((k - HERE) * SPACING - REACTION * speed[row], 0.0)
+            distance = max((k - HERE) * spacing[row] - REACTION * speed[row], 0.0)
             slowest = min(slowest, max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kind] * distance)
         allowed = math.sqrt(slowest)
         changed[row] |= allowed < desired[row]

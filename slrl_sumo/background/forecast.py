@@ -10,7 +10,7 @@ from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.kernels import moved, wrapped
-from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, SPACING, on_path
+from slrl_sumo.scene.route import HERE, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
@@ -49,6 +49,7 @@ class _Paths(NamedTuple):
     followed: NDArray[np.bool_]
     x: Floats
     y: Floats
+    spacing: Floats
     along: Floats
     """m."""
     lateral_offset: Floats
@@ -76,14 +77,14 @@ def _paths(users: WorldState, context: RouteContext | None) -> _Paths:
     n = len(users)
     if context is None or not n:
         none = np.zeros(n)
-        return _Paths(np.zeros(n, np.bool_), np.zeros((n, 1)), np.zeros((n, 1)), none, none, none, none, none, none)
+        return _Paths(np.zeros(n, np.bool_), np.zeros((n, 1)), np.zeros((n, 1)), *(none,) * 7)
     route = context.route
     along, offset, direction = (a[:, 0] for a in on_path(route, users.x[:, None], users.y[:, None]))
     # Where the box turns from the path, or is beside it, the road user does something else.
     turned = np.abs(wrap_angle(users.heading - direction))
     followed = route.known & (np.abs(offset) < ASTRAY) & (turned < AGAINST)
     return _Paths(
-        followed, route.x, route.y, along, offset, direction,
+        followed, route.x, route.y, route.spacing, along, offset, direction,
         context.stop_distance - along, context.leader_gap - along, context.leader_speed,
     )  # fmt: skip
 
@@ -122,9 +123,9 @@ def _on_the_way(paths: _Paths, i: int, heading: float, speed: float, seconds: fl
         driven = min(driven, paths.stop[i])
     driven = max(min(driven, paths.leader_gap[i] + paths.leader_speed[i] * seconds), 0.0)
     # Beyond its ends the path goes straight on.
-    s = min(max(paths.along[i] + driven, -BEHIND), AHEAD)
-    k = min(int((s + BEHIND) / SPACING), paths.x.shape[1] - 2)
-    share = paths.along[i] + driven - (k - HERE) * SPACING
+    points, spacing = paths.x.shape[1], paths.spacing[i]
+    k = min(max(int((paths.along[i] + driven) / spacing + HERE), 0), points - 2)
+    share = paths.along[i] + driven - (k - HERE) * spacing
     dx, dy = paths.x[i, k + 1] - paths.x[i, k], paths.y[i, k + 1] - paths.y[i, k]
     norm = max(math.sqrt(dx * dx + dy * dy), 1e-6)
     dx, dy = dx / norm, dy / norm

@@ -10,7 +10,7 @@ from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.route import HERE, SPACING, RouteAhead
+from slrl_sumo.scene.route import HERE, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -30,6 +30,8 @@ class PathFollowing(NamedTuple):
     x: Floats
     """Points of the paths, (n, POINTS), as in RouteAhead."""
     y: Floats
+    spacing: Floats
+    """m between these points, (n,)."""
 
 
 YIELD_BRAKING = 3.0
@@ -53,12 +55,12 @@ def path_following(context: RouteContext | None, world: WorldState) -> PathFollo
     """Which of the first road users of `world`, those of `context`, will be found along their paths."""
     if context is None:
         none = RouteAhead.unknown(0)
-        return PathFollowing(none.known, np.zeros(0), none.stop, none.x, none.y)
+        return PathFollowing(none.known, np.zeros(0), none.stop, none.x, none.y, none.spacing)
     n, route = len(context), context.route
     heading_error = np.abs(wrap_angle(world.heading[:n] - context.direction))
     follows = route.known & (world.type[:n] != RoadUserType.PEDESTRIAN)
     follows &= (np.abs(context.lateral_offset) < NEAR_PATH) | (heading_error < ALONG_PATH)
-    return PathFollowing(follows, context.lateral_offset, route.stop, route.x, route.y)
+    return PathFollowing(follows, context.lateral_offset, route.stop, route.x, route.y, route.spacing)
 
 
 def forecast_boxes(world: WorldState, following: PathFollowing, margin: Floats, *, yielding: bool = False) -> Boxes:
@@ -104,7 +106,7 @@ def _bring_to_paths(paths: ModePaths, following: PathFollowing, rows: NDArray[np
         for step in range(steps):
             shift = following.lateral_offset[row] * _remaining(step, steps)
             for mode in range(modes):
-                k, share = _piece(paths.distance[i, step, mode], points)
+                k, share = _piece(paths.distance[i, step, mode], points, following.spacing[row])
                 while found <= k:
                     c[found], s[found] = _direction(path_x, path_y, row, found)
                     found += 1
@@ -138,7 +140,7 @@ def _forecast(
                 if braking > 0.0:
                     time = min((step + 1) * dt, speed[i] / braking)
                     covered = (speed[i] - 0.5 * braking * time) * time
-                k, share = _piece(min(covered, most), path_x.shape[1])
+                k, share = _piece(min(covered, most), path_x.shape[1], following.spacing[i])
                 c, s = _direction(path_x, path_y, i, k)
                 x[i, step] = path_x[i, k] + share * (path_x[i, k + 1] - path_x[i, k]) - shift * s
                 y[i, step] = path_y[i, k] + share * (path_y[i, k + 1] - path_y[i, k]) + shift * c
@@ -164,9 +166,9 @@ def _remaining(step: int, steps: int) -> float:
 
 
 @compiled
-def _piece(distance: float, points: int) -> tuple[int, float]:
+def _piece(distance: float, points: int, spacing: float) -> tuple[int, float]:
     """The piece of a path `distance` m ahead, and the share of it before that place; the last one goes straight on."""
-    place = distance / SPACING + HERE
+    place = distance / spacing + HERE
     k = max(min(int(place), points - 2), 0)
     return k, place - k
 

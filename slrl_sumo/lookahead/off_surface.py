@@ -9,7 +9,7 @@ from slrl_sumo.ground.tiles import Ids
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import HERE, SPACING, RouteAhead
+from slrl_sumo.scene.route import HERE, RouteAhead
 
 NEAR = 3
 """Intervals, 1.2 s, in which a road user with a route must not leave its surface: later it turns with its path."""
@@ -28,7 +28,9 @@ def off_surface(
     outside = _outside(surface, checked, kind, paths.x.shape[2])
     if route is not None:
         # Paths lead off the ground where the network ends: a road user that follows its path there is right.
-        place, user, x, y = _on_route(outside, checked, paths.distance, route.known, rows, route.x, route.y)
+        place, user, x, y = _on_route(
+            outside, checked, paths.distance, route.known, rows, route.x, route.y, route.spacing
+        )
         if len(place):
             outside[place] = OWN_SURFACE[kind[user], road_map.surface_at(x, y)]
     return _share(outside, checked, paths.x.shape[2])
@@ -67,6 +69,7 @@ def _on_route(
     rows: NDArray[np.intp],
     path_x: Floats,
     path_y: Floats,
+    spacing: Floats,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats]:
     """For the places that are `outside`, of road users with a path: which place, which road user, and the point of its
     path after the same distance."""
@@ -78,7 +81,7 @@ def _on_route(
         for step in range(checked[i]):
             for mode in range(modes):
                 if outside[k] and known[row]:
-                    on = distance[i, step, mode] / SPACING
+                    on = distance[i, step, mode] / spacing[row]
                     # Distances that are NaN end there as well.
                     there = HERE + int(np.rint(on)) if 0.0 <= on < last - HERE else last
                     place[found], user[found], x[found], y[found] = k, i, path_x[row, there], path_y[row, there]

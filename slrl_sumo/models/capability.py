@@ -11,9 +11,9 @@ from slrl_sumo.scene.advance import halting
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-SPEEDS = np.arange(1.0, 30.5, 0.5)
+SPEEDS = np.arange(1.0, 45.5, 0.5)
 """Speeds (m/s) at which the models are probed for curves."""
-STOPPING = np.arange(0.0, 40.5, 0.25)
+STOPPING = np.arange(0.0, 50.5, 0.25)
 """Speeds (m/s) from which stopping distances are probed."""
 MAX_DECISIONS = 60
 """Decisions of a probed stop at most."""

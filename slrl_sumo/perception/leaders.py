@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import AHEAD, RouteAhead, beside, on_path
+from slrl_sumo.scene.route import AHEAD, SPACING, RouteAhead, beside, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
@@ -80,18 +80,20 @@ def leaders(route: RouteAhead, world: WorldState) -> Leaders:
     follower, other = beside(route, room, world.x, world.y, reach)
     pairs = _Pairs(follower, other, *on_path(route, world.x[other, None], world.y[other, None], follower))
     users = _Users(world.type, world.heading, world.speed, world.length, world.width)
-    gap, speed, row, in_way = _leaders(n, pairs, users)
+    gap, speed, row, in_way = _leaders(n, pairs, users, route.spacing)
     return Leaders(gap, speed, row, np.sort(in_way))
 
 
 @compiled
-def _leaders(n: int, pairs: _Pairs, users: _Users) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+def _leaders(
+    n: int, pairs: _Pairs, users: _Users, spacing: Floats
+) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
     gap, leading, row = np.full(n, math.inf), np.zeros(n), np.full(n, -1)
     in_way, found = np.empty(len(pairs.follower), np.int64), 0
     for pair in range(len(pairs.follower)):
         ego, other, along = pairs.follower[pair], pairs.other[pair], pairs.along[pair, 0]
         kind, length, width = users.type[ego], users.length[other], users.width[other]
-        if not NEAREST[kind] < along < AHEAD + 0.5 * length:
+        if not NEAREST[kind] < along < AHEAD * spacing[ego] / SPACING + 0.5 * length:
             continue
         turn = users.heading[other] - pairs.direction[pair, 0]
         same, across = math.cos(turn), abs(math.sin(turn))

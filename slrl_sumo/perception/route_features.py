@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.route import HERE, SPACING
+from slrl_sumo.scene.route import HERE
 
 FAR = 60.0
 """m at which distances to lines and leaders are cut off."""
@@ -48,7 +48,7 @@ def route_features(heading: Floats, context: RouteContext) -> NDArray[np.float32
     # m and m/s that are cut off at FAR, in the order of their columns.
     far = np.column_stack([route.stop, route.line, route.desired, route.left, context.leader_gap, context.leader_speed])
     offset, direction = context.lateral_offset, context.direction
-    return _table(route.known, route.x, route.y, route.signal, offset, heading_error, direction, far)
+    return _table(route.known, route.x, route.y, route.spacing, route.signal, offset, heading_error, direction, far)
 
 
 @compiled
@@ -56,6 +56,7 @@ def _table(
     known: NDArray[np.bool_],
     x: Floats,
     y: Floats,
+    spacing: Floats,
     signal: NDArray[np.int8],
     lateral_offset: Floats,
     heading_error: Floats,
@@ -68,7 +69,7 @@ def _table(
             continue
         until, turn = _turns(x[i], y[i], direction[i])
         table[i, 0], table[i, 1], table[i, 2] = 1.0, min(max(lateral_offset[i], -5.0), 5.0), heading_error[i]
-        table[i, 3], table[i, 4] = until * SPACING / 10.0, turn
+        table[i, 3], table[i, 4] = until * spacing[i] / 10.0, turn
         table[i, 5], table[i, 6] = min(far[i, 0], FAR) / 10.0, min(far[i, 1], FAR) / 10.0
         if signal[i] > 0:
             table[i, 6 + signal[i]] = 1.0

@@ -17,8 +17,8 @@ MOST_EDGES = 12
 """Edges of a route that the choice of a lane considers."""
 MOST_LANES = 30
 MOST_TABLES = 5_000
-REACH = 150.0
-"""m of a path beyond its first lane, if the route is that long."""
+REACH = 250.0
+"""m of a path beyond its first lane, if the route is that long: at 40 m/s a vehicle sees 230 m (scene.route)."""
 SHARPEST = 2.2
 """rad (126 degrees): vehicles without a destination take sharper turns, as turnarounds are, only where there are no
 others."""

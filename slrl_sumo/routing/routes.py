@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
-from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead
+from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
@@ -54,12 +55,14 @@ class Routes:
         self._pedestrians.renew()
         self._reservations.renew(world.time)
         route = RouteAhead.unknown(n)
+        wishes: list[Wish] = []
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
             with self.refusals.of(world.ids[i]):
                 if walks:
                     self._add_pedestrian(route, world, i)
                 else:
-                    self._add_vehicle(route, world, i)
+                    self._add_vehicle(route, world, i, wishes)
+        route.desired[:] = np.minimum(route.desired, cooperative_speeds(world, n, wishes))
         return route
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -76,11 +79,12 @@ class Routes:
         self._vehicles.forget(ids)
         self._pedestrians.forget(ids)
 
-    def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int) -> None:
-        """Write row `i` of the route, that of a vehicle."""
+    def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, wishes: list[Wish]) -> None:
+        """Write row `i` of the route, that of a vehicle, and add to `wishes` if it changes lanes."""
         road_user = world.ids[i]
         track = self._vehicles.observed(world, i, DECISION_INTERVAL)
-        self._vehicles.choose_lane(road_user, track, world, i)
+        if (wish := self._vehicles.choose_lane(road_user, track, world, i)) is not None:
+            wishes.append(wish)
         self._vehicles.renew_entry(track, world.length.item(i), world.time)
         route.entered[i] = track.entered
         self._reservations.update(road_user, track, world.length.item(i))
@@ -101,7 +105,9 @@ class Routes:
         off_lane = abs(track.lateral_offset) > OFF_LANE
         if track.standing_time > STUCK_TIME and (off_lane or not self._speed_limits.lane_continues(track)):
             self._off_route.add(road_user)
-        path.line.draw(s - 0.5 * world.length.item(i) - BEHIND, SPACING, 0.0, route.x, route.y, i)
+        route.spacing[i] = spacing = spacing_at(track.speed)
+        behind = BEHIND * spacing / SPACING
+        path.line.draw(s - 0.5 * world.length.item(i) - behind, spacing, 0.0, route.x, route.y, i)
 
     def _add_pedestrian(self, route: RouteAhead, world: WorldState, i: int) -> None:
         """Write row `i` of the route, that of a person; without a path it stays unknown.
@@ -123,6 +129,8 @@ class Routes:
 
 
 def near_end(vehicles: VehicleTracker, pedestrians: PedestrianTracker, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-    """Which of n tracked road users have less than NEAR_END to go, (n,)."""
+    """Which of n tracked road users have less than NEAR_END to go, or than they cover in REACTION_TIME, (n,)."""
     remaining = [min(vehicles.remaining_distance(i), pedestrians.remaining_distance(i)) for i in ids]
-    return np.array(remaining, np.float64) < NEAR_END
+    tracks = [vehicles.get(i) for i in ids]
+    near = [NEAR_END if track is None else max(NEAR_END, REACTION_TIME * track.speed) for track in tracks]
+    return np.array(remaining, np.float64) < np.array(near, np.float64)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slrl_sumo.routing.lane_changes import Wish, has_gap
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
-from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
@@ -18,6 +19,8 @@ DISPLACED = 0.5
 """m from the planned position: the vehicle was moved by SUMO or a user's script, and its path is found anew."""
 OFF_PATH = 6.0
 """m beside its path beyond which an observed vehicle is on another one."""
+CHANGING, MOST_ASIDE = 0.8, 8.0
+"""m beside its path beyond which a vehicle is changing lanes, and up to which the next lane may be away."""
 CYCLING_SPEED = 5.6
 """m/s of spawned bicycles: their type has no speed of its own."""
 
@@ -234,45 +237,32 @@ class VehicleTracker:
         track.path = path
         self._update_max_speed(road_user, track, lane)
 
-    def choose_lane(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> None:
-        """Begin the lane change that the route needs, where there is a gap."""
+    def choose_lane(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
+        """Begin the lane change that the route needs, where there is a gap. Returns a change that is under way, or for
+        which there is no gap."""
         lane = track.path.lanes[0]
-        if (
-            not track.edges
-            or lane.startswith(":")
-            or track.path.lane_at(track.s) > 0
-            or abs(track.lateral_offset) > 0.8
-        ):
-            return
+        if not track.edges or lane.startswith(":") or track.path.lane_at(track.s) > 0:
+            return None
+        left = track.path.ends[0] - track.s
+        if abs(track.lateral_offset) > CHANGING:
+            return Wish(i, track.lateral_offset, track.path.line.at(track.s)[2], 0.0)
         edges = (self._graph.lanes[lane].edge, *track.edges)
         target = self._graph.lane_to_change_to(lane, track.vehicle_class, edges)
         if target is None:
-            return
+            return None
         length = float(world.length[i])
         before = self._point_before(target, length)
         path = self._graph.path(target, track.edges, track.vehicle_class, before, _seed(road_user))
         x, y, direction = track.path.line.at(track.s)
         x, y = x - track.lateral_offset * math.sin(direction), y + track.lateral_offset * math.cos(direction)
         s, lateral_offset = path.line.nearest(x, y, end=path.ends[0])
-        left = track.path.ends[0] - track.s
-        if abs(lateral_offset) < 8.0 and _gap(world, i, track, lateral_offset, hurried=left < 50.0):
+        if abs(lateral_offset) > MOST_ASIDE:
+            return None
+        wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
+        if has_gap(world, wish):
             track.path, track.s, track.lateral_offset = path, s, lateral_offset
+        return wish
 
 
 def _seed(road_user: str) -> str:
     return road_user if road_user.startswith(SPAWNED_PREFIX) else ""
-
-
-def _gap(world: WorldState, i: int, track: VehicleTrack, lateral_offset: float, hurried: bool) -> bool:
-    """Whether there is room for vehicle `i` of the world in the lane that is `-lateral_offset` m to its left."""
-    c, s = math.cos(float(world.heading[i])), math.sin(float(world.heading[i]))
-    dx, dy = world.x - world.x[i], world.y - world.y[i]
-    along, across = c * dx + s * dy, c * dy - s * dx
-    same_way = np.cos(world.heading - world.heading[i]) > 0.5
-    # From just beside the vehicle to the far edge of the wanted lane.
-    low, high = sorted((-math.copysign(0.6, lateral_offset), -lateral_offset - math.copysign(1.2, lateral_offset)))
-    in_lane = (across > low) & (across < high) & same_way & (np.arange(len(world)) != i)
-    clear: Floats = np.abs(along) - 0.5 * (world.length + world.length[i])
-    faster = np.where(along > 0, track.speed - world.speed, world.speed - track.speed)
-    needed = (1.0 if hurried else 2.5) + np.maximum(faster, 0.0) * (0.6 if hurried else 1.5)
-    return bool(np.all(clear[in_lane] > needed[in_lane]))

@@ -12,9 +12,9 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
 
 SPACING = 1.0
-"""m between the points of a path."""
+"""m between the points of a path, of road users that see far enough with it."""
 BEHIND, AHEAD = 8.0, 40.0
-"""m of a path that are known behind and ahead of the road user's position on it."""
+"""m of such a path that are known behind and ahead of the road user's position on it."""
 POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
 SEVEN = 7
 """Points of a path in one block of the search for the nearest one."""
@@ -23,11 +23,13 @@ APART = 3
 """Stride of the points that are compared first; the last point is among them."""
 FEW = 1 + (POINTS - 1) // APART
 LONGEST = 1.5 * SPACING
-"""Longest piece of a smooth path in m: pieces of a path beside a line deviate a little from SPACING."""
+"""Longest piece of a smooth path in m, at the usual spacing: pieces of a path beside a line deviate a little."""
 WITHIN = 0.75 * AHEAD + 10.0
 """m from the middle of a path; road users farther away are not on it."""
 HERE = round(BEHIND / SPACING)
 """Index of the point beside the road user."""
+SEEN_BRAKING, SEEN_TIME = 4.36, 1.1
+"""m/s² and s: a vehicle sees as far as it needs to stop after that time; 40 m suffice up to 14 m/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +41,10 @@ class RouteAhead:
 
     known: NDArray[np.bool_]
     x: Floats
-    """Points every SPACING m of the own path, (n, POINTS), from BEHIND m behind to AHEAD m ahead of the centre."""
+    """Points every `spacing` m of the own path, (n, POINTS), of which that at HERE is beside the centre."""
     y: Floats
+    spacing: Floats
+    """m between the points of the path, (n,)."""
     desired: Floats
     """m/s that limits here and ahead and the desired speed of the road user allow, (n,)."""
     stop: Floats
@@ -73,6 +77,7 @@ class RouteAhead:
             known=np.zeros(n, np.bool_),
             x=np.zeros((n, POINTS)),
             y=np.zeros((n, POINTS)),
+            spacing=np.full(n, SPACING),
             desired=np.zeros(n),
             stop=np.full(n, np.inf),
             line=np.full(n, np.inf),
@@ -93,7 +98,7 @@ def on_path(
     rows = np.arange(len(route)) if rows is None else rows
     if not (x.shape == y.shape and len(x) == len(rows)):
         raise ValueError(f"{len(rows)} paths, but points {x.shape} and {y.shape}")
-    return _on_path(route.x, route.y, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
+    return _on_path(route.x, route.y, route.spacing, rows, np.ascontiguousarray(x), np.ascontiguousarray(y))
 
 
 def beside(
@@ -103,18 +108,23 @@ def beside(
 
     Positions (m,), in m, are those of road users; the first n are the owners of the paths, which are not paired with
     their own. A road user is found if its lateral offset, as in `on_path`, is at most `room` (n,) plus `reach` (m,), if
-    it is at most `reach` beyond the ends of the path, and within WITHIN of its middle.
+    it is at most `reach` beyond the ends of the path, and within WITHIN of its middle (at the usual spacing).
     """
     rows = np.flatnonzero(route.known)
     # From west to east, so that road users near a path are neighbours in this order.
     order = np.argsort(x)
-    begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN)
-    return _beside(route.x, route.y, rows, room, x[order], y[order], reach, order, begin)
+    begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN * route.spacing[rows])
+    return _beside(route.x, route.y, route.spacing, rows, room, x[order], y[order], reach, order, begin)
+
+
+def spacing_at(speed: float) -> float:
+    """m between the points of the path of a vehicle at `speed` (m/s)."""
+    return max(SPACING, SPACING / AHEAD * (SEEN_TIME * speed + speed * speed / (2.0 * SEEN_BRAKING)))
 
 
 @compiled
 def _on_path(
-    path_x: Floats, path_y: Floats, rows: NDArray[np.intp], x: Floats, y: Floats
+    path_x: Floats, path_y: Floats, spacing: Floats, rows: NDArray[np.intp], x: Floats, y: Floats
 ) -> tuple[Floats, Floats, Floats]:
     n, m = x.shape
     along, aside, heading = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
@@ -136,7 +146,7 @@ def _on_path(
                 dx, dy = xs[nearest] - x0, ys[nearest] - y0
             length = max(math.sqrt(dx * dx + dy * dy), 1e-6)
             ahead = ((px - x0) * dx + (py - y0) * dy) / length
-            along[i, j] = (begin - HERE) * SPACING + ahead
+            along[i, j] = (begin - HERE) * spacing[rows[i]] + ahead
             aside[i, j] = (dx * (py - y0) - dy * (px - x0)) / length
             # Directions change from piece to piece: they are interpolated, so that curves have no corners.
             for k in (begin, begin + 1):
@@ -176,6 +186,7 @@ def _nearest(path_x: Floats, path_y: Floats, x: float, y: float, squares: Floats
 def _beside(
     path_x: Floats,
     path_y: Floats,
+    spacing: Floats,
     rows: NDArray[np.intp],
     room: Floats,
     x: Floats,
@@ -191,19 +202,20 @@ def _beside(
         row = rows[i]
         xs, ys = path_x[row], path_y[row]
         middle_x, middle_y = xs[POINTS // 2], ys[POINTS // 2]
-        smooth = _smooth(xs, ys)
+        within, longest = WITHIN * spacing[row], LONGEST * spacing[row]
+        smooth = _smooth(xs, ys, longest)
         for k in range(FEW):
             few_x[k], few_y[k] = xs[k * APART], ys[k * APART]
         for j in range(begin[i], len(x)):
             px, py, one = x[j], y[j], order[j]
-            if px - middle_x > WITHIN:
+            if px - middle_x > within:
                 break
-            if (px - middle_x) * (px - middle_x) + (py - middle_y) * (py - middle_y) > WITHIN * WITHIN or one == row:
+            if (px - middle_x) * (px - middle_x) + (py - middle_y) * (py - middle_y) > within * within or one == row:
                 continue
             most = room[row] + reach[one]
             if smooth:
                 # Largest distance from a point: outside a turn, beyond the end of the path, plus half the stride.
-                gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * LONGEST
+                gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * longest
                 for k in range(FEW):
                     dx, dy = px - few_x[k], py - few_y[k]
                     gap = min(gap, dx * dx + dy * dy)
@@ -225,8 +237,8 @@ def _beside(
 
 
 @compiled
-def _smooth(x: Floats, y: Floats) -> bool:
-    """Whether a path turns by less than 30 degrees from piece to piece, none of which is longer than LONGEST."""
+def _smooth(x: Floats, y: Floats, longest: float) -> bool:
+    """Whether a path turns by less than 30 degrees from piece to piece, none of which is longer than `longest` (m)."""
     smooth = True
     for k in range(1, POINTS - 1):
         from_x, from_y, to_x, to_y = x[k] - x[k - 1], y[k] - y[k - 1], x[k + 1] - x[k], y[k + 1] - y[k]
@@ -236,5 +248,5 @@ def _smooth(x: Floats, y: Floats) -> bool:
             from_x * to_x + from_y * to_y,
         )
         smooth &= (along > 0.0) & (4.0 * along * along > 3.0 * before * after)
-        smooth &= max(before, after) <= LONGEST * LONGEST
+        smooth &= max(before, after) <= longest * longest
     return smooth

@@ -3,7 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from builders import ALONG, make_crowd, make_routes
+import pytest
+from builders import ALONG, make_crowd, make_routes, make_world
 
 from slrl_sumo.lookahead.collision import MARGIN
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
@@ -11,7 +12,7 @@ from slrl_sumo.lookahead.mode_paths import STEPS, mode_paths
 from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
@@ -58,7 +59,7 @@ def test_mode_paths_along_routes_are_those_of_the_path() -> None:
     quick = replace(users.take(rows), speed=np.array([0.0, 3.0, 6.0, 9.0, 16.0]))
     free = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
     found = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
-    bring_to_paths(found, PathFollowing(keeps, beside, route.stop, route.x, route.y), rows)
+    bring_to_paths(found, PathFollowing(keeps, beside, route.stop, route.x, route.y, route.spacing), rows)
     for k, row in enumerate(rows):
         own, way = route.take(rows[k : k + 1]), free.distance[k].reshape(1, -1)
         shift = beside[row] * np.repeat(BACK, 6)[None]
@@ -73,7 +74,7 @@ def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines() -> None:
     world = make_crowd(20, 5, 80.0)
     route = routed(world, 12)
     keeps, beside = np.arange(12) % 3 != 0, np.linspace(-2.0, 2.0, 12)
-    found = forecast_boxes(world, PathFollowing(keeps, beside, route.stop, route.x, route.y), MARGIN)
+    found = forecast_boxes(world, PathFollowing(keeps, beside, route.stop, route.x, route.y, route.spacing), MARGIN)
     straying = forecast_boxes(world, path_following(None, world), MARGIN)
     np.testing.assert_allclose(found.size[:, 0], world.length + MARGIN[world.type])
     np.testing.assert_allclose(found.size[:, 1], world.width + MARGIN[world.type])
@@ -89,3 +90,14 @@ def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines() -> None:
                 getattr(found, name)[:12, step], np.where(keeps, kept[:, 0], free[:12]), atol=1e-9
             )
             np.testing.assert_allclose(getattr(found, name)[12:, step], free[12:], atol=1e-9)
+
+
+def test_fast_vehicles_are_forecast_along_their_path_as_far_as_they_get() -> None:
+    # 33 m/s through a left turn of 500 m: after 3.2 s it is 11.1 m beside the straight line.
+    car, spacing = make_world([0.0], [0.0], speed=33.0), spacing_at(33.0)
+    angle = spacing * np.arange(-HERE, POINTS - HERE) / 500.0
+    route = make_routes(500.0 * np.sin(angle), 500.0 * (1.0 - np.cos(angle)), spacing=spacing, stop=np.inf)
+    found = forecast_boxes(car, path_following(route_context(route, car), car), MARGIN)
+    way = 33.0 * DECISION_INTERVAL * STEPS
+    assert found.y[0, -1] == pytest.approx(500.0 * (1.0 - np.cos(way / 500.0)), abs=0.1)
+    assert np.arctan2(found.sin[0, -1], found.cos[0, -1]) == pytest.approx(way / 500.0, abs=0.01)

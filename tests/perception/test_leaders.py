@@ -8,7 +8,7 @@ from builders import ALONG, make_routes, make_world
 
 from slrl_sumo.perception.leaders import ALIKE, BESIDE, NEAREST, SIDE_GAP, STANDING, leaders, way_code
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path
+from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
@@ -167,3 +167,14 @@ def test_a_road_user_beside_the_follower_does_not_lead_but_is_in_its_way() -> No
         assert found.in_way.tolist() == [way_code(0, 1, 2)]
     far = leaders(eastwards(0.0), world(EGO, (20.0, 0.0, 0.0, 0.0, 5.0, 1.8)))
     assert far.in_way.tolist() == []
+
+
+@pytest.mark.parametrize(("speed", "seen"), [(0.0, 40.0), (13.9, 40.0), (25.0, 99.0), (33.3, 163.0)])
+def test_fast_vehicles_see_as_far_as_they_need_to_stop(speed: float, seen: float) -> None:
+    # 25² / (2 * 4.36) + 1.1 * 25 = 99 m.
+    spacing = spacing_at(speed)
+    route = make_routes(ALONG * spacing, spacing=spacing)
+    for x, leads in ((seen + 1.0, True), (seen + 4.0, False)):
+        found = leaders(route, world(EGO, (x, 0.5, 0.0, 0.0, 5.0, 1.8)))
+        assert found.row[0] == (1 if leads else -1)
+        assert found.gap[0] == pytest.approx(x - 5.0 if leads else np.inf)

@@ -169,6 +169,14 @@ def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(inter
     assert routes.near_end(("car",)).tolist() == [False]
 
 
+def test_a_fast_vehicle_is_near_its_end_two_decisions_before(intersection: SumoSession) -> None:
+    _car(intersection, "car", ("in0", "out2"), 2, 40.0, 2.0)
+    routes, world = Routes(libsumo, intersection.network), _seen(intersection, "car")
+    for speed, near in ((0.5, False), (300.0, True)):
+        routes.ahead(replace(world, speed=np.full(len(world), speed)), 1)
+        assert routes.near_end(("car",)).tolist() == [near]
+
+
 def test_red_stops_green_does_not_and_yellow_stops_vehicles_that_still_can(signalised: SumoSession) -> None:
     _car(signalised, "car", ("in0", "out2"), 2, 12.0, 6.0)
     shown: dict[str, dict[str, float]] = {}

@@ -7,7 +7,7 @@ import pytest
 from builders import ALONG, make_routes
 
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, POINTS, RouteAhead, on_path
+from slrl_sumo.scene.route import AHEAD, BEHIND, HERE, POINTS, SPACING, RouteAhead, beside, on_path
 
 
 def paths(*points: tuple[Floats, Floats]) -> RouteAhead:
@@ -143,3 +143,17 @@ def test_places_that_do_not_fit_the_paths_are_refused() -> None:
             on_path(route, np.zeros(x), np.zeros(y))
     with pytest.raises(ValueError, match="1 paths, but points"):
         on_path(route, np.zeros((2, 1)), np.zeros((2, 1)), np.array([1]))
+
+
+def test_places_beside_paths_with_other_spacings_are_the_same() -> None:
+    # A circle of radius 400 m with points every metre, and every 4 m.
+    turn = SPACING * np.arange(-HERE, POINTS - HERE) / 400.0
+    fine, coarse = (paths((400.0 * np.sin(k * turn), 400.0 * (1.0 - np.cos(k * turn)))) for k in (1, 4))
+    coarse.spacing[:] = 4.0
+    x, y = np.array([[3.0, 30.0]]), np.array([[1.0, 4.0]])
+    for one, other in zip(on_path(fine, x, y), on_path(coarse, x, y), strict=True):
+        assert other == pytest.approx(one, abs=0.02)
+    follower, seen = beside(
+        coarse, np.array([1.0]), np.array([0.0, 120.0]), np.array([0.0, 18.4]), np.array([2.5, 2.5])
+    )
+    assert (follower.tolist(), seen.tolist()) == ([0], [1])

@@ -1,0 +1,119 @@
+"""Lane changes with cooperation: gaps in the next lane, and speeds that make room for a change.
+
+The one that wants to change fits its speed to the vehicle in the next lane behind which it will go, and the vehicle
+behind that gap lets it in. A vehicle that is not wholly behind goes first, so that two never wait for each other.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+
+BESIDE, BEYOND = 0.6, 1.2
+"""m from its own middle, and beyond the middle of the next lane, between which vehicles are in that lane."""
+MARGIN, HURRIED_MARGIN = 2.5, 1.0
+"""m that a gap needs before and behind; where the lane ends soon."""
+CLOSING, HURRIED_CLOSING = 1.5, 0.6
+"""s of the difference in speed that it needs as well, until the faster one brakes."""
+BRAKES = 4.0
+"""m/s² with which the faster one then takes on the speed of the other."""
+HURRY = 50.0
+"""m to the end of a lane from which a vehicle is hurried."""
+SOON = 10.0, 100.0
+"""s and m before the end of its lane from which others make room, whichever is longer."""
+HEADWAY = 1.1
+"""s to the vehicle ahead in the next lane that is aimed at, as behind a leader (lookahead.route_fit)."""
+STANDING_GAP = 1.5
+"""m, at a stand."""
+RELAXATION = 3.0
+"""s in which a missing distance is made up."""
+EASY = 1.5
+"""m/s²: no one brakes harder for a change."""
+ACTS_IN = 0.8
+"""s until the allowed speed is compared with that of a mode (lookahead.route_fit)."""
+SIGHT = 60.0
+"""m ahead and behind."""
+
+
+class Wish(NamedTuple):
+    """A vehicle that is changing lanes or would like to."""
+
+    row: int
+    """In the world."""
+    lateral_offset: float
+    """m to the left of the middle of the next lane."""
+    direction: float
+    """rad: of the next lane; the vehicle itself may still be turning, as at the end of a ramp."""
+    left: float
+    """m to the end of its lane; 0 while it is changing."""
+
+
+class _Around(NamedTuple):
+    """All vehicles of a world as one of them sees them, (m,) each."""
+
+    in_lane: NDArray[np.bool_]
+    """Whether it is in the lane that the vehicle wants to change to."""
+    ahead: Floats
+    """m from its middle to theirs."""
+    clear: Floats
+    """m between the boxes along the lane; negative beside each other."""
+
+
+def has_gap(world: WorldState, wish: Wish) -> bool:
+    """Whether there is room in the next lane."""
+    around, speed = _around(world, wish), world.speed[wish.row]
+    faster = np.maximum(np.where(around.ahead > 0, speed - world.speed, world.speed - speed), 0.0)
+    hurried = wish.left < HURRY
+    margin, closing = (HURRIED_MARGIN, HURRIED_CLOSING) if hurried else (MARGIN, CLOSING)
+    needed = margin + closing * faster + faster**2 / (2.0 * BRAKES)
+    return bool(np.all(around.clear[around.in_lane] > needed[around.in_lane]))
+
+
+def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish]) -> Floats:
+    """m/s that make room for the lane changes that are wished for, (n,), of the first `n` road users of `world`, which
+    are those that may let others in; inf where nothing is to be done."""
+    allowed = np.full(n, math.inf)
+    rows = {wish.row for wish in wishes}
+    for wish in wishes:
+        i, speed = wish.row, world.speed.item(wish.row)
+        if wish.left > max(SOON[0] * speed, SOON[1]):
+            continue
+        around = _around(world, wish)
+        near = np.flatnonzero(around.in_lane & (np.abs(around.ahead) < SIGHT))
+        behind = [j for j in near.tolist() if around.ahead[j] < 0.0 and around.clear[j] >= 0.0]
+        # Of two that are beside each other and want each other's lane, the one in front goes first.
+        before = [j for j in near.tolist() if not (around.ahead[j] < 0.0 and (around.clear[j] >= 0.0 or j in rows))]
+        if before:
+            j = min(before, key=lambda k: around.ahead[k])
+            allowed[i] = min(allowed[i], _following(speed, world.speed.item(j), around.clear.item(j)))
+        if behind:
+            j = max(behind, key=lambda k: around.ahead[k])
+            if j < n:
+                allowed[j] = min(allowed[j], _following(world.speed.item(j), speed, around.clear.item(j)))
+    return allowed
+
+
+def _around(world: WorldState, wish: Wish) -> _Around:
+    row, lateral_offset = wish.row, wish.lateral_offset
+    c, s = math.cos(wish.direction), math.sin(wish.direction)
+    dx, dy = world.x - world.x[row], world.y - world.y[row]
+    along, across = c * dx + s * dy, c * dy - s * dx
+    same_way = (np.cos(world.heading - wish.direction) > 0.5) & (world.type != RoadUserType.PEDESTRIAN)
+    # From just beside the vehicle to the far edge of the wanted lane.
+    low, high = sorted(
+        (-math.copysign(BESIDE, lateral_offset), -lateral_offset - math.copysign(BEYOND, lateral_offset))
+    )
+    in_lane = (across > low) & (across < high) & same_way & (np.arange(len(world)) != row)
+    return _Around(in_lane, along, np.abs(along) - 0.5 * (world.length + world.length[row]))
+
+
+def _following(speed: float, leading: float, gap: float) -> float:
+    """m/s for a vehicle at `speed` to come to its headway behind one at the speed `leading` across `gap` (m)."""
+    wanted = leading + (gap - STANDING_GAP - HEADWAY * speed) / RELAXATION
+    return max(wanted, speed - EASY * ACTS_IN, 0.0)

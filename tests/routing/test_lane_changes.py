@@ -1,0 +1,61 @@
+"""Gaps in the next lane, and speeds that make room for lane changes."""
+
+import math
+
+import numpy as np
+import pytest
+from builders import make_world
+
+from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, has_gap
+
+LEFT = Wish(0, -3.2, 0.0, 40.0)
+"""The first vehicle of a world, which drives eastwards at y = 0, wants to change to the lane at y = 3.2."""
+
+
+@pytest.mark.parametrize(("x", "speed", "fits"), [
+    (4.0, 10.0, False),  # beside it
+    (-7.0, 10.0, True), (-7.0, 16.0, False),  # behind it: as fast, and faster
+    (7.0, 10.0, True), (7.0, 4.0, False),  # ahead of it: as fast, and slower
+    (-60.0, 30.0, False), (-80.0, 30.0, True),  # 20 m/s faster: 12 m until it brakes, 50 m while it brakes
+])  # fmt: skip
+def test_a_gap_is_long_enough_for_the_faster_one_to_brake(x: float, speed: float, fits: bool) -> None:
+    world = make_world([0.0, x], [0.0, 3.2], speed=[10.0, speed])
+    assert has_gap(world, LEFT) is fits
+
+
+def test_vehicles_behind_are_seen_from_a_ramp_that_is_not_parallel_yet() -> None:
+    # 0.3 rad: what is 50 m behind in the next lane is 15 m beside the line of the vehicle's own heading.
+    world = make_world([0.0, -50.0], [0.0, 3.2], heading=[0.3, 0.0], speed=[12.0, 33.0])
+    assert not has_gap(world, LEFT)
+
+
+def test_only_vehicles_of_the_next_lane_in_the_same_direction_count() -> None:
+    beside = {"other lane": (0.0, -3.2, 0.0), "beyond": (0.0, 6.4, 0.0), "oncoming": (0.0, 3.2, math.pi)}
+    for name, (x, y, heading) in beside.items():
+        assert has_gap(make_world([0.0, x], [0.0, y], heading=[0.0, heading], speed=10.0), LEFT), name
+
+
+def test_the_one_behind_the_gap_lets_in_and_the_changing_one_falls_in_behind_the_one_before() -> None:
+    world = make_world([0.0, 6.0, -8.0, -30.0], [0.0, 3.2, 3.2, 3.2], speed=10.0)
+    allowed = cooperative_speeds(world, 4, [LEFT])
+    # Both have less than their headway; neither brakes hard. The others have nothing to do.
+    assert allowed[[0, 2]] == pytest.approx(10.0 - 1.5 * 0.8)
+    assert np.isinf(allowed[[1, 3]]).all()
+
+
+def test_only_learned_vehicles_are_slowed() -> None:
+    world = make_world([0.0, 6.0, -8.0], [0.0, 3.2, 3.2], speed=10.0)
+    assert len(cooperative_speeds(world, 1, [LEFT])) == 1
+
+
+def test_nothing_is_done_while_the_end_of_the_lane_is_far() -> None:
+    world = make_world([0.0, 6.0, -8.0], [0.0, 3.2, 3.2], speed=10.0)
+    assert np.isinf(cooperative_speeds(world, 3, [LEFT._replace(left=101.0)])).all()
+    assert np.isfinite(cooperative_speeds(world, 3, [LEFT._replace(left=99.0)])[[0, 2]]).all()
+
+
+def test_of_two_side_by_side_that_want_each_others_lane_the_one_in_front_goes_first() -> None:
+    world = make_world([0.0, 1.0], [0.0, 3.2], speed=0.0)
+    allowed = cooperative_speeds(world, 2, [LEFT, Wish(1, 3.2, 0.0, 40.0)])
+    assert allowed[0] == 0.0
+    assert np.isinf(allowed[1])
