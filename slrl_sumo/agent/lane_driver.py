@@ -15,6 +15,7 @@ from slrl_sumo.agent.obstacles import Approach, slowed
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
+from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.routes import near_end
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
@@ -48,7 +49,7 @@ class LaneDriver:
         self._api = api
         self._graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, self._graph)
-        self._speed_limits = SpeedLimits(api, self._graph, self._vehicles)
+        self._speed_limits = SpeedLimits(api, self._graph, self._vehicles, RightOfWay(api, self._graph))
         self._pedestrians = PedestrianTracker(api, network)
 
     def drive(self, learned: WorldState, dt: float, others: WorldState | None = None) -> WorldState:

@@ -1,5 +1,6 @@
 """Where the lanes inside a junction cross or join each other."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -7,11 +8,18 @@ import numpy as np
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.scene.geometry import Floats
 
-WIDTH = 2.8
-"""m between the centre lines of two lanes below which vehicles on them touch: the width of a car and 1 m,
-because they swing out in turns."""
+SWING, LONG = 0.1, 5.0
+"""m beside the box of a vehicle, for each m of its length up to LONG m, that it needs in a turn: 0.5 m of a car, 0.16 m
+of a bicycle. Lanes are 3.2 m apart, so that a lorry of 2.5 m still fits beside a car."""
+STEP = 0.1
+"""m: areas are computed for distances of the lanes in these steps."""
 SPACING = 0.5
 """m between the points of lanes that are compared."""
+
+
+def half_width(length: float, width: float) -> float:
+    """m to either side of its lane's centre line that a vehicle of this size needs in a junction."""
+    return 0.5 * width + SWING * min(length, LONG)
 
 
 class ConflictArea(NamedTuple):
@@ -29,22 +37,17 @@ class ConflictAreas:
     def __init__(self, graph: LaneGraph) -> None:
         self._graph = graph
         self._points: dict[str, Floats] = {}
-        self._areas: dict[tuple[str, str], ConflictArea | None] = {}
+        self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
 
-    def between(self, lane: str, other: str) -> ConflictArea | None:
-        """The conflict area of a lane with another one; None where both can be used at once."""
-        key = (lane, other)
+    def between(self, lane: str, other: str, apart: float) -> ConflictArea | None:
+        """The conflict area of a lane with another one for vehicles that touch where their centre lines are less than
+        `apart` m from each other; None where both lanes can be used at once."""
+        steps = math.ceil(apart / STEP - 1e-6)
+        key = (lane, other, steps)
         if key not in self._areas:
-            self._areas[key] = area = self._area(self._sampled(lane), self._sampled(other))
-            self._areas[other, lane] = None if area is None else ConflictArea(*area[2:], *area[:2])
+            self._areas[key] = area = _area(self._sampled(lane), self._sampled(other), steps * STEP)
+            self._areas[other, lane, steps] = None if area is None else ConflictArea(*area[2:], *area[:2])
         return self._areas[key]
-
-    def _area(self, mine: Floats, theirs: Floats) -> ConflictArea | None:
-        near = np.hypot(mine[:, None, 0] - theirs[None, :, 0], mine[:, None, 1] - theirs[None, :, 1]) < WIDTH
-        if not near.any():
-            return None
-        at, other = (np.flatnonzero(near.any(axis)) for axis in (1, 0))
-        return ConflictArea(mine[at[0], 2], mine[at[-1], 2], theirs[other[0], 2], theirs[other[-1], 2])
 
     def _sampled(self, lane: str) -> Floats:
         """x, y and m along a lane, (points, 3), every SPACING m."""
@@ -57,3 +60,11 @@ class ConflictAreas:
                 [np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1]), s], axis=1
             )
         return points
+
+
+def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea | None:
+    near = np.hypot(mine[:, None, 0] - theirs[None, :, 0], mine[:, None, 1] - theirs[None, :, 1]) < apart
+    if not near.any():
+        return None
+    at, other = (np.flatnonzero(near.any(axis)) for axis in (1, 0))
+    return ConflictArea(mine[at[0], 2], mine[at[-1], 2], theirs[other[0], 2], theirs[other[-1], 2])

@@ -1,20 +1,29 @@
-"""Which vehicles are in junctions, and which one may enter next.
+"""Which vehicle may enter a junction next, and where those inside wait for each other.
 
-A vehicle enters a junction only when no other one is in a conflict area on its way, or will have left it in time. All
-areas up to the exit, or to the next waiting position, are reserved at once, so that vehicles inside never wait for each
-other in a circle.
+A vehicle enters a junction only when it meets no other one in a conflict area on its way: each of the two has left the
+area before the other one comes. All areas up to the exit, or to the next waiting position, are reserved at once.
+Inside, a vehicle waits only for those that entered before it, so that vehicles never wait for each other in a circle.
 """
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas
-from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.right_of_way import time_to_cover
+from slrl_sumo.routing.junction_occupants import (
+    UNUSED,
+    BackgroundOccupants,
+    Occupant,
+    Size,
+    junction_of,
+    pieces_of,
+    reserves_from,
+)
+from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
+from slrl_sumo.routing.right_of_way import RightOfWay, time_to_cover
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 STANDING = 1.0
 """m/s: a slower vehicle in a conflict area is not expected to leave it in time."""
@@ -22,164 +31,154 @@ GAP = 0.5
 """s between two vehicles in a conflict area."""
 ACCELERATION = 1.2
 """m/s² with which vehicles are expected to leave a junction."""
-COMMITTED = 3.0
-"""m before its line at which a vehicle reserves its way at the latest."""
 HARD = 3.0
 """m/s²: a vehicle that would have to brake harder to stop no longer yields."""
-BRAKING = 2.0
-"""m/s²: a vehicle that would have to brake harder to stop reserves its way."""
-UNUSED = 3.0
-"""s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
-USUAL_LENGTH = 5.0
-"""m, of vehicles that SUMO drives."""
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A lane on a vehicle's way: m from the vehicle's front to its begin, negative where the front is on it."""
-
-    lane: str
-    ahead: float
-
-
-@dataclass(frozen=True)
-class _Occupant:
-    """A vehicle that is in a junction, or has reserved its way through it."""
-
-    pieces: tuple[_Piece, ...]
-    speed: float
-    length: float
-    until: float
-    """m from the front to where the reservation ends: the exit, or the next waiting position."""
-    time: float
-    """s: when this was true."""
-    yields: bool
-    """It is not in the junction, can still stop, and others have the right of way."""
-    idle: bool
-    """It has stood for UNUSED, although it may go: something else stops it."""
+IN_WAY = 10.0
+"""m ahead of a vehicle within which another one on its path goes first, whatever the order."""
 
 
 class JunctionReservations:
     """Reservations of the learned vehicles, and the places of all others. Call `renew` after each SUMO step."""
 
-    def __init__(self, api: SumoApi, graph: LaneGraph, learned: Callable[[str], VehicleTrack | None]) -> None:
+    def __init__(
+        self,
+        api: SumoApi,
+        graph: LaneGraph,
+        learned: Callable[[str], VehicleTrack | None],
+        right_of_way: RightOfWay,
+    ) -> None:
         """`learned` gives the track of a learned vehicle by id, None for all others."""
-        self._api, self._graph, self._learned = api, graph, learned
+        self._graph, self._learned, self._right_of_way = graph, learned, right_of_way
         self._areas = ConflictAreas(graph)
-        self._lanes: dict[str, list[str]] = {}
-        for lane in graph.lanes.values():
-            if lane.internal:
-                self._lanes.setdefault(_junction(lane.id), []).append(lane.id)
-        self._held: dict[str, dict[str, _Occupant]] = {}
+        self._background = BackgroundOccupants(api, graph, learned, right_of_way)
+        self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
         """The junctions in which each vehicle holds something."""
-        self._others: dict[str, dict[str, _Occupant]] = {}
         self._time = 0.0
 
-    def renew(self, time: float) -> None:
-        """Forget what was read of SUMO's last step, and reservations that were not renewed since; `time` in s."""
-        self._others.clear()
+    def renew(self, world: WorldState) -> None:
+        """Forget what was read of SUMO's last step, and reservations that were not renewed since; `world`: all road
+        users now."""
+        self._background.renew(world)
         for holders in self._held.values():
             for vehicle in [name for name, one in holders.items() if one.time < self._time - 1e-6]:
                 del holders[vehicle]
                 self._holds.pop(vehicle, None)
-        self._time = time
+        self._time = world.time
 
-    def update(self, vehicle: str, track: VehicleTrack, length: float) -> None:
-        """Renew what a learned vehicle of this length (m) occupies; reservations for entries end here."""
+    def update(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
+        """Renew what a learned vehicle of this size occupies; reservations for entries end here.
+
+        Returns m from its front to where it has to wait inside the junction, inf where it does not.
+        """
         # Not a look at every junction: a city has thousands, for each of its vehicles.
         for junction in self._holds.pop(vehicle, ()):
             self._held[junction].pop(vehicle, None)
-        if not track.entry:
-            return
-        pieces = tuple(_pieces(track, track.s - length))
-        if pieces:
-            until = _until(track)
-            occupant = _Occupant(pieces, track.speed, length, until, self._time, False, track.standing_time > UNUSED)
-            self._hold(vehicle, _junction(pieces[0].lane), occupant)
+        pieces = tuple(pieces_of(track, track.s - size.length)) if track.entry else ()
+        if not pieces:
+            return math.inf
+        line, until = _next_line(track)
+        idle, closed = track.standing_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
+        mine = Occupant(
+            pieces, track.speed, size, until, self._time, yields=False, idle=idle, entered=track.entered, closed=closed
+        )
+        junction = junction_of(pieces[0].lane)
+        waits = math.inf
+        for name, other in self._occupants(junction, vehicle).items():
+            theirs = self._learned(name)
+            earlier = theirs is None or (theirs.entered, name) < (track.entered, vehicle)
+            if earlier and not self._in_way(track, size, theirs):
+                # An area in which it is already has to be cleared, whatever the order.
+                met = self._meets(mine, other, priority=False, pauses=False)
+                waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
+        self._hold(vehicle, junction, mine)
+        # What it cannot stop for any more is left to the collisions of its modes.
+        return waits if waits > track.speed * track.speed / (2.0 * HARD) else math.inf
 
-    def may_enter(self, vehicle: str, track: VehicleTrack, stop_line: float, *, priority: bool, length: float) -> bool:
+    def may_enter(self, vehicle: str, track: VehicleTrack, stop_line: float, *, priority: bool, size: Size) -> bool:
         """Whether a learned vehicle may pass the line at `stop_line` (m along its path); if it is about to, its way is
         reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count."""
         distance = stop_line - track.s
-        pieces = tuple(_pieces(track, stop_line))
+        pieces = tuple(pieces_of(track, stop_line))
         if not pieces:
             return True
-        junction = _junction(pieces[0].lane)
-        stops, exits = _stops(track, stop_line)
+        junction = junction_of(pieces[0].lane)
+        pause, exits = _stops(track, stop_line)
         yields = not priority and distance > track.speed * track.speed / (2.0 * HARD)
-        mine = _Occupant(pieces, track.speed, length, stops, self._time, yields, track.standing_time > UNUSED)
-        others = {**self._elsewhere(junction), **self._held.get(junction, {})}
-        free = all(
-            self._passes(mine, other, priority=priority, pauses=stops < exits)
-            for name, other in others.items()
-            if name != vehicle
-        )
-        braking = track.speed * track.speed / (2.0 * BRAKING)
-        if free and distance <= max(COMMITTED, braking + 0.4 * track.speed):
-            # With the lanes that it is on, where it waits inside the junction.
-            held = tuple(_pieces(track, track.s - length)) if track.entry else pieces
-            self._hold(vehicle, junction, replace(mine, pieces=held))
-        return free
+        idle = track.standing_time > UNUSED
+        mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
+        others = [
+            other
+            for name, other in self._occupants(junction, vehicle).items()
+            if not self._in_way(track, size, self._learned(name))
+        ]
+        # To the exit where all of the way is free, else to the next waiting position.
+        for until in sorted({exits, pause}, reverse=True):
+            mine = replace(mine, until=until)
+            meets = (self._meets(mine, other, priority=priority, pauses=until < exits) for other in others)
+            if all(next(one, None) is None for one in meets):
+                if distance <= reserves_from(track.speed):
+                    # With the lanes that it is on, where it waits inside the junction.
+                    held = tuple(pieces_of(track, track.s - size.length)) if track.entry else pieces
+                    self._hold(vehicle, junction, replace(mine, pieces=held))
+                return True
+        return False
 
-    def _hold(self, vehicle: str, junction: str, occupant: _Occupant) -> None:
+    def _occupants(self, junction: str, vehicle: str) -> Mapping[str, Occupant]:
+        """All occupants of a junction but this vehicle."""
+        found = {**self._background.of(junction), **self._held.get(junction, {})}
+        found.pop(vehicle, None)
+        return found
+
+    def _hold(self, vehicle: str, junction: str, occupant: Occupant) -> None:
         self._held.setdefault(junction, {})[vehicle] = occupant
         self._holds.setdefault(vehicle, set()).add(junction)
 
-    def _passes(self, mine: _Occupant, other: _Occupant, *, priority: bool, pauses: bool) -> bool:
-        """Whether a vehicle can go to the end of its reservation without meeting an occupant."""
+    def _in_way(self, track: VehicleTrack, size: Size, other: VehicleTrack | None) -> bool:
+        """Whether a vehicle is on the path of another one, just ahead of it, so that the other one waits for it."""
+        if other is None:
+            return False
+        s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
+        return other.s < s and distance < size.width
+
+    def _meets(self, mine: Occupant, other: Occupant, *, priority: bool, pauses: bool) -> Iterator[float]:
+        """m from the front of a vehicle to each conflict area in which it meets an occupant on the way to the end of
+        its reservation."""
         if self._graph.origin(mine.pieces[0].lane) == self._graph.origin(other.pieces[0].lane):
-            return True  # a leader or follower
+            return  # a leader or follower
+        apart = mine.half_width + other.half_width
         for piece in mine.pieces:
             for theirs in other.pieces:
-                area = self._areas.between(piece.lane, theirs.lane)
+                area = self._areas.between(piece.lane, theirs.lane, apart)
                 if area is None:
                     continue
-                enter, leave = piece.ahead + area.begin, piece.ahead + area.end
-                their_enter, their_leave = theirs.ahead + area.other_begin, theirs.ahead + area.other_end
-                if their_leave + other.length <= 0.0 or enter > mine.until:
-                    continue  # it has passed, or the area is beyond the waiting position
+                enter, leave = piece.ahead + area.begin, piece.ahead + area.end + mine.size.length
+                their_enter = theirs.ahead + area.other_begin
+                their_leave = theirs.ahead + area.other_end + other.size.length
+                if leave <= 0.0 or their_leave <= 0.0 or enter > mine.until:
+                    continue  # one of them has passed, or the area is beyond the waiting position
                 if their_enter > other.until:
-                    # It will come there later: then the way must be free.
-                    if pauses and leave > mine.until - mine.length:
-                        return False
-                    continue
-                if their_enter > 0.0 and (other.idle or (priority and other.yields)):
+                    # It will come there later. Then the way must be free; and with equal rights one outside the
+                    # junction does not go before one that waits inside, else it would wait for ever.
+                    first = not priority and not other.closed and other.entered < mine.entered == math.inf
+                    if first or (pauses and leave > mine.until):
+                        yield enter
+                elif their_enter > 0.0 and (other.idle or (priority and other.yields)):
                     continue  # it goes on after this one, which may be what stops it
-                if other.speed < STANDING:
-                    return False
-                gone = time_to_cover(their_leave + other.length, other.speed, ACCELERATION)
-                if gone + GAP > time_to_cover(enter, max(mine.speed, 0.1), ACCELERATION):
-                    return False
-        return True
-
-    def _elsewhere(self, junction: str) -> dict[str, _Occupant]:
-        """The vehicles in a junction that SUMO drives."""
-        found = self._others.get(junction)
-        if found is None:
-            found = self._others[junction] = {}
-            for lane in self._lanes.get(junction, ()):
-                for vehicle in vehicles_on_lane(self._api, lane):
-                    if self._learned(vehicle) is None:
-                        speed, position = vehicle_speed(self._api, vehicle), lane_position(self._api, vehicle)
-                        piece = _Piece(lane, -position)
-                        found[vehicle] = _Occupant(
-                            (piece,), speed, USUAL_LENGTH, math.inf, self._time, False, idle=False
-                        )
-        return found
+                elif not (
+                    _before(mine.speed, leave, other.speed, their_enter)
+                    or (
+                        (not other.halts and other.speed >= STANDING)
+                        and _before(other.speed, their_leave, max(mine.speed, 0.1), enter)
+                    )
+                ):
+                    yield enter
 
 
-def _pieces(track: VehicleTrack, begin: float) -> Iterator[_Piece]:
-    """The internal lanes of the junction on a path that end after `begin` (m along it), up to its exit."""
-    path, start, found = track.path, 0.0, False
-    for lane, end in zip(path.lanes, path.ends, strict=True):
-        internal = lane.startswith(":")
-        if internal and end > begin + 0.1:
-            found = True
-            yield _Piece(lane, start - track.s)
-        elif found and not internal:
-            return
-        start = end
+def _before(speed: float, leave: float, other: float, enter: float) -> bool:
+    """Whether a vehicle leaves a conflict area before another one enters it; distances in m, speeds in m/s."""
+    gone = time_to_cover(leave, speed, ACCELERATION)
+    return enter > 0.0 and gone + GAP < time_to_cover(enter, other, ACCELERATION)
 
 
 def _stops(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
@@ -189,14 +188,11 @@ def _stops(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
     return min(later, default=exits) - track.s, exits - track.s
 
 
-def _until(track: VehicleTrack) -> float:
-    """m from the front to the next waiting position in the junction where the vehicle is, or to its exit."""
+def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
+    """The next waiting position in the junction where the vehicle is, and m from its front to it, or to the exit."""
     entries = track.path.entries
     here = next(k for k, entry in enumerate(entries) if entry.via == track.entry)
-    later = [entry.stop_line for entry in entries[here + 1 :] if entry.stop_line < entries[here].exit]
-    return min(later, default=entries[here].exit) - track.s
-
-
-def _junction(lane: str) -> str:
-    """What the ids of all internal lanes of a junction begin with."""
-    return lane.rsplit("_", 2)[0]
+    for entry in entries[here + 1 :]:
+        if entry.stop_line < entries[here].exit:
+            return entry, entry.stop_line - track.s
+    return None, entries[here].exit - track.s

@@ -24,7 +24,7 @@ class RightOfWay:
     """Whether vehicles may enter junctions, from SUMO's signals and links. Call `renew` after each SUMO step."""
 
     def __init__(self, api: SumoApi, graph: LaneGraph, *, trust_sumo: bool = True) -> None:
-        """`trust_sumo`: for TRUST_TIME, believe SUMO where it sees a foe; otherwise look for foes from the start."""
+        """`trust_sumo`: for TRUST_TIME, believe SUMO where it sees a foe; otherwise foes are left to the caller."""
         self._api = api
         self._trust_sumo = trust_sumo
         self._graph = graph
@@ -68,17 +68,23 @@ class RightOfWay:
         if distance > LINE_OF_SIGHT + speed:
             return "look"
         clear = time_to_cover(distance + entry.exit - entry.stop_line + 5.0, speed, acceleration)
-        if self._trust_sumo and standing_time < TRUST_TIME:
+        if not self._trust_sumo:
+            return "look"
+        if standing_time < TRUST_TIME:
             return "stop" if not link.is_open or self._foe_arrives(entry, clear) else "look"
         # SUMO counts a vehicle with speed mode 0, as all taken-over ones have, as a foe even where it waits at red: a
         # link may never be open. Then moving vehicles decide, and at last only those that move inside the junction.
-        closed = self._trust_sumo or not link.is_open
-        trust_time = TRUST_TIME * (2.0 if self._trust_sumo else 1.0)
-        blocked = closed and (
-            (self._trust_sumo and self._foe_inside(entry))
-            or (standing_time < trust_time and self._foe_arrives(entry, clear))
-        )
-        return "stop" if blocked else "look"
+        arrives = standing_time < 2.0 * TRUST_TIME and self._foe_arrives(entry, clear)
+        return "stop" if arrives or self._foe_inside(entry) else "look"
+
+    def has_priority(self, lane: str, target: str, via: str) -> bool:
+        """Whether vehicles may enter now from a lane to a target lane over an internal lane, and need not yield."""
+        link = self._links_from(lane).get((target, via), ALWAYS_OPEN)
+        return link.state not in "ruyY" and (link.has_priority or link.state in "GM")
+
+    def halts(self, entry: JunctionEntry) -> bool:
+        """Whether vehicles have to stand before the line even where nothing comes."""
+        return self._link(entry).state in "ws"
 
     def signal(self, entry: JunctionEntry) -> int:
         """The signal at an entry: 0 none, 1 green, 2 yellow, 3 red."""

@@ -10,10 +10,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
+from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
@@ -44,8 +46,9 @@ class Routes:
         self.refusals = Refusals()
         graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, graph)
-        self._speed_limits = SpeedLimits(api, graph, self._vehicles, trust_sumo=False)
-        self._reservations = JunctionReservations(api, graph, self._vehicles.get)
+        right_of_way = RightOfWay(api, graph, trust_sumo=False)
+        self._speed_limits = SpeedLimits(api, graph, self._vehicles, right_of_way)
+        self._reservations = JunctionReservations(api, graph, self._vehicles.get, right_of_way)
         self._pedestrians = PedestrianTracker(api, network)
         self._off_route: set[str] = set()
 
@@ -53,7 +56,7 @@ class Routes:
         """The routes of the first `n` road users of `world` as they are now; to be called once per decision."""
         self._speed_limits.renew()
         self._pedestrians.renew()
-        self._reservations.renew(world.time)
+        self._reservations.renew(world)
         route = RouteAhead.unknown(n)
         wishes: list[Wish] = []
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
@@ -87,13 +90,14 @@ class Routes:
             wishes.append(wish)
         self._vehicles.renew_entry(track, world.length.item(i), world.time)
         route.entered[i] = track.entered
-        self._reservations.update(road_user, track, world.length.item(i))
+        size = Size(world.length.item(i), world.width.item(i))
+        waits = self._reservations.update(road_user, track, size)
         path, s = track.path, track.s
-        may_enter = partial(self._reservations.may_enter, road_user, track, length=world.length.item(i))
+        may_enter = partial(self._reservations.may_enter, road_user, track, size=size)
         stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, DECEL_SHARE, ACCEL_SHARE, may_enter)
         route.known[i] = True
         route.desired[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
-        route.stop[i] = stop
+        route.stop[i] = stop = min(stop, waits)
         for entry in path.entries:
             line = entry.stop_line - s
             if line > -0.5:

@@ -20,9 +20,8 @@ LANE_END = 3.0
 class SpeedLimits:
     """Speeds that SUMO's lanes, signals and leaders allow tracked vehicles."""
 
-    def __init__(self, api: SumoApi, graph: LaneGraph, vehicles: VehicleTracker, *, trust_sumo: bool = True) -> None:
-        self._api, self._graph, self._vehicles = api, graph, vehicles
-        self._right_of_way = RightOfWay(api, graph, trust_sumo=trust_sumo)
+    def __init__(self, api: SumoApi, graph: LaneGraph, vehicles: VehicleTracker, right_of_way: RightOfWay) -> None:
+        self._api, self._graph, self._vehicles, self._right_of_way = api, graph, vehicles, right_of_way
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
@@ -78,6 +77,8 @@ class SpeedLimits:
             limits = (accel_share * track.accel, STOPS_WITH * track.decel)
             rule = self._right_of_way.rule(entry, distance, track.speed, limits, track.standing_time)
             too_late = track.speed * track.speed / (2.0 * limits[1]) > distance + 1.0
+            # A stop sign: a stand before the line comes first, also where nothing comes.
+            rule = "stop" if self._right_of_way.halts(entry) and track.halted != entry.via else rule
             if rule == "stop" or not (may_enter(entry.stop_line, priority=rule == "go") or too_late):
                 stop = min(stop, distance - STOP_LINE)
             elif rule == "look":

@@ -29,6 +29,8 @@ ROLLING = 2.0
 """m/s above which a vehicle that has just passed a stop line does not stop any more."""
 STOPS_OVER = 0.5
 """m by which a slower vehicle may be over a line and still count as waiting before it."""
+HALTS_BEFORE = 4.0
+"""m before a line at which the first vehicle of a queue stands."""
 
 
 @dataclass(slots=True)
@@ -61,6 +63,8 @@ class VehicleTrack:
     """A road user on its path slows it down."""
     ignores_standing_until: float = -math.inf
     """Time (s) until which standing vehicles beside its lane do not stop it."""
+    halted: str = ""
+    """The internal lane after the last line before which it has stood."""
     entry: str = ""
     """The internal lane after the last line that it has passed in the junction in which it is; '' outside."""
     entered: float = math.inf
@@ -131,10 +135,14 @@ class VehicleTracker:
             track = self._vehicles[road_user] = self._begin(state, i)
             if before is not None:
                 track.standing_time, track.entry, track.entered = before.standing_time, before.entry, before.entered
+                track.halted = before.halted
             place, track.lateral_offset = track.path.line.nearest(x, y, track.s - 2.0 * half - 2.0, track.s + half)
             track.s = max(place + half, 0.0)
         track.x, track.y, track.speed, track.lateral_speed = x, y, speed, 0.0
         track.standing_time = track.standing_time + dt if speed < 0.1 else 0.0
+        if track.standing_time > 0.0:
+            near = (e.via for e in track.path.entries if -STOPS_OVER < e.stop_line - track.s < HALTS_BEFORE)
+            track.halted = next(near, track.halted)
         return track
 
     def renew_entry(self, track: VehicleTrack, length: float, now: float) -> None:

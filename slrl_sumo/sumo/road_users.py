@@ -113,6 +113,11 @@ def vehicle_speed(api: SumoApi, vehicle: str) -> float:
     return api.vehicle.getSpeed(vehicle)
 
 
+def waiting_time(api: SumoApi, vehicle: str) -> float:
+    """s for which a vehicle has been slower than 0.1 m/s."""
+    return api.vehicle.getWaitingTime(vehicle)
+
+
 def lane_position(api: SumoApi, vehicle: str) -> float:
     """m from the begin of a vehicle's lane to its front."""
     return api.vehicle.getLanePosition(vehicle)

@@ -7,14 +7,19 @@ from dataclasses import replace
 import libsumo
 import pytest
 
-from slrl_sumo.routing.conflict_areas import WIDTH, ConflictAreas
-from slrl_sumo.routing.junction_reservations import UNUSED, JunctionReservations
+from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
+from slrl_sumo.routing.junction_occupants import UNUSED, Size
+from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
+from tests.builders import make_world
 
-LENGTH = 5.0
+SIZE = Size(5.0, 1.8)
+BICYCLE = Size(1.6, 0.65)
 
 
 @pytest.fixture(scope="module")
@@ -59,30 +64,53 @@ def inside(graph: LaneGraph, start: str, end: str, beyond: float, speed: float) 
 
 
 def reserved(graph: LaneGraph, **tracks: VehicleTrack) -> JunctionReservations:
-    result = JunctionReservations(libsumo, graph, tracks.get)
-    result.renew(1.0)
+    result = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
+    result.renew(world(1.0))
     for name, one in tracks.items():
-        result.update(name, one, LENGTH)
+        result.update(name, one, SIZE)
     return result
 
 
-def may(reservations: JunctionReservations, name: str, one: VehicleTrack, priority: bool = False) -> bool:
+def world(time: float) -> WorldState:
+    return make_world(time=time)
+
+
+def may(
+    reservations: JunctionReservations, name: str, one: VehicleTrack, priority: bool = False, size: Size = SIZE
+) -> bool:
     line = next(entry.stop_line for entry in one.path.entries if entry.stop_line >= one.s)
-    return reservations.may_enter(name, one, line, priority=priority, length=LENGTH)
+    return reservations.may_enter(name, one, line, priority=priority, size=size)
 
 
 def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
-    area = areas.between(across, along)
+    apart = 2.0 * half_width(*SIZE)
+    area = areas.between(across, along, apart)
     assert area is not None
-    other = areas.between(along, across)
+    other = areas.between(along, across, apart)
     assert other == (*area[2:], *area[:2])
     # They cross at a right angle: the area is as long as both are wide.
     assert 0.0 < area.begin < area.end < graph.lanes[across].length
-    assert area.end - area.begin == pytest.approx(2.0 * WIDTH, abs=1.5)
+    assert area.end - area.begin == pytest.approx(2.0 * apart, abs=1.5)
     opposite = track(graph, "in2", "out0", 1.0, 0.0).path.entries[0].via
-    assert areas.between(across, opposite) is None
+    assert areas.between(across, opposite, apart) is None
+
+
+def test_areas_are_as_wide_as_the_vehicles(graph: LaneGraph) -> None:
+    areas = ConflictAreas(graph)
+    across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
+    car, bicycle = half_width(*SIZE), half_width(*BICYCLE)
+    lengths = [
+        area.end - area.begin
+        for apart in (2.0 * car, car + bicycle, 2.0 * bicycle)
+        if (area := areas.between(across, along, apart)) is not None
+    ]
+    assert len(lengths) == 3
+    assert lengths[0] > lengths[1] + 1.0 > lengths[2] + 2.0
+    # A bicycle's lane of 1.5 m beside a lane of 3.2 m does not conflict with it all along; a car beside a car just not.
+    assert car + bicycle < 0.5 * (1.5 + 3.2)
+    assert car + half_width(16.0, 2.6) < 3.21
 
 
 def test_a_vehicle_waits_for_those_inside_that_are_on_its_way(graph: LaneGraph) -> None:
@@ -105,12 +133,52 @@ def test_of_two_at_their_lines_one_enters_and_the_other_waits(graph: LaneGraph) 
     assert not may(reservations, "second", second)
     # The right of way counts more than a reservation of one that has not entered; then that one waits.
     assert may(reservations, "second", second, priority=True)
-    reservations.update("first", first, LENGTH)
+    reservations.update("first", first, SIZE)
     assert not may(reservations, "first", first)
     # Reservations that are not renewed end.
-    reservations.renew(1.4)
-    reservations.renew(1.8)
+    reservations.renew(world(1.4))
+    reservations.renew(world(1.8))
     assert may(reservations, "first", first)
+
+
+def test_a_vehicle_passes_before_one_that_comes_later(graph: LaneGraph) -> None:
+    quick = track(graph, "in0", "out2", 2.0, 8.0)
+    # It leaves the area after 1.7 s; the others come to it after 1 and after 4 s.
+    for before, free in ((8.0, False), (48.0, True)):
+        coming = track(graph, "in1", "out3", before, 13.0)
+        reservations = reserved(graph)
+        assert may(reservations, "coming", coming, priority=True)
+        assert may(reservations, "quick", quick) == free
+
+
+def test_one_outside_does_not_keep_one_waiting_inside_with_equal_rights(graph: LaneGraph) -> None:
+    left = track(graph, "in1", "out0", 0.0, 0.0)
+    assert len(left.path.entries) == 2
+    waiting = replace(left, s=left.path.entries[1].stop_line - 1.0, entry=left.path.entries[0].via, entered=0.0)
+    minor = track(graph, "in0", "out2", 1.0, 0.0)
+    assert not may(reserved(graph, waiting=waiting), "minor", minor)
+    assert may(reserved(graph), "minor", minor)
+
+
+def test_inside_a_vehicle_stops_before_the_way_of_one_that_entered_earlier(graph: LaneGraph) -> None:
+    first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 2.0)
+    first, second = replace(first, entered=0.2), replace(second, entered=0.6)
+    reservations = reserved(graph, first=first, second=second)
+    area = ConflictAreas(graph).between(second.entry, first.entry, 2.0 * half_width(*SIZE))
+    assert area is not None
+    assert reservations.update("second", second, SIZE) == pytest.approx(area.begin - 0.6)
+    assert reservations.update("first", first, SIZE) == math.inf
+    # Too fast to stop, it goes on, and so does one that stands in the area already.
+    assert reservations.update("second", replace(second, speed=9.0), SIZE) == math.inf
+    assert reservations.update("second", replace(second, s=second.s + area.begin), SIZE) == math.inf
+
+
+def test_one_that_stands_on_the_path_of_another_one_goes_first(graph: LaneGraph) -> None:
+    ahead, behind = track(graph, "in0", "out2", 1.0, 0.0), inside(graph, "in1", "out3", 1.0, 0.0)
+    reservations = reserved(graph, behind=behind)
+    assert not may(reservations, "ahead", ahead)
+    x, y, _ = behind.path.line.at(behind.s + 3.0)
+    assert may(reservations, "ahead", replace(ahead, x=x, y=y))
 
 
 def test_far_away_nothing_is_reserved(graph: LaneGraph) -> None:

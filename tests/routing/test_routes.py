@@ -18,6 +18,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.studies.flow.situations import SITUATIONS
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -61,12 +62,21 @@ def _seen(session: SumoSession, *ids: str) -> WorldState:
     return make_world(**columns, ids=[snapshot.ids[i] for i in order], time=session.time)
 
 
-def _car(session: SumoSession, name: str, edges: tuple[str, ...], lane: int, left: float, speed: float) -> None:
+def _car(
+    session: SumoSession,
+    name: str,
+    edges: tuple[str, ...],
+    lane: int,
+    left: float,
+    speed: float,
+    *,
+    kind: str = "passenger1",
+) -> None:
     """A car with its front `left` m before the end of a lane, at a speed (m/s) that it keeps."""
     libsumo.route.add(f"route of {name}", list(edges))
     place = libsumo.lane.getLength(f"{edges[0]}_{lane}") - left - speed * DECISION_INTERVAL
     libsumo.vehicle.add(
-        name, f"route of {name}", typeID="passenger1", departLane=str(lane), departPos=f"{place:.3f}", departSpeed="0"
+        name, f"route of {name}", typeID=kind, departLane=str(lane), departPos=f"{place:.3f}", departSpeed="0"
     )
     libsumo.vehicle.setSpeedMode(name, 0)
     libsumo.vehicle.setLaneChangeMode(name, 0)
@@ -210,7 +220,7 @@ def test_red_stops_green_does_not_and_yellow_stops_vehicles_that_still_can(signa
 def test_minor_traffic_looks_and_stops_only_for_traffic_that_comes(intersection: SumoSession, crossing: bool) -> None:
     _car(intersection, "car", ("in0", "out2"), 2, 14.0, 5.0)
     if crossing:
-        _car(intersection, "car that crosses", ("in1", "out3"), 2, 30.0, 8.0)
+        _car(intersection, "car that crosses", ("in1", "out3"), 2, 25.0, 8.0)
     routes = Routes(libsumo, intersection.network)
     said = []
     for _ in range(4):
@@ -233,6 +243,19 @@ def test_minor_traffic_looks_and_stops_only_for_traffic_that_comes(intersection:
     assert far["desired"] == pytest.approx(math.sqrt(decel * max(far["line"] - 0.8 * 5.0, 4.5)), rel=0.05)
     assert 2.0 < near["line"] < 9.0
     assert near["stop"] == (pytest.approx(near["line"] - STOP_LINE) if crossing else math.inf)
+
+
+def test_where_all_stop_a_vehicle_goes_on_after_its_stand(tmp_path: Path) -> None:
+    with opened(SITUATIONS["all-way-stop"].build(tmp_path)) as session:
+        _car(session, "car", ("in_n", "out_s"), 0, 6.0, 4.0, kind="DEFAULT_VEHTYPE")
+        session.step()
+        routes, comes = Routes(libsumo, session.network), _seen(session, "car")
+        assert _one(routes.ahead(comes, 1))["stop"] < 6.0
+        # Slow is not enough: it has to stand once, and may start then.
+        near = replace(comes, y=comes.y - 4.0, speed=np.array([1.0]))
+        assert _one(routes.ahead(near, 1))["stop"] < 2.0
+        assert _one(routes.ahead(replace(near, speed=np.array([0.0])), 1))["stop"] == math.inf
+        assert _one(routes.ahead(near, 1))["stop"] == math.inf
 
 
 def test_traffic_on_the_main_road_does_not_look(intersection: SumoSession) -> None:

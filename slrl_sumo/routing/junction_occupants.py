@@ -1,0 +1,180 @@
+"""Vehicles in junctions, and the parts of junctions that they still need."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from slrl_sumo.routing.conflict_areas import half_width
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.right_of_way import RightOfWay
+from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.road_users import (
+    lane_position,
+    vehicle_route,
+    vehicle_speed,
+    vehicles_on_lane,
+    waiting_time,
+)
+
+BRAKING = 2.0
+"""m/s²: a vehicle that would have to brake harder to stop reserves its way."""
+COMMITTED = 3.0
+"""m before its line at which a vehicle reserves its way at the latest."""
+UNUSED = 3.0
+"""s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
+
+
+class Size(NamedTuple):
+    """Of a vehicle, m."""
+
+    length: float
+    width: float
+
+
+USUAL = Size(5.0, 1.8)
+"""Of vehicles that are not in the world: those that have just departed."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A lane on a vehicle's way: m from the vehicle's front to its begin, negative where the front is on it."""
+
+    lane: str
+    ahead: float
+
+
+@dataclass(frozen=True)
+class Occupant:
+    """A vehicle that is in a junction, or has reserved its way through it."""
+
+    pieces: tuple[Piece, ...]
+    speed: float
+    size: Size
+    until: float
+    """m from the front to where the reservation ends: the exit, or the next waiting position."""
+    time: float
+    """s: when this was true."""
+    yields: bool
+    """It is not in the junction, can still stop, and others have the right of way."""
+    idle: bool
+    """It has stood for UNUSED, although it may go: something else stops it."""
+    entered: float = math.inf
+    """s: when it entered the junction; inf of those that have not, and of those that SUMO drives."""
+    closed: bool = False
+    """Its signal at the next waiting position is red."""
+    halts: bool = False
+    """It has passed a waiting position, and SUMO may still stop it for those that enter: it has to be gone first."""
+
+    @property
+    def half_width(self) -> float:
+        """See conflict_areas."""
+        return half_width(*self.size)
+
+
+def reserves_from(speed: float) -> float:
+    """m before its line from which a vehicle at `speed` (m/s) reserves its way."""
+    return max(COMMITTED, speed * speed / (2.0 * BRAKING) + 0.4 * speed)
+
+
+def pieces_of(track: VehicleTrack, begin: float) -> Iterator[Piece]:
+    """The internal lanes of the junction on a path that end after `begin` (m along it), up to its exit."""
+    path, start, found = track.path, 0.0, False
+    for lane, end in zip(path.lanes, path.ends, strict=True):
+        internal = lane.startswith(":")
+        if internal and end > begin + 0.1:
+            found = True
+            yield Piece(lane, start - track.s)
+        elif found and not internal:
+            return
+        start = end
+
+
+def junction_of(lane: str) -> str:
+    """What the ids of all internal lanes of a junction begin with."""
+    return lane.rsplit("_", 2)[0]
+
+
+class BackgroundOccupants:
+    """The vehicles in junctions that SUMO drives, and those that are about to enter with the right of way."""
+
+    def __init__(
+        self,
+        api: SumoApi,
+        graph: LaneGraph,
+        learned: Callable[[str], VehicleTrack | None],
+        right_of_way: RightOfWay,
+    ) -> None:
+        """`learned`: None for vehicles that SUMO drives."""
+        self._api, self._graph, self._learned, self._right_of_way = api, graph, learned, right_of_way
+        self._inside: dict[str, list[str]] = {}
+        self._before: dict[str, list[str]] = {}
+        for lane in graph.lanes.values():
+            if lane.internal:
+                self._inside.setdefault(junction_of(lane.id), []).append(lane.id)
+        self._world: WorldState | None = None
+        self._rows: dict[str, int] = {}
+        self._found: dict[str, dict[str, Occupant]] = {}
+
+    def renew(self, world: WorldState) -> None:
+        """Forget what was read of SUMO's last step; `world`: all road users now."""
+        self._world = world
+        self._rows.clear()
+        self._found.clear()
+
+    def of(self, junction: str) -> dict[str, Occupant]:
+        """The occupants of a junction by id, as SUMO has them now."""
+        if junction not in self._found:
+            self._found[junction] = self._read(junction)
+        return self._found[junction]
+
+    def _read(self, junction: str) -> dict[str, Occupant]:
+        found: dict[str, Occupant] = {}
+        for lane in self._inside.get(junction, ()):
+            end = self._graph.lanes[lane].length
+            goes_on = any(via for _, via in self._graph.links(lane))
+            waited = lane not in (via for _, via in self._graph.links(self._graph.origin(lane)))
+            for vehicle in self._vehicles(lane):
+                position = lane_position(self._api, vehicle)
+                until = end - position if goes_on else math.inf
+                found[vehicle] = replace(self._occupant(vehicle, Piece(lane, -position), until), halts=waited)
+        for lane in self._lanes_before(junction):
+            end = self._graph.lanes[lane].length
+            for vehicle in self._vehicles(lane):
+                distance = end - lane_position(self._api, vehicle)
+                if distance > reserves_from(vehicle_speed(self._api, vehicle)):
+                    continue
+                route, index = vehicle_route(self._api, vehicle)
+                following = route[index + 1] if 0 <= index + 1 < len(route) else ""
+                for target, via in self._graph.links(lane):
+                    wanted = via and self._graph.lanes[target].edge == following
+                    if wanted and self._right_of_way.has_priority(lane, target, via):
+                        until = distance + self._graph.lanes[via].length
+                        found[vehicle] = self._occupant(vehicle, Piece(via, distance), until)
+                        break
+        return found
+
+    def _vehicles(self, lane: str) -> list[str]:
+        return [name for name in vehicles_on_lane(self._api, lane) if self._learned(name) is None]
+
+    def _lanes_before(self, junction: str) -> list[str]:
+        lanes = self._before.get(junction)
+        if lanes is None:
+            origins = (self._graph.origin(lane) for lane in self._inside.get(junction, ()))
+            lanes = self._before[junction] = [lane for lane in dict.fromkeys(origins) if not lane.startswith(":")]
+        return lanes
+
+    def _occupant(self, vehicle: str, piece: Piece, until: float) -> Occupant:
+        assert self._world is not None, "call renew first"
+        idle = waiting_time(self._api, vehicle) > UNUSED
+        speed, time = vehicle_speed(self._api, vehicle), self._world.time
+        return Occupant((piece,), speed, self._size(vehicle), until, time, yields=False, idle=idle)
+
+    def _size(self, vehicle: str) -> Size:
+        assert self._world is not None, "call renew first"
+        if not self._rows:
+            self._rows = {name: row for row, name in enumerate(self._world.ids)}
+        row = self._rows.get(vehicle)
+        return USUAL if row is None else Size(self._world.length.item(row), self._world.width.item(row))
