@@ -37,6 +37,11 @@ EASY = 1.5
 """m/s²: no one brakes harder for a change."""
 ACTS_IN = 0.8
 """s until the allowed speed is compared with that of a mode (lookahead.route_fit)."""
+OVERTAKES, GAIN, PAUSE = 15.0, 2.0, 6.0
+"""m/s from which vehicles overtake on the next lane, m/s that they want to gain by it, and s from one change to the
+next: on city streets queues at signals decide, not slower vehicles."""
+FAR_SIGHT, HALF_LANE = 100.0, 1.7
+"""m ahead that an overtaking vehicle considers, and m to either side of the middle of a lane."""
 SIGHT = 60.0
 """m ahead and behind."""
 
@@ -65,14 +70,32 @@ class _Around(NamedTuple):
     """m between the boxes along the lane; negative beside each other."""
 
 
-def has_gap(world: WorldState, wish: Wish) -> bool:
-    """Whether there is room in the next lane."""
+def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = ()) -> bool:
+    """Whether there is room in the next lane; `entering`: rows of vehicles that are changing to it as well."""
     around, speed = _around(world, wish), world.speed[wish.row]
+    around.in_lane[list(entering)] = True
     faster = np.maximum(np.where(around.ahead > 0, speed - world.speed, world.speed - speed), 0.0)
     hurried = wish.left < HURRY
     margin, closing = (HURRIED_MARGIN, HURRIED_CLOSING) if hurried else (MARGIN, CLOSING)
     needed = margin + closing * faster + faster**2 / (2.0 * BRAKES)
     return bool(np.all(around.clear[around.in_lane] > needed[around.in_lane]))
+
+
+def faster_there(world: WorldState, wish: Wish, desired: float) -> bool:
+    """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: to the left where it is
+    held up, back to the right where it is not held up there."""
+    here = min(_ahead(world, wish, 0.0), desired)
+    there = min(_ahead(world, wish, -wish.lateral_offset), desired)
+    return there > here + GAIN if wish.lateral_offset < 0.0 else there > desired - 0.5 * GAIN
+
+
+def _ahead(world: WorldState, wish: Wish, aside: float) -> float:
+    """m/s of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is none."""
+    c, s = math.cos(wish.direction), math.sin(wish.direction)
+    dx, dy = world.x - world.x[wish.row], world.y - world.y[wish.row]
+    along, across = c * dx + s * dy, c * dy - s * dx
+    rows = np.flatnonzero((along > 0.0) & (along < FAR_SIGHT) & (np.abs(across - aside) < HALF_LANE))
+    return math.inf if not len(rows) else world.speed.item(rows[along[rows].argmin()])
 
 
 def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish]) -> Floats:

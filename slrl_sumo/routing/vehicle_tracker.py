@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.lane_changes import Wish, has_gap
+from slrl_sumo.routing.lane_changes import OVERTAKES, PAUSE, SIGHT, Wish, faster_there, has_gap
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
@@ -65,6 +65,8 @@ class VehicleTrack:
     """Time (s) until which standing vehicles beside its lane do not stop it."""
     halted: str = ""
     """The internal lane after the last line before which it has stood."""
+    changed: float = -math.inf
+    """Time (s) at which it began its last lane change."""
     entry: str = ""
     """The internal lane after the last line that it has passed in the junction in which it is; '' outside."""
     entered: float = math.inf
@@ -257,7 +259,25 @@ class VehicleTracker:
         edges = (self._graph.lanes[lane].edge, *track.edges)
         target = self._graph.lane_to_change_to(lane, track.vehicle_class, edges)
         if target is None:
+            return self._overtake(road_user, track, world, i, edges)
+        return self._change(road_user, track, world, i, target, left, always=True)
+
+    def _overtake(
+        self, road_user: str, track: VehicleTrack, world: WorldState, i: int, edges: tuple[str, ...]
+    ) -> Wish | None:
+        """Change to a lane that serves the route as well, where the vehicle gets on better there."""
+        if track.speed < OVERTAKES or world.time < track.changed + PAUSE:
             return None
+        for target in self._graph.equal_lanes(track.path.lanes[0], track.vehicle_class, edges):
+            wish = self._change(road_user, track, world, i, target, math.inf, always=False)
+            if wish is not None:
+                return wish
+        return None
+
+    def _change(
+        self, road_user: str, track: VehicleTrack, world: WorldState, i: int, target: str, left: float, *, always: bool
+    ) -> Wish | None:
+        """Begin to change to the lane `target` where there is a gap; unless `always`, only where it is faster."""
         length = float(world.length[i])
         before = self._point_before(target, length)
         path = self._graph.path(target, track.edges, track.vehicle_class, before, _seed(road_user))
@@ -267,9 +287,25 @@ class VehicleTracker:
         if abs(lateral_offset) > MOST_ASIDE:
             return None
         wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
-        if has_gap(world, wish):
-            track.path, track.s, track.lateral_offset = path, s, lateral_offset
+        desired = min(track.path.limits[0] * track.speed_factor, track.max_speed)
+        if not always and not faster_there(world, wish, desired):
+            return None
+        if has_gap(world, wish, self._entering(target, track, world)):
+            track.path, track.s, track.lateral_offset, track.changed = path, s, lateral_offset, world.time
         return wish
+
+    def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
+        """Rows of the other vehicles near a track that are changing to a lane."""
+        near = np.flatnonzero(np.hypot(world.x - track.x, world.y - track.y) < SIGHT)
+        others = [(row, self._vehicles.get(world.ids[row])) for row in near.tolist()]
+        return [
+            row
+            for row, other in others
+            if other is not None
+            and other is not track
+            and other.path.lanes[0] == lane
+            and abs(other.lateral_offset) > CHANGING
+        ]
 
 
 def _seed(road_user: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, has_gap
+from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, faster_there, has_gap
 
 LEFT = Wish(0, -3.2, 0.0, 40.0)
 """The first vehicle of a world, which drives eastwards at y = 0, wants to change to the lane at y = 3.2."""
@@ -59,3 +59,28 @@ def test_of_two_side_by_side_that_want_each_others_lane_the_one_in_front_goes_fi
     allowed = cooperative_speeds(world, 2, [LEFT, Wish(1, 3.2, 0.0, 40.0)])
     assert allowed[0] == 0.0
     assert np.isinf(allowed[1])
+
+
+@pytest.mark.parametrize(("own", "next_one", "faster"), [
+    (20.0, None, True), (20.0, 28.0, True), (20.0, 21.0, False), (29.0, None, False), (None, None, False),
+])  # fmt: skip
+def test_a_vehicle_that_is_held_up_overtakes_on_the_left(
+    own: float | None, next_one: float | None, faster: bool
+) -> None:
+    others = [(60.0, 0.0, own), (80.0, 3.2, next_one), (-20.0, 3.2, 5.0), (120.0, 0.0, 1.0)]
+    x, y, speed = zip((0.0, 0.0, 25.0), *(other for other in others if other[2] is not None), strict=True)
+    assert faster_there(make_world(list(x), list(y), speed=list(speed)), LEFT, 30.0) is faster
+
+
+@pytest.mark.parametrize(("there", "back"), [(None, True), (29.5, True), (25.0, False)])
+def test_it_goes_back_to_the_right_where_it_is_not_held_up_there(there: float | None, back: bool) -> None:
+    world = make_world(
+        [0.0] if there is None else [0.0, 70.0], [0.0] if there is None else [0.0, -3.2], speed=there or 9.0
+    )
+    assert faster_there(world, LEFT._replace(lateral_offset=3.2), 30.0) is back
+
+
+def test_a_vehicle_that_changes_to_the_same_lane_from_its_other_side_takes_the_gap() -> None:
+    world = make_world([0.0, 3.0], [0.0, 6.4], speed=10.0)
+    assert has_gap(world, LEFT)
+    assert not has_gap(world, LEFT, [1])
