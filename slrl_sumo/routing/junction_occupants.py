@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from slrl_sumo.routing.conflict_areas import half_width
-from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.scene.state import WorldState
@@ -90,11 +90,6 @@ def pieces_of(track: VehicleTrack, begin: float) -> Iterator[Piece]:
         elif found and not internal:
             return
         start = end
-
-
-def junction_of(lane: str) -> str:
-    """What the ids of all internal lanes of a junction begin with."""
-    return lane.rsplit("_", 2)[0]
 
 
 class BackgroundOccupants:

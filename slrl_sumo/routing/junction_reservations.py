@@ -15,11 +15,10 @@ from slrl_sumo.routing.junction_occupants import (
     BackgroundOccupants,
     Occupant,
     Size,
-    junction_of,
     pieces_of,
     reserves_from,
 )
-from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
+from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay, time_to_cover
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.scene.state import WorldState

@@ -76,6 +76,11 @@ class _LaneChanges(NamedTuple):
     """On the first edge and after it."""
 
 
+def junction_of(lane: str) -> str:
+    """What the ids of all internal lanes of a junction begin with."""
+    return lane.rsplit("_", 2)[0]
+
+
 class LaneGraph:
     """The lanes of a loaded network and the links between them; links are read on demand."""
 

@@ -88,7 +88,7 @@ class Routes:
         track = self._vehicles.observed(world, i, DECISION_INTERVAL)
         if (wish := self._vehicles.choose_lane(road_user, track, world, i)) is not None:
             wishes.append(wish)
-        self._vehicles.renew_entry(track, world.length.item(i), world.time)
+        track.renew_entry(world.length.item(i), world.time)
         route.entered[i] = track.entered
         size = Size(world.length.item(i), world.width.item(i))
         waits = self._reservations.update(road_user, track, size)

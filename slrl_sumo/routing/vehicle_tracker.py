@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slrl_sumo.routing.lane_changes import OVERTAKES, PAUSE, SIGHT, Wish, faster_there, has_gap
-from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
+from slrl_sumo.routing.lane_graph import LaneGraph, LanePath, junction_of
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
@@ -70,7 +70,19 @@ class VehicleTrack:
     entry: str = ""
     """The internal lane after the last line that it has passed in the junction in which it is; '' outside."""
     entered: float = math.inf
-    """Time (s) at which it passed that line; inf outside."""
+    """Time (s) at which it passed that line, or the first one if it did not halt before that one; inf outside."""
+
+    def renew_entry(self, length: float, now: float) -> None:
+        """Note the junction in which it is at the time `now` (s); its `length` in m."""
+        over = 0.0 if self.speed > ROLLING else STOPS_OVER
+        passed = [e for e in self.path.entries if e.stop_line < self.s - over and self.s - length < e.exit]
+        entry = passed[-1].via if passed else ""
+        if entry == self.entry:
+            return
+        # Others that have entered since then wait for it, unless it has halted before the line inside.
+        goes_on = entry != "" and entry != self.halted and junction_of(entry) == junction_of(self.entry)
+        self.entered = self.entered if goes_on else now if entry else math.inf
+        self.entry = entry
 
 
 class VehicleTracker:
@@ -146,14 +158,6 @@ class VehicleTracker:
             near = (e.via for e in track.path.entries if -STOPS_OVER < e.stop_line - track.s < HALTS_BEFORE)
             track.halted = next(near, track.halted)
         return track
-
-    def renew_entry(self, track: VehicleTrack, length: float, now: float) -> None:
-        """Note the junction in which a vehicle of this length (m) is at the time `now` (s)."""
-        over = 0.0 if track.speed > ROLLING else STOPS_OVER
-        passed = [e for e in track.path.entries if e.stop_line < track.s - over and track.s - length < e.exit]
-        entry = passed[-1].via if passed else ""
-        if entry != track.entry:
-            track.entry, track.entered = entry, now if entry else math.inf
 
     def _begin(self, state: WorldState, i: int) -> VehicleTrack:
         """A new track: the vehicle's parameters, and its place on its path."""

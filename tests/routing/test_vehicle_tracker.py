@@ -1,0 +1,49 @@
+"""When a vehicle entered the junction that it is in: others inside wait for those that entered before them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slrl_sumo.routing.lane_graph import JunctionEntry, LanePath
+from slrl_sumo.routing.polyline import Polyline
+from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+
+FIRST = JunctionEntry(20.0, "in_0", ":a_14_0", "out_0", 50.0)
+INSIDE = JunctionEntry(28.0, ":a_14_0", ":a_22_0", "out_0", 50.0)
+NEXT = JunctionEntry(50.0, "out_0", ":b_3_0", "far_0", 70.0)
+
+
+@pytest.fixture
+def track() -> VehicleTrack:
+    along = np.array([0.0, 100.0])
+    line = Polyline(along, np.zeros(2), along)
+    path = LanePath(("in_0", ":a_14_0"), (20.0, 100.0), (13.9, 13.9), (FIRST, INSIDE, NEXT), line)
+    return VehicleTrack(
+        path=path, s=10.0, lateral_offset=0.0, lateral_speed=0.0, speed=5.0, edges=(), vehicle_class="passenger",
+        accel=2.6, decel=4.5, emergency=9.0, max_speed=50.0, speed_factor=1.0, tau=1.0, x=0.0, y=0.0,
+    )  # fmt: skip
+
+
+def entered(track: VehicleTrack, *places: tuple[float, float]) -> list[float]:
+    """When it entered, at each of the times, at m along the path."""
+    times = []
+    for time, track.s in places:
+        track.renew_entry(5.0, time)
+        times.append(track.entered)
+    return times
+
+
+def test_a_vehicle_that_rolls_over_the_line_inside_entered_at_the_first_one(track: VehicleTrack) -> None:
+    """An oncoming vehicle that has entered in between waits for it: with a new time both waited for each other."""
+    assert entered(track, (1.0, 10.0), (2.0, 22.0), (3.0, 29.0), (4.0, 40.0)) == [math.inf, 2.0, 2.0, 2.0]
+
+
+def test_a_vehicle_that_has_halted_inside_enters_anew(track: VehicleTrack) -> None:
+    assert entered(track, (2.0, 22.0)) == [2.0]
+    track.halted = INSIDE.via
+    assert entered(track, (9.0, 29.0)) == [9.0]
+
+
+def test_the_next_junction_is_entered_anew(track: VehicleTrack) -> None:
+    assert entered(track, (2.0, 22.0), (5.0, 52.0), (9.0, 90.0)) == [2.0, 5.0, math.inf]
