@@ -1,0 +1,197 @@
+"""Selectors in the trips of the training, on networks that were not trained on: return, trips, contacts, decisions.
+
+    python -m benchmarks.measure_trips --bundle B --selectors rule,greedy --networks 30 --out trips.json
+
+Every network is played by each selector from the same start, `--decisions` long, and differences to the first selector
+are of pairs, with 95 % intervals over networks. `greedy:black` sees black images, `greedy:swapped` those of another
+road user. The file of --out is continued where it exists. Settings as in the TOML file of the training: --config.
+"""
+
+import argparse
+import json
+import math
+import statistics
+import tempfile
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from netgen.families import generate
+from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
+from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
+from slrl_sumo.learning.rl.trip_arena import TripArena
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.bundle_folder import shipped_bundles
+from slrl_sumo.models.threads import one_thread
+from slrl_sumo.perception.observation import Observation
+from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.sumo.scenario import find_scenario
+
+FIRST_SEED = 70_000
+"""Far from the seeds that trainings draw."""
+SUMS = ("steps", "reward", "gone", "reached", "clean", "contacts", "off_surface", "red", "standing", "as_rule")
+
+
+@dataclass(frozen=True, order=True)
+class Play:
+    """One network, played by one selector."""
+
+    family: str
+    seed: int
+    selector: str
+
+
+def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -> dict[str, float]:
+    """Sums over all decisions: see SUMS; speeds and progress by type."""
+    bundle = load_bundle(bundle_name)
+    name, _, spoilt = job.selector.partition(":")
+    selector, rule = make_selector(name, bundle, job.seed), make_selector("rule", bundle, job.seed)
+    arena_settings = replace(
+        settings.arena, weights=settings.reward, extended=True, trips=True, image=selector.needs_image
+    )
+    sums = dict.fromkeys(SUMS, 0.0)
+    for name in TYPE_NAMES:
+        sums |= {f"steps_{name}": 0.0, f"progress_{name}": 0.0, f"speed_{name}": 0.0}
+    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, one_thread():
+        scenario = find_scenario(str(generate(job.family, job.seed, Path(folder) / "made")))
+        with TripArena(scenario, bundle, arena_settings, job.seed) as arena:
+            for _ in range(decisions):
+                situation = arena.situation
+                modes = by_rule = np.zeros(0, np.int64)
+                if situation is not None:
+                    masks, ids = list(situation.masks.values()), arena.simulation.population.world.ids
+                    seen = spoil(situation.observation, spoilt)
+                    modes = selector.choose(seen, situation.rollouts, ids, masks)[-1]
+                    by_rule = rule.choose(situation.observation, situation.rollouts, ids, masks)[-1]
+                outcome = arena.step(modes)
+                none = np.zeros(len(modes))
+                for name, values in {
+                    "steps": none + 1.0,
+                    "reward": outcome.reward,
+                    "gone": outcome.gone,
+                    "reached": outcome.reached,
+                    "clean": outcome.clean,
+                    "contacts": -outcome.terms.get("contact", none),
+                    "off_surface": -outcome.terms.get("off_surface", none),
+                    "red": -outcome.terms.get("red", none),
+                    "standing": outcome.speed < 0.1,
+                    "as_rule": modes == by_rule,
+                }.items():
+                    sums[name] += float(values.sum())
+                for number, name in enumerate(TYPE_NAMES):
+                    mine = outcome.type == number
+                    sums[f"steps_{name}"] += float(mine.sum())
+                    sums[f"speed_{name}"] += float(outcome.speed[mine].sum())
+                    sums[f"progress_{name}"] += float(outcome.terms.get("progress", none)[mine].sum())
+    return sums
+
+
+def spoil(seen: Observation, how: str) -> Observation:
+    """An observation with `black` or `swapped` images; else as it is."""
+    if seen.image is None or not how:
+        return seen
+    return replace(seen, image=np.zeros_like(seen.image) if how == "black" else np.roll(seen.image, 1, 0))
+
+
+def figures(sums: dict[str, float]) -> dict[str, float]:
+    """The figures of one play."""
+    steps = max(1.0, sums["steps"])
+    by_type = {
+        f"{what}_{name}": sums[f"{what}_{name}"] / sums[f"steps_{name}"]
+        for name in TYPE_NAMES
+        for what in ("speed", "progress")
+        if sums[f"steps_{name}"]
+    }
+    return {
+        "reward per step": sums["reward"] / steps,
+        "reached": sums["reached"],
+        "contacts per 1,000 steps": 1000.0 * sums["contacts"] / steps,
+        "off surface per 1,000 steps": 1000.0 * sums["off_surface"] / steps,
+        "red per 1,000 steps": 1000.0 * sums["red"] / steps,
+        "clean of the reached": sums["clean"] / sums["reached"] if sums["reached"] else math.nan,
+        "standing": sums["standing"] / steps,
+        "mode as rule": sums["as_rule"] / steps,
+        **by_type,
+    }
+
+
+def compared(plays: dict[Play, dict[str, float]], selectors: list[str]) -> list[dict[str, Any]]:
+    """Mean of each figure per selector, and its difference to the first selector with half the 95 % interval."""
+    networks = sorted({(job.family, job.seed) for job in plays})
+    every = {
+        name: [figures(plays[Play(*network, name)]) for network in networks if _complete(plays, network, selectors)]
+        for name in selectors
+    }
+    rows = []
+    for name in selectors:
+        for figure in figures(dict.fromkeys(plays[next(iter(plays))], 1.0)):
+            pairs = [
+                (mine[figure], first[figure])
+                for mine, first in zip(every[name], every[selectors[0]], strict=True)
+                if not math.isnan(mine.get(figure, math.nan)) and not math.isnan(first.get(figure, math.nan))
+            ]
+            if not pairs:
+                continue
+            differences = [a - b for a, b in pairs]
+            spread = statistics.stdev(differences) if len(differences) > 1 else math.nan
+            rows.append(
+                {
+                    "selector": name,
+                    "figure": figure,
+                    "networks": len(pairs),
+                    "mean": statistics.mean(a for a, _ in pairs),
+                    "difference": statistics.mean(differences),
+                    "half_interval": 1.96 * spread / math.sqrt(len(differences)),
+                }
+            )
+    return rows
+
+
+def _complete(plays: dict[Play, dict[str, float]], network: tuple[str, int], selectors: list[str]) -> bool:
+    return all(Play(*network, name) in plays for name in selectors)
+
+
+def main() -> None:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bundle", default="intersection")
+    parser.add_argument("--config", type=Path, help="settings of the training")
+    parser.add_argument("--selectors", default="rule,greedy")
+    parser.add_argument("--families", default="town,random,roundabout", help="in turn")
+    parser.add_argument("--networks", type=int, default=30)
+    parser.add_argument("--decisions", type=int, default=300)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    selectors, families = options.selectors.split(","), options.families.split(",")
+    done: dict[Play, dict[str, float]] = {}
+    if options.out.exists():
+        done = {Play(*line[:3]): line[3] for line in json.loads(options.out.read_text())["plays"]}
+    jobs = [
+        Play(families[k % len(families)], FIRST_SEED + k, name) for k in range(options.networks) for name in selectors
+    ]
+    work = partial(
+        play, portable_name(options.bundle, shipped_bundles()), read_settings(options.config), options.decisions
+    )
+    with closing(run_jobs(work, [job for job in jobs if job not in done], Backend(options.workers))) as results:
+        for finished in results:
+            print(*asdict(finished.job).values(), finished.reason or "done", flush=True)
+            if finished.record is not None:
+                done[finished.job] = finished.record
+                rows = compared(done, selectors)
+                lines = [[*asdict(job).values(), sums] for job, sums in sorted(done.items(), key=lambda item: item[0])]
+                options.out.write_text(json.dumps({"rows": rows, "plays": lines}, indent=1) + "\n")
+    for row in compared(done, selectors):
+        print(
+            f"{row['selector']:8} {row['figure']:28} {row['networks']:3} {row['mean']:9.4f}  "
+            f"{row['difference']:+.4f} ± {row['half_interval']:.4f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
