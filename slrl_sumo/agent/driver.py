@@ -1,6 +1,6 @@
 """Drivers of learned road users in SUMO: the models of a bundle with a selector, or the lane-following baseline."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.routing.routes import Routes
@@ -123,9 +124,15 @@ class ModelDriver:
         return Moved(moved, motion.modes, motion.changed, situation.context)
 
     def images(self, rows: NDArray[np.intp]) -> NDArray[np.uint8] | None:
-        """What the road users `rows` saw at the last decision, as Observation has it; None if no image was drawn."""
-        image = None if self.situation is None else self.situation.observation.image
-        return None if image is None else image[rows]
+        """What the road users `rows` saw at the last decision, in the preset of the selector, also where that reads no
+        image; None before the first decision."""
+        situation = self.situation
+        if situation is None:
+            return None
+        if situation.observation.image is not None:
+            return situation.observation.image[rows]
+        context = situation.context if self.agent.selector.preset == "extended" else None
+        return observe(replace(situation.scene, rows=rows), context=context).image
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """See Driver: without routes no destination is known."""

@@ -44,7 +44,9 @@ def closing_scenario(trained_in: str) -> str:
     was not among them.
     """
     first = trained_in.split(",")[0].strip()
-    return {"random": "district", "town": "district", "roundabout": "intersection"}.get(first, first)
+    return {"random": "district", "town": "district", "motorway": "district", "roundabout": "intersection"}.get(
+        first, first
+    )
 
 
 def _text(stage: str, figures: Figures) -> str:

@@ -82,6 +82,8 @@ def test_an_interrupt_while_a_child_starts_ends_the_child_quietly(
 ) -> None:
     """The system gives the signal to any thread that does not block it, and Python handles it in the main thread."""
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    # Shells let commands that run in the background ignore SIGINT.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     end, spawn = threading.Event(), multiprocessing.util.spawnv_passfds
     other = threading.Thread(target=end.wait)
     other.start()
@@ -100,6 +102,7 @@ def test_an_interrupt_while_a_child_starts_ends_the_child_quietly(
     finally:
         end.set()
         other.join()
+        signal.signal(signal.SIGINT, before)
     assert multiprocessing.active_children() == []
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""

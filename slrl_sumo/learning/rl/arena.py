@@ -1,5 +1,6 @@
 """One running simulation as an environment: each learned road user is a slot with episodes of its own."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from types import TracebackType
 from typing import Self
@@ -83,19 +84,13 @@ class Outcome:
     """m/s at the end of the decision."""
 
 
-class Arena:
-    """A scenario with learned road users whose modes are given from outside; a context manager.
-
-    Road users come back at a new place when their episode ends, so the slots are always filled; the scene loops on
-    itself (paper, section 3.4). One arena per process: SUMO allows no more.
-    """
+class OpenedSimulation(ABC):
+    """A simulation that is open inside a `with` block, set up by `_start`. One per process: SUMO allows no more."""
 
     def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
         self.bundle, self.settings = bundle, settings
         self._session = SumoSession(scenario, seed=seed % 2**31)
         self._scenario, self._seed = scenario, seed
-        self._random = np.random.default_rng([seed, 1])
-        self._modes = GivenModes("extended" if settings.extended else "paper")
 
     def __enter__(self) -> Self:
         self._session.__enter__()
@@ -110,6 +105,22 @@ class Arena:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._session.__exit__(kind, error, trace)
+
+    @abstractmethod
+    def _start(self) -> None: ...
+
+
+class Arena(OpenedSimulation):
+    """A scenario with learned road users whose modes are given from outside; a context manager.
+
+    Road users come back at a new place when their episode ends, so the slots are always filled; the scene loops on
+    itself (paper, section 3.4).
+    """
+
+    def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
+        super().__init__(scenario, bundle, settings, seed)
+        self._random = np.random.default_rng([seed, 1])
+        self._modes = GivenModes("extended" if settings.extended else "paper")
 
     def _start(self) -> None:
         while self._session.time < self.settings.warm_up:

@@ -1,8 +1,6 @@
 """One running simulation as an environment: the scenario's own road users are learned for the whole of their trips."""
 
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +9,7 @@ from slrl_sumo.agent.decide import Agent, Situation
 from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.agent.selectors import GivenModes
 from slrl_sumo.learning.rl import rewards
-from slrl_sumo.learning.rl.arena import ArenaSettings, touching
+from slrl_sumo.learning.rl.arena import ArenaSettings, OpenedSimulation, touching
 from slrl_sumo.learning.rl.reward_terms import Ground, Transition, recorded_speed
 from slrl_sumo.learning.rl.rewards import weighted_terms
 from slrl_sumo.learning.rl.teacher import teacher_costs
@@ -21,7 +19,6 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.sumo.scenario import Scenario
-from slrl_sumo.sumo.session import SumoSession
 
 EMPTY = 300
 """Decisions (2 min) for which an empty network waits for a first road user."""
@@ -53,35 +50,19 @@ class TripOutcome:
     """m/s at the end of the decision."""
 
 
-class TripArena:
+class TripArena(OpenedSimulation):
     """A scenario whose own road users are learned, at most `settings.agents` at a time; a context manager.
 
     A road user has a slot from its takeover until SUMO has it again: near its destination, or where a run hands it
     back. It is not put elsewhere before: out of a jam it must drive. A contact ends an episode, and the next one of the
-    same road user begins where it is. One arena per process: SUMO allows no more.
+    same road user begins where it is.
     """
 
     def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
-        self.bundle, self.settings = bundle, settings
-        self._session = SumoSession(scenario, seed=seed % 2**31)
-        self._seed = seed
+        super().__init__(scenario, bundle, settings, seed)
         self._modes = GivenModes("extended")
         self._modes.needs_image = settings.image
         self._wanted = weighted_terms(settings.weights)
-
-    def __enter__(self) -> Self:
-        self._session.__enter__()
-        try:
-            self._start()
-        except BaseException:
-            self._session.close()
-            raise
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._session.__exit__(kind, error, trace)
 
     def _start(self) -> None:
         # From empty streets to those of a rush hour.

@@ -150,7 +150,7 @@ def _bare_models(bundle: ModelBundle, observation: Observation) -> dict[str, flo
     networks = bundle.displacement.networks
     with torch.inference_mode():
         seconds = {"displacement": _seconds(lambda: networks.forward_all(vector, kind))}
-        if bundle.policy is not None and observation.image is not None:
+        if bundle.policy is not None and bundle.policy.config.image and observation.image is not None:
             encoder = bundle.policy.encoder
             pixels = torch.from_numpy(observation.image).permute(0, 3, 1, 2).float().contiguous()
             seconds["encoder"] = _seconds(lambda: encoder(pixels))
