@@ -3,10 +3,9 @@
     python tools/make_intersection_bundle.py --out slrl_sumo/bundles/intersection
     python tools/make_intersection_bundle.py --paper --out slrl_sumo/bundles/intersection-paper
 
-With --paper: the paper's modes (K-Means of positions), and no roundabouts; the models that ship in `intersection-paper`
-were made before epochs drew the same number of windows of each mode (see learning/supervised/network_training.py).
-With --motorways: motorways as well, so that cars are learned up to 34 m/s. The shipped bundle is made without: the
-modes are others then, and its policy was trained on its own.
+With --paper: the paper's modes (K-Means of positions), and neither roundabouts nor motorways; the models that ship in
+`intersection-paper` were made before epochs drew the same number of windows of each mode (see
+learning/supervised/network_training.py).
 
 Takes three minutes on two cores. Recordings are kept in --work, so that an interrupted run goes on where it was.
 None of the shipped scenarios is among the networks: those are for evaluation.
@@ -30,8 +29,9 @@ NETWORKS = (
     ("random", range(2000, 2008)),
     ("shared-space", range(3000, 3008)),
     ("roundabout", range(4000, 4008)),
+    ("motorway", range(5020, 5026)),
 )
-MOTORWAYS = (("motorway", range(5020, 5026)),)
+AFTER_PAPER = ("roundabout", "motorway")
 SECONDS = {"motorway": 200.0}
 """s that are recorded of a network, else 600: the bounds of the models are percentiles of all windows, and long
 straight drives would narrow those of braking and turning."""
@@ -46,14 +46,12 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".work/intersection-bundle"), help="networks and recordings")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--paper", action="store_true", help="the paper's modes")
-    parser.add_argument("--motorways", action="store_true", help="recordings of motorways as well")
     arguments = parser.parse_args()
     arguments.work.mkdir(parents=True, exist_ok=True)
-    networks = [(family, seeds) for family, seeds in NETWORKS if not arguments.paper or family != "roundabout"]
-    networks += MOTORWAYS if arguments.motorways else ()
+    networks = [(family, seeds) for family, seeds in NETWORKS if not (arguments.paper and family in AFTER_PAPER)]
     drawn = ", ".join(f"{len(seeds)} {WORDS.get(family, family + 's')}" for family, seeds in networks)
     count = sum(len(seeds) for _, seeds in networks)
-    also = ", motorways 200 s" if arguments.motorways else ""
+    also = "" if arguments.paper else ", motorways 200 s"
     source = f"SUMO 1.28 traffic on {count} networks drawn by netgen ({drawn}), 600 s each{also}"
     wanted = [(family, seed) for family, seeds in networks for seed in seeds]
     recordings = [_recording(family, seed, arguments.work, source) for family, seed in track(wanted, "recording")]

@@ -24,13 +24,13 @@ from slrl_sumo.learning.rl.training_settings import read_settings
 from slrl_sumo.models.bundle import load_bundle
 
 FAMILIES = {
-    "intersection": "intersection,random,roundabout,shared-space",
+    "intersection": "town,town,random,roundabout,shared-space",
     "shared-space": "shared-space",
     "intersection-paper": "intersection,random",
     "shared-space-paper": "shared-space",
 }
 STEPS = {
-    "intersection": (800_000,),
+    "intersection": (2_400_000,),
     "shared-space": (1_000_000,),
     "intersection-paper": (1_500_000,),
     "shared-space-paper": (1_500_000,),

@@ -233,8 +233,9 @@ def test_a_network_without_streets_is_a_problem(make: Make, tmp_path: Path) -> N
 
 
 def test_sidewalks_without_crossings(make: Make, tmp_path: Path) -> None:
-    assert network_topics(make, netgenerate(tmp_path, "--sidewalks.guess")) == [("note", "crossings")]
-    assert network_topics(make, netgenerate(tmp_path, "--sidewalks.guess", "--crossings.guess")) == []
+    assert ("note", "crossings") in network_topics(make, netgenerate(tmp_path, "--sidewalks.guess"))
+    with_crossings = network_topics(make, netgenerate(tmp_path, "--sidewalks.guess", "--crossings.guess"))
+    assert ("note", "crossings") not in with_crossings
 
 
 def test_vehicles_that_jump_across_junctions(make: Make, tmp_path: Path) -> None:
@@ -393,9 +394,9 @@ def test_vehicles_that_models_do_not_suit_are_told_before_a_run(make: Make) -> N
 
 def test_lanes_that_are_too_fast_for_the_models_are_told_before_a_run(bare_network: Callable[[str], Path]) -> None:
     edges = '<edge id="slow" from="a" to="b" numLanes="1" speed="13.89"/>'
-    fast = bare_network(edges + '<edge id="fast" from="b" to="c" numLanes="2" speed="33.33"/>')
+    fast = bare_network(edges + '<edge id="fast" from="b" to="c" numLanes="2" speed="50"/>')
     finding = one(fast, "fast lanes")
     assert finding.severity == "note"
     assert finding.what.startswith("2 lanes have limits far above the top speed of bundle 'intersection' (")
-    assert "): 0.2 of 0.3 km for cars, up to 33.33 m/s" in finding.what
+    assert "): 0.2 of 0.3 km for cars, up to 50 m/s" in finding.what
     assert "fast lanes" not in {topic for _, topic in grave(bare_network(edges))}

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from slrl_sumo.agent.driver import Moved
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -272,8 +272,9 @@ def test_no_road_user_is_learned_where_all_others_would_have_to_wait(into_the_fa
         assert libsumo.vehicle.getIDCount() == 0 or libsumo.vehicle.getSpeed("comes") > 12.0
 
 
-def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_bundle: ModelBundle) -> None:
-    settings = RunSettings(str(into_the_fast_lane), takeover="car=1", steps=2, selector="prior", bundle="intersection")
+def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path) -> None:
+    slow = "intersection-paper"
+    settings = RunSettings(str(into_the_fast_lane), takeover="car=1", steps=2, selector="prior", bundle=slow)
 
     def notices(settings: RunSettings) -> list[str]:
         started, *_ = run(settings)
@@ -282,7 +283,7 @@ def test_a_run_says_which_lanes_are_too_fast(into_the_fast_lane: Path, shipped_b
 
     (notice,) = notices(settings)
     assert notice.startswith("1 lane")
-    assert f"{shipped_bundle.max_speed[0]:.1f} m/s)" in notice
+    assert f"{load_bundle(slow).max_speed[0]:.1f} m/s)" in notice
     # The lane follower drives as fast as lanes allow, and spawning road users says nothing about the others.
     assert not notices(replace(settings, selector="lane"))
     assert not notices(replace(settings, takeover=None, agents=1, mix="car=1"))
@@ -311,7 +312,8 @@ def mixed_traffic(into_the_fast_lane: Path) -> Path:
 
 
 def test_vehicles_that_models_do_not_suit_stay_sumos_and_are_counted_by_reason(mixed_traffic: Path, cli: Cli) -> None:
-    settings = RunSettings(str(mixed_traffic), takeover="car=1", steps=8, selector="rule")
+    slow = "intersection-paper"
+    settings = RunSettings(str(mixed_traffic), takeover="car=1", steps=8, selector="rule", bundle=slow)
     learned: set[str] = set()
     left: dict[str, str] = {}
     for event in run(settings):
@@ -324,12 +326,13 @@ def test_vehicles_that_models_do_not_suit_stay_sumos_and_are_counted_by_reason(m
     assert left == {**reasons, "stops": "stop ahead"}
 
     summary = mixed_traffic.with_name("summary.json")
-    shown = cli("run", mixed_traffic, "--takeover", "car=1", "--steps", "8", "--summary", summary)
+    words = ["run", mixed_traffic, "--takeover", "car=1", "--steps", "8", "--bundle", slow, "--summary", summary]
+    shown = cli(*words)
     assert json.loads(summary.read_text())["left_to_sumo"] == dict.fromkeys([*reasons.values(), "stop ahead"], 1)
     assert "5 road users of the takeover stayed SUMO's: " in shown.stdout
     assert "class motorcycle 1" in shown.stdout
     # The lane follower drives vehicles of all classes.
-    cli("run", mixed_traffic, "--takeover", "car=1", "--steps", "8", "--selector", "lane", "--summary", summary)
+    cli(*words, "--selector", "lane")
     assert json.loads(summary.read_text())["left_to_sumo"] == {"stop ahead": 1}
 
 

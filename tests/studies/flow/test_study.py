@@ -64,7 +64,7 @@ def test_only_types_that_the_bundle_has_models_for_are_learned() -> None:
 @pytest.mark.parametrize(
     ("settings", "argument"),
     [
-        ({"only": ("motorway",)}, "only"),
+        ({"only": ("highway",)}, "only"),
         ({"selectors": ("best",)}, "selector"),
         ({"selectors": ("lane+guard",)}, "selectors"),
         ({"share": 0.0}, "share"),
