@@ -1,5 +1,6 @@
 """One running simulation as an environment: the scenario's own road users are learned for the whole of their trips."""
 
+from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,17 +126,15 @@ class TripArena(OpenedSimulation):
         if before is None:
             self._look()
             return _nothing(self._wanted)
-        hit = np.array([user in anew for user in ids], np.bool_)
-        off_route = set(decision.returned_to_route)
-        lost = decision.lost | np.array([user in off_route for user in ids], np.bool_)
+        hit = _among(ids, anew)
+        lost = decision.lost | _among(ids, set(decision.returned_to_route))
         transition = Transition(self._ground, before, modes, world, decision, hit, lost)
         terms = transition.terms(self._wanted)
-        gone = np.array([user not in self.simulation.population.ids for user in ids], np.bool_)
-        arrived = set(decision.arrived)
-        reached = gone & ~lost & (near_end | np.array([user in arrived for user in ids], np.bool_))
+        gone = ~_among(ids, self.simulation.population.ids)
+        reached = gone & ~lost & (near_end | _among(ids, set(decision.arrived)))
         for row in np.flatnonzero(hit | lost | decision.left_surface):
             self._unclean.add(ids[row])
-        clean = reached & np.array([user not in self._unclean for user in ids], np.bool_)
+        clean = reached & ~_among(ids, self._unclean)
         terminated = hit | lost
         for user in ids:
             self._steps[user] += 1
@@ -156,6 +155,11 @@ class TripArena(OpenedSimulation):
             steps=steps,
             speed=learned.speed,
         )
+
+
+def _among(ids: tuple[str, ...], some: Set[str]) -> NDArray[np.bool_]:
+    """Which of n road users are among `some`, (n,)."""
+    return np.array([user in some for user in ids], np.bool_)
 
 
 def _nothing(wanted: tuple[str, ...]) -> TripOutcome:
