@@ -20,7 +20,7 @@ from typing import Any, cast
 import numpy as np
 import torch
 
-from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
+from slrl_sumo.learning.environments.arena import Arena, ArenaSettings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.scene import Scene

@@ -27,11 +27,11 @@ import torch
 from safetensors.torch import save
 
 from slrl_sumo.jobs.pool import Backend, run_jobs
+from slrl_sumo.learning.environments.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.ppo import update
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
-from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy

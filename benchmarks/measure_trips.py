@@ -23,8 +23,8 @@ import numpy as np
 from netgen.families import generate
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
+from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
-from slrl_sumo.learning.rl.trip_arena import TripArena
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.threads import one_thread

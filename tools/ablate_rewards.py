@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slrl_sumo.cli.train_display import train_with_progress
-from slrl_sumo.learning.rl.rewards import TERMS
+from slrl_sumo.learning.rewards.terms import TERMS
 from slrl_sumo.learning.rl.train import TrainRequest
 from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
 from slrl_sumo.scene.types import TYPE_NAMES

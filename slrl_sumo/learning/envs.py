@@ -21,9 +21,9 @@ from slrl_sumo.agent.decide import Situation, choose
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selectors import Selector
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.rl.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
-from slrl_sumo.learning.rl.rewards import RewardWeights
-from slrl_sumo.learning.rl.slots import action_mask
+from slrl_sumo.learning.environments.arena import EPISODE_STEPS, Arena, ArenaSettings, Outcome
+from slrl_sumo.learning.environments.slots import action_mask
+from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PRESETS
@@ -55,7 +55,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
       `enlarge` times as large: 2, because the CNN of Stable-Baselines3 takes none below 36 px; 1 is what selectors see.
       With `preset` "extended" it knows its route: the path in the image, and `route` (14,) float32, columns as in
       perception.route_features.ROUTE_FEATURES.
-    - Reward: the terms of learning.rl.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
+    - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type`, `id` and `action_mask` (20,) int8: 1 for modes that constraints allow next. After
       reset it also has `scenario`.
     - Terminated: in contact with a road user, or lost. Truncated: after `episode_steps` decisions.

@@ -7,7 +7,7 @@ from slrl_sumo.agent.constraints import Constraints, constraints_of
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.agent.driver import ModelDriver, make_driver
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
+from slrl_sumo.learning.environments.arena import Arena, ArenaSettings
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.state import WorldState

@@ -21,7 +21,7 @@ from slrl_sumo.agent.decide import choose
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.envs import RoadUserEnv
-from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights
+from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.perception.route_features import ROUTE_FEATURES

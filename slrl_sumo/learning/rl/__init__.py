@@ -1,1 +1,1 @@
-"""Reinforcement learning of the selector: rewards, arena, rollouts, PPO."""
+"""Reinforcement learning of the selector: imitation, rollouts, PPO, training."""

@@ -20,11 +20,11 @@ from slrl_sumo.jobs.pool import Backend, Failures, ask_all
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.ray_workers import RayActors
 from slrl_sumo.jobs.workers import LocalWorkers, MachineLostError
+from slrl_sumo.learning.environments.simulation_env import ArenaSource, SimulationVectorEnv, drawn_seed
+from slrl_sumo.learning.environments.vector_env import ATTEMPTS, MEMORY_LIMIT, TIMEOUT
 from slrl_sumo.learning.rl.actor import Actor, Agent
 from slrl_sumo.learning.rl.batch import Batch, joined
 from slrl_sumo.learning.rl.rollout import rollout
-from slrl_sumo.learning.rl.simulation_env import ArenaSource, SimulationVectorEnv, drawn_seed
-from slrl_sumo.learning.rl.vector_env import ATTEMPTS, MEMORY_LIMIT, TIMEOUT
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 

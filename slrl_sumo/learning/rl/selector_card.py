@@ -44,7 +44,7 @@ def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
         f"{settings['arena']['agents']} learned road users in each simulation, with background traffic; settings: "
         "selector.json.",
         "",
-        f"Weights of the reward's terms (slrl_sumo.learning.rl.rewards): {weights}.",
+        f"Weights of the reward's terms (slrl_sumo.learning.rewards.terms): {weights}.",
         "",
         f"Means over the last {LAST} updates of training, with modes sampled from the policy:",
         "",

@@ -24,6 +24,7 @@ from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
+from slrl_sumo.learning.environments.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.checkpoint import read_checkpoint, read_record, restore, save_checkpoint, write_record
@@ -31,7 +32,6 @@ from slrl_sumo.learning.rl.imitation import demonstrations, imitate, recorded_tr
 from slrl_sumo.learning.rl.ppo import learn
 from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.selector_card import with_selector
-from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.training_log import EpisodeFigures, Figures, TrainingLog, read_rows
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_text
+from slrl_sumo.learning.rewards.terms import TERMS
 from slrl_sumo.learning.rl.batch import Batch
-from slrl_sumo.learning.rl.rewards import TERMS
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 
 Figures = dict[str, float]

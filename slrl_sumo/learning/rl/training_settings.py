@@ -8,10 +8,10 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_toml
-from slrl_sumo.learning.rl.arena import ArenaSettings
+from slrl_sumo.learning.environments.arena import ArenaSettings
+from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
-from slrl_sumo.learning.rl.rewards import RewardWeights
 from slrl_sumo.models.policy import PRESETS, PolicyConfig
 
 Section = TypeVar("Section")

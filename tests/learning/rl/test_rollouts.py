@@ -15,11 +15,11 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.workers import LocalWorkers
+from slrl_sumo.learning.environments.arena import ArenaSettings
+from slrl_sumo.learning.environments.simulation_env import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
-from slrl_sumo.learning.rl.arena import ArenaSettings
 from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.rollouts import Result, RolloutWorker, WorkerRollouts
-from slrl_sumo.learning.rl.simulation_env import ArenaSource
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 

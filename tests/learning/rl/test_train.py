@@ -9,7 +9,7 @@ import torch
 
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.rl.arena import ArenaSettings
+from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.learning.rl.train import TrainRequest, train

@@ -13,7 +13,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.hc import PIXELS_PER_METRE
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.envs import RoadUserEnv
-from slrl_sumo.learning.rl.reward_terms import recorded_speed
+from slrl_sumo.learning.rewards.transition import recorded_speed
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.shares import parse_mix, served_shares
 from slrl_sumo.simulation.spawn import starting_points, type_counts

@@ -10,10 +10,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
-from slrl_sumo.learning.rl.rewards import TERMS, weighted_terms
-from slrl_sumo.learning.rl.slots import OBSERVED, Arrays, SpawnedSlots, TripSlots
-from slrl_sumo.learning.rl.trip_arena import TripArena
+from slrl_sumo.learning.environments.arena import Arena, ArenaSettings
+from slrl_sumo.learning.environments.slots import OBSERVED, Arrays, SpawnedSlots, TripSlots
+from slrl_sumo.learning.environments.trip_arena import TripArena
+from slrl_sumo.learning.rewards.terms import TERMS, weighted_terms
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PolicyConfig

@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.learning.rl.arena import ArenaSettings
-from slrl_sumo.learning.rl.simulation_env import ArenaSource
-from slrl_sumo.learning.rl.vector_env import ArenaVectorEnv
+from slrl_sumo.learning.environments.arena import ArenaSettings
+from slrl_sumo.learning.environments.simulation_env import ArenaSource
+from slrl_sumo.learning.environments.vector_env import ArenaVectorEnv
 
 SOURCE = ArenaSource(("intersection", "shared-space"), "intersection", ArenaSettings(agents=8, warm_up=4.0))
 MODES = np.random.default_rng(4).integers(0, 20, (10, 16))

@@ -16,7 +16,7 @@ from slrl_sumo.errors import SumoError
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.pool import Failures, ask_all
 from slrl_sumo.jobs.workers import LocalWorkers
-from slrl_sumo.learning.rl.simulation_env import (
+from slrl_sumo.learning.environments.simulation_env import (
     ACTION_SPACE,
     ArenaSource,
     SimulationVectorEnv,
@@ -25,7 +25,7 @@ from slrl_sumo.learning.rl.simulation_env import (
     stepped,
     told_terms,
 )
-from slrl_sumo.learning.rl.slots import OBSERVED, Arrays
+from slrl_sumo.learning.environments.slots import OBSERVED, Arrays
 
 TIMEOUT = 120.0
 """s that a worker may take for one step or reset."""

@@ -7,8 +7,8 @@ import pytest
 from builders import make_world
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.learning.rl import rewards
-from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights, weighted
+from slrl_sumo.learning.rewards import terms as rewards
+from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights, weighted
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.agent.mode_cost import CostWeights, cost_on_route, cost_without_route
-from slrl_sumo.learning.rl.reward_terms import Ground, lanes_here
+from slrl_sumo.learning.rewards.transition import Ground, lanes_here
 
 
 def teacher_costs(situation: Situation, weights: CostWeights | None, ground: Ground) -> NDArray[np.float32]:

@@ -10,9 +10,9 @@ from slrl_sumo.agent.decide import choose
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.selectors import PriorSelector
-from slrl_sumo.learning.rl.arena import Arena, ArenaSettings
-from slrl_sumo.learning.rl.reward_terms import lanes_here, recorded_speed
-from slrl_sumo.learning.rl.rewards import TERMS, RewardWeights, weighted
+from slrl_sumo.learning.environments.arena import Arena, ArenaSettings
+from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights, weighted
+from slrl_sumo.learning.rewards.transition import lanes_here, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead

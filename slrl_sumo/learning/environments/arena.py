@@ -13,10 +13,9 @@ from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.selectors import GivenModes
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.learning.rl import rewards
-from slrl_sumo.learning.rl.reward_terms import Ground, Transition, recorded_speed
-from slrl_sumo.learning.rl.rewards import RewardWeights
-from slrl_sumo.learning.rl.teacher import teacher_costs
+from slrl_sumo.learning.environments.teacher import teacher_costs
+from slrl_sumo.learning.rewards.terms import RewardWeights, weighted
+from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.ego_image import ego_picture
 from slrl_sumo.routing.routes import Routes
@@ -208,7 +207,7 @@ class Arena(OpenedSimulation):
             in_contact = touching(self.simulation.world)
         self.consider()
         self._touching = in_contact
-        reward = rewards.weighted(terms, self.settings.weights)
+        reward = weighted(terms, self.settings.weights)
         return Outcome(self.situation, reward, terms, terminated, truncated, final, world, steps, speed)
 
     def picture(self, slot: int) -> NDArray[np.uint8]:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.errors import SumoError
-from slrl_sumo.learning.rl.arena import Arena, Outcome
-from slrl_sumo.learning.rl.trip_arena import TripArena
+from slrl_sumo.learning.environments.arena import Arena, Outcome
+from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.models.policy import PolicyConfig
 
 Arrays = dict[str, NDArray[Any]]

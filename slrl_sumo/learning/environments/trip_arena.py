@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from slrl_sumo.agent.decide import Agent, Situation
 from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.agent.selectors import GivenModes
-from slrl_sumo.learning.rl import rewards
-from slrl_sumo.learning.rl.arena import ArenaSettings, OpenedSimulation, touching
-from slrl_sumo.learning.rl.reward_terms import Ground, Transition, recorded_speed
-from slrl_sumo.learning.rl.rewards import weighted_terms
-from slrl_sumo.learning.rl.teacher import teacher_costs
+from slrl_sumo.learning.environments.arena import ArenaSettings, OpenedSimulation, touching
+from slrl_sumo.learning.environments.teacher import teacher_costs
+from slrl_sumo.learning.rewards.terms import weighted, weighted_terms
+from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.geometry import Floats
@@ -145,7 +144,7 @@ class TripArena(OpenedSimulation):
         return TripOutcome(
             slots=slots,
             type=learned.type,
-            reward=rewards.weighted(terms, self.settings.weights),
+            reward=weighted(terms, self.settings.weights),
             terms=terms,
             terminated=terminated,
             truncated=gone & ~terminated,

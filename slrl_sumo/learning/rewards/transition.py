@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
-from slrl_sumo.learning.rl import rewards
-from slrl_sumo.learning.rl.rewards import TERMS
+from slrl_sumo.learning.rewards import terms as rewards
+from slrl_sumo.learning.rewards.terms import TERMS
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.capability import Capability

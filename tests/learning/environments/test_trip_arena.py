@@ -9,10 +9,10 @@ import pytest
 
 from netgen.families import generate
 from slrl_sumo.agent.rule_selector import RuleSelector
-from slrl_sumo.learning.rl.arena import ArenaSettings
-from slrl_sumo.learning.rl.rewards import RewardWeights
-from slrl_sumo.learning.rl.simulation_env import ArenaSource, SimulationVectorEnv
-from slrl_sumo.learning.rl.trip_arena import TripArena, TripOutcome
+from slrl_sumo.learning.environments.arena import ArenaSettings
+from slrl_sumo.learning.environments.simulation_env import ArenaSource, SimulationVectorEnv
+from slrl_sumo.learning.environments.trip_arena import TripArena, TripOutcome
+from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
@@ -135,7 +135,7 @@ def test_the_vector_environment_has_empty_slots_and_observations_in_its_space(cr
 
 def test_a_scenario_without_demand_is_refused(tmp_path: Path, bundle: ModelBundle) -> None:
     from slrl_sumo.errors import SumoError
-    from slrl_sumo.learning.rl import trip_arena
+    from slrl_sumo.learning.environments import trip_arena
 
     folder = generate("intersection", 3, tmp_path / "made").parent
     (folder / "made.rou.xml").write_text("<routes/>")

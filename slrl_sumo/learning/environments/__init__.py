@@ -1,0 +1,1 @@
+"""A running simulation as an environment: arenas, slots, and the environments of gymnasium."""

@@ -1,0 +1,1 @@
+"""The terms of the reward, and what a decision led to."""
