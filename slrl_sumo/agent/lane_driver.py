@@ -16,7 +16,7 @@ from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.right_of_way import RightOfWay
-from slrl_sumo.routing.routes import near_end
+from slrl_sumo.routing.routes import is_near_end
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
 from slrl_sumo.scene.geometry import wrap_angle
@@ -90,7 +90,12 @@ class LaneDriver:
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Which of n driven road users are so near their destination that SUMO should finish the trip, (n,)."""
-        return near_end(self._vehicles, self._pedestrians, ids)
+        near = []
+        for i in ids:
+            track = self._vehicles.get(i)
+            left = min(self._vehicles.remaining_distance(i), self._pedestrians.remaining_distance(i))
+            near.append(is_near_end(left, 0.0 if track is None else track.speed))
+        return np.array(near, np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop the tracks of road users that are no longer driven."""

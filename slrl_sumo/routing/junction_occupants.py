@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from slrl_sumo.routing.conflict_areas import half_width
@@ -13,9 +13,10 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import (
     lane_position,
+    vehicle_ids,
+    vehicle_lane,
     vehicle_route,
     vehicle_speed,
-    vehicles_on_lane,
     waiting_time,
 )
 
@@ -92,6 +93,24 @@ def pieces_of(track: VehicleTrack, begin: float) -> Iterator[Piece]:
         start = end
 
 
+class _Inside(NamedTuple):
+    """An internal lane of a junction."""
+
+    lane: str
+    length: float
+    goes_on: bool
+    """At a waiting position, to another internal lane."""
+    waited: bool
+    """It begins at a waiting position."""
+
+
+class _Lanes(NamedTuple):
+    """The lanes of a junction."""
+
+    inside: tuple[_Inside, ...]
+    before: tuple[str, ...]
+
+
 class BackgroundOccupants:
     """The vehicles in junctions that SUMO drives, and those that are about to enter with the right of way."""
 
@@ -105,18 +124,20 @@ class BackgroundOccupants:
         """`learned`: None for vehicles that SUMO drives."""
         self._api, self._graph, self._learned, self._right_of_way = api, graph, learned, right_of_way
         self._inside: dict[str, list[str]] = {}
-        self._before: dict[str, list[str]] = {}
+        self._lanes: dict[str, _Lanes] = {}
         for lane in graph.lanes.values():
             if lane.internal:
                 self._inside.setdefault(junction_of(lane.id), []).append(lane.id)
         self._world: WorldState | None = None
         self._rows: dict[str, int] = {}
+        self._on_lane: dict[str, list[str]] | None = None
         self._found: dict[str, dict[str, Occupant]] = {}
 
     def renew(self, world: WorldState) -> None:
         """Forget what was read of SUMO's last step; `world`: all road users now."""
         self._world = world
         self._rows.clear()
+        self._on_lane = None
         self._found.clear()
 
     def of(self, junction: str) -> dict[str, Occupant]:
@@ -127,15 +148,13 @@ class BackgroundOccupants:
 
     def _read(self, junction: str) -> dict[str, Occupant]:
         found: dict[str, Occupant] = {}
-        for lane in self._inside.get(junction, ()):
-            end = self._graph.lanes[lane].length
-            goes_on = any(via for _, via in self._graph.links(lane))
-            waited = lane not in (via for _, via in self._graph.links(self._graph.origin(lane)))
+        lanes = self._lanes_of(junction)
+        for lane, length, goes_on, waited in lanes.inside:
             for vehicle in self._vehicles(lane):
                 position = lane_position(self._api, vehicle)
-                until = end - position if goes_on else math.inf
-                found[vehicle] = replace(self._occupant(vehicle, Piece(lane, -position), until), halts=waited)
-        for lane in self._lanes_before(junction):
+                until = length - position if goes_on else math.inf
+                found[vehicle] = self._occupant(vehicle, Piece(lane, -position), until, halts=waited)
+        for lane in lanes.before:
             end = self._graph.lanes[lane].length
             for vehicle in self._vehicles(lane):
                 distance = end - lane_position(self._api, vehicle)
@@ -152,20 +171,32 @@ class BackgroundOccupants:
         return found
 
     def _vehicles(self, lane: str) -> list[str]:
-        return [name for name in vehicles_on_lane(self._api, lane) if self._learned(name) is None]
+        if self._on_lane is None:
+            # Junctions have dozens of lanes, nearly all of them empty: vehicles are asked for their lanes instead.
+            self._on_lane = {}
+            for name in vehicle_ids(self._api):
+                if self._learned(name) is None:
+                    self._on_lane.setdefault(vehicle_lane(self._api, name), []).append(name)
+        return [name for name in self._on_lane.get(lane, ()) if self._learned(name) is None]
 
-    def _lanes_before(self, junction: str) -> list[str]:
-        lanes = self._before.get(junction)
+    def _lanes_of(self, junction: str) -> _Lanes:
+        lanes = self._lanes.get(junction)
         if lanes is None:
-            origins = (self._graph.origin(lane) for lane in self._inside.get(junction, ()))
-            lanes = self._before[junction] = [lane for lane in dict.fromkeys(origins) if not lane.startswith(":")]
+            inside, before, links = [], [], self._graph.links
+            for lane in self._inside.get(junction, ()):
+                origin = self._graph.origin(lane)
+                goes_on = any(via for _, via in links(lane))
+                waited = all(via != lane for _, via in links(origin))
+                inside.append(_Inside(lane, self._graph.lanes[lane].length, goes_on, waited))
+                before += [] if origin.startswith(":") else [origin]
+            lanes = self._lanes[junction] = _Lanes(tuple(inside), tuple(dict.fromkeys(before)))
         return lanes
 
-    def _occupant(self, vehicle: str, piece: Piece, until: float) -> Occupant:
+    def _occupant(self, vehicle: str, piece: Piece, until: float, *, halts: bool = False) -> Occupant:
         assert self._world is not None, "call renew first"
         idle = waiting_time(self._api, vehicle) > UNUSED
         speed, time = vehicle_speed(self._api, vehicle), self._world.time
-        return Occupant((piece,), speed, self._size(vehicle), until, time, yields=False, idle=idle)
+        return Occupant((piece,), speed, self._size(vehicle), until, time, yields=False, idle=idle, halts=halts)
 
     def _size(self, vehicle: str) -> Size:
         assert self._world is not None, "call renew first"

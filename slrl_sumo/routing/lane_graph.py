@@ -74,6 +74,8 @@ class _LaneChanges(NamedTuple):
     """After the first edge; lanes that do not continue along the route are left out."""
     total: dict[str, float]
     """On the first edge and after it."""
+    towards: dict[str, str | None]
+    """From each lane the neighbouring one that brings a vehicle nearer to its route, as far as it was asked for."""
 
 
 def junction_of(lane: str) -> str:
@@ -100,15 +102,10 @@ class LaneGraph:
 
         None where the vehicle should stay, or where no lane of the edge continues along the route.
         """
-        lanes = self._of_edge[self.lanes[lane].edge]
-        here = lanes.index(lane)
-        ahead = self._lane_changes(edges, vehicle_class).after
-        costs = [abs(here - i) + ahead.get(other, math.inf) for i, other in enumerate(lanes)]
-        best = min(range(len(lanes)), key=lambda i: (costs[i], abs(here - i)))
-        if best == here or not math.isfinite(costs[best]):
-            return None
-        step = lanes[here + (1 if best > here else -1)]
-        return step if self.lanes[step].admits(vehicle_class) else None
+        table = self._lane_changes(edges, vehicle_class)
+        if lane not in table.towards:
+            table.towards[lane] = self._towards(lane, vehicle_class, table.after)
+        return table.towards[lane]
 
     def equal_lanes(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> list[str]:
         """The neighbouring lanes, the left one first, from which the route `edges`, which begin with the lane's edge,
@@ -180,6 +177,16 @@ class LaneGraph:
         turn = math.atan2(y3 - y2, x3 - x2) - math.atan2(y1 - y0, x1 - x0)
         return math.remainder(turn, math.tau)
 
+    def _towards(self, lane: str, vehicle_class: str, ahead: dict[str, float]) -> str | None:
+        lanes = self._of_edge[self.lanes[lane].edge]
+        here = lanes.index(lane)
+        costs = [abs(here - i) + ahead.get(other, math.inf) for i, other in enumerate(lanes)]
+        best = min(range(len(lanes)), key=lambda i: (costs[i], abs(here - i)))
+        if best == here or not math.isfinite(costs[best]):
+            return None
+        step = lanes[here + (1 if best > here else -1)]
+        return step if self.lanes[step].admits(vehicle_class) else None
+
     def _lane_changes(self, edges: tuple[str, ...], vehicle_class: str) -> _LaneChanges:
         key = (edges[:MOST_EDGES], vehicle_class)
         table = self._tables.get(key)
@@ -205,7 +212,7 @@ class LaneGraph:
             }
         if len(self._tables) >= MOST_TABLES:
             self._tables.popitem(last=False)
-        self._tables[key] = _LaneChanges(after, total)
+        self._tables[key] = _LaneChanges(after, total, {})
         return self._tables[key]
 
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import Link, foe_lanes, internal_foe_lanes, read_links
+from slrl_sumo.sumo.links import Link, foe_lanes, internal_foe_lanes, read_links, signal_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 STOP_LINE = 1.0
@@ -29,6 +29,9 @@ class RightOfWay:
         self._trust_sumo = trust_sumo
         self._graph = graph
         self._links: dict[str, dict[tuple[str, str], Link]] = {}
+        self._unsignalled: dict[str, dict[tuple[str, str], Link]] = {}
+        """Of lanes without a signal, whose links only change in what SUMO sees on them."""
+        self._signalled = frozenset(link.start for link in signal_links(api))
         self._foes: dict[tuple[str, str], tuple[str, ...]] = {}
         self._internal_foes: dict[str, tuple[str, ...]] = {}
 
@@ -95,9 +98,10 @@ class RightOfWay:
 
     def _links_from(self, lane: str) -> dict[tuple[str, str], Link]:
         """The links from a lane, by target and via."""
-        links = self._links.get(lane)
+        kept = self._links if self._trust_sumo or lane in self._signalled else self._unsignalled
+        links = kept.get(lane)
         if links is None:
-            links = self._links[lane] = {(link.target, link.via): link for link in read_links(self._api, lane)}
+            links = kept[lane] = {(link.target, link.via): link for link in read_links(self._api, lane)}
         return links
 
     def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:

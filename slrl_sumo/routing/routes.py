@@ -51,6 +51,7 @@ class Routes:
         self._reservations = JunctionReservations(api, graph, self._vehicles.get, right_of_way)
         self._pedestrians = PedestrianTracker(api, network)
         self._off_route: set[str] = set()
+        self._near_end: set[str] = set()
 
     def ahead(self, world: WorldState, n: int) -> RouteAhead:
         """The routes of the first `n` road users of `world` as they are now; to be called once per decision."""
@@ -69,8 +70,8 @@ class Routes:
         return route
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users are so near their destination that SUMO should finish the trip, (n,)."""
-        return near_end(self._vehicles, self._pedestrians, ids)
+        """Which of n road users are so near their destination that SUMO should finish the trip, as of `ahead`, (n,)."""
+        return np.array([road_user in self._near_end for road_user in ids], np.bool_)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Which of n road users have stood for STUCK_TIME where no lane continues their route, or off it, (n,)."""
@@ -79,6 +80,7 @@ class Routes:
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop the tracks of road users that are no longer learned."""
         self._off_route.difference_update(ids)
+        self._near_end.difference_update(ids)
         self._vehicles.forget(ids)
         self._pedestrians.forget(ids)
 
@@ -105,7 +107,8 @@ class Routes:
                 route.signal[i] = shown = self._speed_limits.signal(entry)
                 route.closed[i] = shown >= 2 and stop <= line
                 break
-        route.left[i] = self._vehicles.remaining_distance(road_user)
+        route.left[i] = left = self._vehicles.remaining_distance(road_user)
+        self._note_end(road_user, left, track.speed)
         off_lane = abs(track.lateral_offset) > OFF_LANE
         if track.standing_time > STUCK_TIME and (off_lane or not self._speed_limits.lane_continues(track)):
             self._off_route.add(road_user)
@@ -121,6 +124,8 @@ class Routes:
         road_user = world.ids[i]
         track = self._pedestrians.observed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
         route.desired[i] = track.speed
+        left = self._pedestrians.remaining_distance(road_user)
+        self._note_end(road_user, left)
         if track.path is None:
             return
         stop, crossing, red = self._pedestrians.next_signal(track)
@@ -128,13 +133,16 @@ class Routes:
         route.stop[i], route.line[i] = stop, crossing
         if math.isfinite(crossing):
             route.signal[i], route.closed[i] = 3 if red else 1, red
-        route.left[i] = self._pedestrians.remaining_distance(road_user)
+        route.left[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, track.lateral_offset, route.x, route.y, i)
 
+    def _note_end(self, road_user: str, left: float, speed: float = 0.0) -> None:
+        if is_near_end(left, speed):
+            self._near_end.add(road_user)
+        else:
+            self._near_end.discard(road_user)
 
-def near_end(vehicles: VehicleTracker, pedestrians: PedestrianTracker, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-    """Which of n tracked road users have less than NEAR_END to go, or than they cover in REACTION_TIME, (n,)."""
-    remaining = [min(vehicles.remaining_distance(i), pedestrians.remaining_distance(i)) for i in ids]
-    tracks = [vehicles.get(i) for i in ids]
-    near = [NEAR_END if track is None else max(NEAR_END, REACTION_TIME * track.speed) for track in tracks]
-    return np.array(remaining, np.float64) < np.array(near, np.float64)
+
+def is_near_end(left: float, speed: float) -> bool:
+    """Whether a road user has less than NEAR_END to go, or than it covers in REACTION_TIME at `speed` (m/s)."""
+    return left < max(NEAR_END, REACTION_TIME * speed)
