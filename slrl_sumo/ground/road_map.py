@@ -84,12 +84,11 @@ class RoadMap:
         `kind`: RoadUserType, (n,). The own surface is looked for at the point and on a circle of that radius.
         """
         beyond = ~OWN_SURFACE[kind, self.surface_at(x, y)]
-        for angle in CIRCLE:
-            rows = np.flatnonzero(beyond)
-            if not len(rows):
-                break
-            found = self.surface_at(x[rows] + margin * np.cos(angle), y[rows] + margin * np.sin(angle))
-            beyond[rows] = ~OWN_SURFACE[kind[rows], found]
+        rows = np.flatnonzero(beyond)
+        if len(rows):
+            around = x[rows, None] + margin * np.cos(CIRCLE), y[rows, None] + margin * np.sin(CIRCLE)
+            found = self.surface_at(*(places.ravel() for places in around)).reshape(len(rows), -1)
+            beyond[rows] = ~OWN_SURFACE[kind[rows, None], found].any(axis=1)
         return beyond
 
     def near_surface(self, x: Floats, y: Floats) -> NDArray[np.bool_]:

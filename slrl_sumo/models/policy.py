@@ -176,8 +176,11 @@ class _Types:
 
     def each(self, heads: nn.ModuleList, x: Tensor) -> Tensor:
         """Output of the head of the own type for each row of `x` (n, ...): (n, ..., out)."""
-        parts = torch.split(x[self._order], self._counts)
-        return torch.cat([head(part) for head, part in zip(heads, parts, strict=True)])[self._back]
+        parts = list(zip(heads, torch.split(x[self._order], self._counts), strict=True))
+        if not torch.is_grad_enabled():
+            # Without rows a head costs as much as with a few; where it learns, it needs a gradient of zeros.
+            parts = [(head, part) for head, part in parts if len(part)] or parts[:1]
+        return torch.cat([head(part) for head, part in parts])[self._back]
 
 
 def policy_logits(

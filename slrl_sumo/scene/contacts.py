@@ -9,6 +9,9 @@ from slrl_sumo.scene.state import WorldState
 COLLISION_DISTANCE = 0.5
 """m between centres: a collision as the paper defines it (section 4.1)."""
 
+FEW = 150
+"""Road users up to which all pairs are compared at once: 22,500 distances take less time than a search."""
+
 Pairs = NDArray[np.intp]
 
 
@@ -16,9 +19,13 @@ def close_pairs(world: WorldState, distance: float) -> Pairs:
     """Pairs of road users whose centres are closer than `distance` (m): (p, 2) row indices, sorted, smaller first."""
     if len(world) < 2:
         return np.zeros((0, 2), np.intp)
+    if len(world) <= FEW:
+        dx, dy = world.x[:, None] - world.x, world.y[:, None] - world.y
+        pairs = np.argwhere(dx * dx + dy * dy < (1.001 * distance) ** 2)
+        pairs = pairs[pairs[:, 0] < pairs[:, 1]]
+        return pairs[_apart(world, pairs) < distance]
     pairs = np.sort(_near(world.x, world.y, distance), axis=1)
-    apart = np.hypot(world.x[pairs[:, 0]] - world.x[pairs[:, 1]], world.y[pairs[:, 0]] - world.y[pairs[:, 1]])
-    pairs = pairs[apart < distance]
+    pairs = pairs[_apart(world, pairs) < distance]
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
@@ -32,8 +39,8 @@ def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
     if len(world) < 2:
         return np.zeros((0, 2), np.intp), np.zeros((0, 2), np.intp)
     reach = np.hypot(world.length, world.width)
-    # A few long vehicles must not enlarge the search radius of all: ordinary ones pair within their own reach.
-    ordinary = max(float(np.median(reach)), 6.0)
+    # A few long vehicles must not enlarge the search radius of many: ordinary ones pair within their own reach.
+    ordinary = float(reach.max() if len(world) <= FEW else max(np.median(reach), 6.0))
     pairs = close_pairs(world, ordinary + 0.01)
     long = np.flatnonzero(reach > ordinary)
     if len(long):
@@ -44,15 +51,22 @@ def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
         extra = np.stack([long[extra[:, 0]], order[extra[:, 1]]], axis=1)
         extra = np.sort(extra[extra[:, 0] != extra[:, 1]], axis=1)
         pairs = np.unique(np.concatenate([pairs, extra]), axis=0)
+    apart = _apart(world, pairs)
+    possible = apart <= 0.5 * reach[pairs].sum(axis=1) + 0.01
     boxes = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
-    a, b = boxes[pairs[:, 0]], boxes[pairs[:, 1]]
-    colliding = np.hypot(a[:, 0] - b[:, 0], a[:, 1] - b[:, 1]) < COLLISION_DISTANCE
-    return pairs[colliding], pairs[boxes_overlap(a, b)]
+    a, b = pairs[possible].T
+    return pairs[apart < COLLISION_DISTANCE], pairs[possible][boxes_overlap(boxes[a], boxes[b])]
 
 
 def ids_of(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
     """Pairs of rows of `world` (p, 2) as pairs of ids, in that order."""
     return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
+
+
+def _apart(world: WorldState, pairs: Pairs) -> Floats:
+    """m between the centres of each pair, (p,)."""
+    a, b = pairs.T
+    return np.asarray(np.hypot(world.x[a] - world.x[b], world.y[a] - world.y[b]))
 
 
 def _near(x: Floats, y: Floats, distance: float) -> Pairs:

@@ -1,6 +1,7 @@
 """One moment of a traffic scene."""
 
 from dataclasses import dataclass, fields
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,17 +43,16 @@ class WorldState:
 
     def take(self, rows: NDArray[np.intp]) -> "WorldState":
         """The road users `rows` (integer indices) as a world of their own."""
-        arrays = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name not in ("time", "ids")}
-        return WorldState(time=self.time, ids=tuple(map(self.ids.__getitem__, rows.tolist())), **arrays)
+        ids = tuple(map(self.ids.__getitem__, rows.tolist()))
+        return WorldState(self.time, ids, *[values[rows] for values in _arrays(self)])
 
     def join(self, other: "WorldState") -> "WorldState":
         """The road users of both, self's first, at self's time."""
-        arrays = {
-            f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)])
-            for f in fields(self)
-            if f.name not in ("time", "ids")
-        }
-        return WorldState(time=self.time, ids=self.ids + other.ids, **arrays)
+        both = zip(_arrays(self), _arrays(other), strict=True)
+        return WorldState(self.time, self.ids + other.ids, *[np.concatenate(pair) for pair in both])
+
+
+_arrays = attrgetter(*(field.name for field in fields(WorldState) if field.name not in ("time", "ids")))
 
 
 def empty_world(time: float = 0.0) -> WorldState:

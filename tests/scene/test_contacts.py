@@ -7,6 +7,7 @@ import pytest
 from builders import make_world
 from numpy.typing import NDArray
 
+from slrl_sumo.scene import contacts
 from slrl_sumo.scene.contacts import close_pairs, colliding_pairs, contact_pairs
 from slrl_sumo.scene.state import WorldState, empty_world
 
@@ -88,6 +89,13 @@ def test_boxes_overlap_by_their_size_and_heading() -> None:
     assert listed(contact_pairs(corner_to_corner)[1]) == [(0, 1)]
 
 
+@pytest.fixture(params=["at once", "by search"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The two ways to find pairs: among few road users and among many."""
+    monkeypatch.setattr(contacts, "FEW", 1_000 if request.param == "at once" else 0)
+
+
+@pytest.mark.usefixtures("way")
 def test_a_long_bus_reaches_far_and_leaves_the_others_as_they_are() -> None:
     walkers = [
         (8.7, 0.3, 0.0, 0.2, 0.5),
@@ -101,12 +109,14 @@ def test_a_long_bus_reaches_far_and_leaves_the_others_as_they_are() -> None:
     assert listed(contact_pairs(turned)[1]) == [(3, 4)]
 
 
+@pytest.mark.usefixtures("way")
 def test_two_long_ones_meet_at_their_ends() -> None:
     ordinary = [(200.0 + 10 * i, 0.0, 0.0, 5.0, 1.8) for i in range(8)]
     trams = [(0.0, 0.0, 0.0, 42.0, 2.65), (41.5, 0.5, 0.0, 42.0, 2.65)]
     assert listed(contact_pairs(world(ordinary + trams))[1]) == [(8, 9)]
 
 
+@pytest.mark.usefixtures("way")
 def test_pairs_are_sorted_with_the_smaller_row_first() -> None:
     rows = crowd(5, 80, 30.0)
     for pairs in (contact_pairs(world(rows))[1], close_pairs(world(rows), 3.0)):
@@ -117,7 +127,7 @@ def test_pairs_are_sorted_with_the_smaller_row_first() -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("side", [25.0, 60.0, 300.0])
-def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float) -> None:
+def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = crowd(seed, 120, side)
     everybody = world(rows)
     overlapping, close = [], []
@@ -127,6 +137,8 @@ def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float) -> No
             close.append((i, j))
         if distance < 45.0 and clipped_area(rows[i], rows[j]) > 1e-9:
             overlapping.append((i, j))
-    assert listed(close_pairs(everybody, 2.0)) == close
-    assert listed(contact_pairs(everybody)[1]) == overlapping
+    for few in (0, 1_000):
+        monkeypatch.setattr(contacts, "FEW", few)
+        assert listed(close_pairs(everybody, 2.0)) == close
+        assert listed(contact_pairs(everybody)[1]) == overlapping
     assert len(overlapping) > 0
