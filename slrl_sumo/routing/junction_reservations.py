@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas
+from slrl_sumo.routing.conflict_areas import ConflictAreas, Size
 from slrl_sumo.routing.junction_occupants import (
+    COMMITTED,
     UNUSED,
     BackgroundOccupants,
     Occupant,
-    Size,
     pieces_of,
     reserves_from,
 )
@@ -53,6 +53,8 @@ class JunctionReservations:
         self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
         """The junctions in which each vehicle holds something."""
+        self._granted: dict[tuple[str, str], float] = {}
+        """When (s) vehicles reserved their ways to exits, by their id and the internal lane at the begin."""
         self._time = 0.0
 
     def renew(self, world: WorldState) -> None:
@@ -63,6 +65,7 @@ class JunctionReservations:
             for vehicle in [name for name, one in holders.items() if one.time < self._time - 1e-6]:
                 del holders[vehicle]
                 self._holds.pop(vehicle, None)
+        self._granted = {way: since for way, since in self._granted.items() if since >= self._time - 1e-6}
         self._time = world.time
 
     def update(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
@@ -88,7 +91,7 @@ class JunctionReservations:
             earlier = theirs is None or (theirs.entered, name) < (track.entered, vehicle)
             if earlier and not self._in_way(track, size, theirs):
                 # An area in which it is already has to be cleared, whatever the order.
-                met = self._meets(mine, other, priority=False, pauses=False)
+                met = self._meets(mine, other, False, False)
                 waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
         self._hold(vehicle, junction, mine)
         # What it cannot stop for any more is left to the collisions of its modes.
@@ -102,9 +105,11 @@ class JunctionReservations:
         if not pieces:
             return True
         junction = junction_of(pieces[0].lane)
-        pause, exits = _stops(track, stop_line)
-        yields = not priority and distance > track.speed * track.speed / (2.0 * HARD)
+        entry, pause, exits = _stops(track, stop_line)
         idle = track.standing_time > UNUSED
+        # Decided once: two that judged each other anew in every decision would start and stop in turns.
+        goes = (vehicle, entry.via) in self._granted and not idle
+        yields = not (priority or goes) and distance > track.speed * track.speed / (2.0 * HARD)
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
         others = [
             other
@@ -114,12 +119,15 @@ class JunctionReservations:
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
             mine = replace(mine, until=until)
-            meets = (self._meets(mine, other, priority=priority, pauses=until < exits) for other in others)
+            meets = (self._meets(mine, other, priority, pauses=until < exits, goes=goes) for other in others)
             if all(next(one, None) is None for one in meets):
                 if distance <= reserves_from(track.speed):
                     # With the lanes that it is on, where it waits inside the junction.
                     held = tuple(pieces_of(track, track.s - size.length)) if track.entry else pieces
-                    self._hold(vehicle, junction, replace(mine, pieces=held))
+                    goes = until == exits and distance <= max(COMMITTED, track.speed * track.speed / (2.0 * HARD))
+                    self._hold(vehicle, junction, replace(mine, pieces=held, yields=yields and not goes))
+                    if goes:
+                        self._granted[vehicle, entry.via] = self._time
                 return True
         return False
 
@@ -140,15 +148,16 @@ class JunctionReservations:
         s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
         return other.s < s and distance < size.width
 
-    def _meets(self, mine: Occupant, other: Occupant, *, priority: bool, pauses: bool) -> Iterator[float]:
+    def _meets(
+        self, mine: Occupant, other: Occupant, priority: bool, pauses: bool, goes: bool = False
+    ) -> Iterator[float]:
         """m from the front of a vehicle to each conflict area in which it meets an occupant on the way to the end of
-        its reservation."""
+        its reservation. Where it `goes`, only those that are in an area already count."""
         if self._graph.origin(mine.pieces[0].lane) == self._graph.origin(other.pieces[0].lane):
             return  # a leader or follower
-        apart = mine.half_width + other.half_width
         for piece in mine.pieces:
             for theirs in other.pieces:
-                area = self._areas.between(piece.lane, theirs.lane, apart)
+                area = self._areas.between(piece.lane, mine.size, theirs.lane, other.size)
                 if area is None:
                     continue
                 enter, leave = piece.ahead + area.begin, piece.ahead + area.end + mine.size.length
@@ -156,6 +165,8 @@ class JunctionReservations:
                 their_leave = theirs.ahead + area.other_end + other.size.length
                 if leave <= 0.0 or their_leave <= 0.0 or enter > mine.until:
                     continue  # one of them has passed, or the area is beyond the waiting position
+                if goes and their_enter > 0.0:
+                    continue
                 if their_enter > other.until:
                     # It will come there later. Then the way must be free; and with equal rights one outside the
                     # junction does not go before one that waits inside, else it would wait for ever.
@@ -180,11 +191,11 @@ def _before(speed: float, leave: float, other: float, enter: float) -> bool:
     return enter > 0.0 and gone + GAP < time_to_cover(enter, other, ACCELERATION)
 
 
-def _stops(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
-    """m from the front to the next waiting position after a line, and to the exit of its junction."""
-    exits = next(entry.exit for entry in track.path.entries if entry.stop_line >= stop_line - 1e-6)
-    later = [entry.stop_line for entry in track.path.entries if stop_line + 1e-6 < entry.stop_line < exits]
-    return min(later, default=exits) - track.s, exits - track.s
+def _stops(track: VehicleTrack, stop_line: float) -> tuple[JunctionEntry, float, float]:
+    """The entry at a line, m from the front to the next waiting position after it, and to the exit of its junction."""
+    here = next(entry for entry in track.path.entries if entry.stop_line >= stop_line - 1e-6)
+    later = [entry.stop_line for entry in track.path.entries if stop_line + 1e-6 < entry.stop_line < here.exit]
+    return here, min(later, default=here.exit) - track.s, here.exit - track.s
 
 
 def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
