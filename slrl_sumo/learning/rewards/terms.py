@@ -37,6 +37,8 @@ REACH = 40.0
 """m between centres beyond which `danger` ignores road users."""
 STEP = 0.2
 """m in a decision interval; where less is wanted, the road user is to stand."""
+LEAST = 1.0
+"""m: what is covered beyond a distance wanted in a decision interval counts relative to at least this."""
 PATH = 0.5
 """m of lateral offset that are not penalised."""
 RAREST = -8.0
@@ -184,12 +186,16 @@ def realism(log_probability: Floats) -> Floats:
 
 
 def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
-    """1 for road users that covered the wanted distance, down to -1 for those going back; 1 where they had to stop.
+    """1 for road users that covered the wanted distance, down to -1 for those that go back or cover twice as much.
 
-    `covered` and `wanted` (n,): m along the path; `known` (n,): whether there is a route; 0 without.
+    `covered` and `wanted` (n,): m along the path; `known` (n,): whether there is a route; 0 without. Where less than
+    STEP is wanted, the road user is to stand. Without a cost of the excess, a selector learned to follow queues at
+    2,440 veh/h, where 2,100 are usual.
     """
-    share = np.clip(covered / np.maximum(wanted, STEP), -1.0, 1.0)
-    return np.where(known, np.where(wanted < STEP, 1.0, share), 0.0)
+    due = np.maximum(wanted, STEP)
+    share = np.where(wanted < STEP, 1.0, np.minimum(covered / due, 1.0))
+    excess = np.maximum(covered - due, 0.0) / np.maximum(wanted, LEAST)
+    return np.where(known, np.maximum(share - excess, -1.0), 0.0)
 
 
 def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
