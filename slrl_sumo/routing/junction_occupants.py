@@ -136,15 +136,19 @@ class BackgroundOccupants:
 
     def _read(self, junction: str) -> dict[str, Occupant]:
         found: dict[str, Occupant] = {}
-        lanes = self._lanes_of(junction)
+        lanes, on_lane = self._lanes_of(junction), self._by_lane()
         for lane, length, goes_on, waited in lanes.inside:
-            for vehicle in self._vehicles(lane):
+            for vehicle in on_lane.get(lane, ()):
+                if self._learned(vehicle) is not None:
+                    continue  # since this decision
                 position = lane_position(self._api, vehicle)
                 until = length - position if goes_on else math.inf
                 found[vehicle] = self._occupant(vehicle, Piece(lane, -position), until, halts=waited)
         for lane in lanes.before:
             end = self._graph.lanes[lane].length
-            for vehicle in self._vehicles(lane):
+            for vehicle in on_lane.get(lane, ()):
+                if self._learned(vehicle) is not None:
+                    continue
                 distance = end - lane_position(self._api, vehicle)
                 if distance > reserves_from(vehicle_speed(self._api, vehicle)):
                     continue
@@ -158,14 +162,14 @@ class BackgroundOccupants:
                         break
         return found
 
-    def _vehicles(self, lane: str) -> list[str]:
+    def _by_lane(self) -> dict[str, list[str]]:
+        """The vehicles that SUMO drives, by lane: junctions have dozens of lanes, and nearly all of them are empty."""
         if self._on_lane is None:
-            # Junctions have dozens of lanes, nearly all of them empty: vehicles are asked for their lanes instead.
             self._on_lane = {}
             for name in vehicle_ids(self._api):
                 if self._learned(name) is None:
                     self._on_lane.setdefault(vehicle_lane(self._api, name), []).append(name)
-        return [name for name in self._on_lane.get(lane, ()) if self._learned(name) is None]
+        return self._on_lane
 
     def _lanes_of(self, junction: str) -> _Lanes:
         lanes = self._lanes.get(junction)

@@ -207,9 +207,9 @@ class CoSimulation:
             moved = self._driver.drive(self.world, len(learned), self.road_map)
             self._drop_refused()
         following = moved.users
-        wrapped_around = (
-            left_scene(following, self.road_map, self._simulation.network.exits) & ~self.population.taken_over
-        )
+        wrapped_around = ~self.population.taken_over
+        if wrapped_around.any():
+            wrapped_around &= left_scene(following, self.road_map, self._simulation.network.exits)
         if wrapped_around.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
             following = reinsert(following, wrapped_around, background, self.points, self.road_map)
@@ -344,7 +344,8 @@ class CoSimulation:
             wanted &= np.array([i not in skip and not i.startswith(own) for i in users.ids], np.bool_)
             # SUMO sets the heading of a person with its first step: until then it may face the other way.
             wanted &= (users.type != RoadUserType.PEDESTRIAN) | (users.speed > WALKING)
-            rows = np.flatnonzero(wanted)
+            room = int(min(rule.most - len(learned_before), len(users)))
+            rows = np.flatnonzero(wanted) if room > 0 else np.zeros(0, np.intp)
             ids = tuple(users.ids[row] for row in rows)
             obstacles = self._taken_over_control.obstacles(
                 ids, self._snapshot.person[rows], models=self._driver.has_models
@@ -356,8 +357,7 @@ class CoSimulation:
             self._left = {
                 user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self._handed_back
             }
-            rows = rows[[not why for why in obstacles]]
-            rows = rows[: int(min(rule.most - len(learned_before), len(rows)))]
+            rows = rows[np.array([not why for why in obstacles], np.bool_)][:room]
             taken = tuple(users.ids[row] for row in rows)
             if taken:
                 if self._yielding is not None:

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ def drawn(ids: Sequence[str], types: NDArray[np.int8], shares: Floats, seed: int
     return np.array([_position(i, seed) for i in ids], np.float64) < shares[types]
 
 
+@lru_cache(maxsize=100_000)
 def _position(road_user: str, seed: int) -> float:
     """A number in [0, 1) that is the id's own. Python's hash() would differ from process to process."""
     digest = hashlib.blake2b(f"{seed}:{road_user}".encode(), digest_size=8).digest()
