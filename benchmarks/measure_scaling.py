@@ -27,7 +27,7 @@ import torch
 from safetensors.torch import save
 
 from slrl_sumo.jobs.pool import Backend, run_jobs
-from slrl_sumo.learning.environments.simulation_env import ArenaSource
+from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.ppo import update

@@ -12,6 +12,9 @@
     with slrl_sumo.attach(libsumo, takeover={"car": 0.3}) as learned:
         learned.step()
 
+    env = gymnasium.make("slrl_sumo/Intersection-v0")
+    env = slrl_sumo.parallel_env("intersection", agents=32)
+
 The command line is `slrl-sumo`. docs/architecture.md describes the parts. Importing this package is cheap: torch,
 libsumo and matplotlib are imported where they are used.
 """
@@ -19,6 +22,7 @@ libsumo and matplotlib are imported where they are used.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from slrl_sumo.environment_ids import register_environments
 from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
 from slrl_sumo.version import __version__
 
@@ -30,6 +34,7 @@ if TYPE_CHECKING:
     from slrl_sumo.formats.fcd.read import read_fcd
     from slrl_sumo.formats.trajectories import Trajectories
     from slrl_sumo.formats.trajectory_file import load_trajectories
+    from slrl_sumo.learning.environments.make import parallel_env
     from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.simulation.attach import attach
     from slrl_sumo.simulation.region import BoxRegion, EdgesRegion, JunctionRegion
@@ -54,6 +59,7 @@ __all__ = [
     "find_scenario",
     "load_bundle",
     "load_trajectories",
+    "parallel_env",
     "read_fcd",
     "run",
     "shipped_scenarios",
@@ -67,6 +73,7 @@ _HOME = {
     "formats.fcd.read": ("read_fcd",),
     "formats.trajectories": ("Trajectories",),
     "formats.trajectory_file": ("load_trajectories",),
+    "learning.environments.make": ("parallel_env",),
     "models.bundle": ("load_bundle",),
     "simulation.attach": ("attach",),
     "simulation.region": ("BoxRegion", "EdgesRegion", "JunctionRegion"),
@@ -83,3 +90,6 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+register_environments()

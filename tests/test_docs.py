@@ -39,7 +39,8 @@ PRINTED = {
     "README.md": r"\d+\.\d+ m/s\n[1-9]\d* of \d+ road users are learned\n"
     r"a bicycle at \d+\.\d m/s earned -?\d+\.\d\d: \{'close': ",
     "docs/how-to/attach-to-a-script.md": r"([6-9]|\d\d+) of \d+ road users are learned",
-    "docs/how-to/use-the-environments.md": r"a bicycle at \d+\.\d m/s earned -?\d+\.\d\d: \{'close': ",
+    "docs/how-to/use-the-environments.md": r"a bicycle at \d+\.\d m/s earned -?\d+\.\d\d: \{'close': (.|\n)*"
+    r"4 road users earned -?\d+\.\d(.|\n)*arrived after \d+ decisions(.|\n)*\(2, 40, 80, 3\)",
     "docs/how-to/report-a-run.md": r"\d+ conflicts with a TTC below 1.5 s, \d+ with a PET below 1 s",
     "docs/how-to/use-from-python.md": r"[1-9]\d* learned cars at 8.0 s\n"
     r"intersection \d+ windows of cars\n\d+ tracks, \d+ positions",

@@ -55,13 +55,15 @@ class WorkerProcess:
     A request has one pickled answer: the return value, the SlrlError that was raised, or a DefectError with the
     traceback of any other exception. If `work` returns a generator, each of its items is an answer, and then None. The
     process serves many requests because torch loads slowly; it ends with its parent. It ignores SIGINT, SIGTERM and
-    SIGHUP, keeps its temporary files in a folder that is removed with it, and collects its output there. Raises
-    InputError if that folder cannot be created.
+    SIGHUP, keeps its temporary files in a folder that is removed with it, and collects its output there. It imports the
+    script of this process only where `work` refers to it, and not if that holds the script's functions `by_value`.
+    Raises InputError if that folder cannot be created.
     """
 
-    def __init__(self, work: bytes) -> None:
+    def __init__(self, work: bytes, *, by_value: bool = False) -> None:
         open_closed_streams()
         self.work = work
+        self._script_needed = not by_value and b"__main__" in work
         self.requests = 0
         """How many were sent."""
         try:
@@ -105,7 +107,7 @@ class WorkerProcess:
 
     def _start(self, work: bytes) -> None:
         context = multiprocessing.get_context("spawn")
-        with signals_blocked(), nullcontext() if b"__main__" in work else _script_hidden():
+        with signals_blocked(), nullcontext() if self._script_needed else _script_hidden():
             try:
                 self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
             except OSError as error:

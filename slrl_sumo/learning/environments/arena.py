@@ -12,12 +12,13 @@ from slrl_sumo.agent.decide import Agent, Situation, consider
 from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.selectors import GivenModes
+from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.environments.teacher import teacher_costs
+from slrl_sumo.learning.own_functions import called
 from slrl_sumo.learning.rewards.terms import RewardWeights, weighted
-from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_speed
+from slrl_sumo.learning.rewards.transition import Ground, RewardFunction, Transition, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.perception.ego_image import ego_picture
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.contacts import contact_pairs, ids_of
 from slrl_sumo.scene.geometry import Floats
@@ -53,6 +54,9 @@ class ArenaSettings:
     """Whether road users have routes and see them (preset `extended`)."""
     image: bool = True
     """Whether images are drawn."""
+    takeover: tuple[float, float, float] | None = None
+    """With trips: shares of cars, bicycles and pedestrians that are learned; None is all that the bundle has models
+    for."""
     trips: bool = False
     """Whether the scenario's own road users are learned, at most `agents` at a time, from departure to destination
     (TripArena); otherwise `agents` road users that come back elsewhere when their episodes end."""
@@ -84,10 +88,25 @@ class Outcome:
 
 
 class OpenedSimulation(ABC):
-    """A simulation that is open inside a `with` block, set up by `_start`. One per process: SUMO allows no more."""
+    """A simulation that is open inside a `with` block, set up by `_start`. One per process: SUMO allows no more.
 
-    def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
+    `reward`: in place of the weighted sum of the terms. `image`: whether images are drawn; None: as in `settings`.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        bundle: ModelBundle,
+        settings: ArenaSettings,
+        seed: int,
+        *,
+        reward: RewardFunction | None = None,
+        image: bool | None = None,
+    ) -> None:
         self.bundle, self.settings = bundle, settings
+        self._modes = GivenModes("extended" if settings.extended else "paper")
+        self._modes.needs_image = settings.image if image is None else image
+        self._own_reward = reward
         self._session = SumoSession(scenario, seed=seed % 2**31)
         self._scenario, self._seed = scenario, seed
 
@@ -108,6 +127,24 @@ class OpenedSimulation(ABC):
     @abstractmethod
     def _start(self) -> None: ...
 
+    def reward(self, transition: Transition, terms: dict[str, Floats]) -> Floats:
+        """The reward of each road user of a transition with these terms, (n,)."""
+        if self._own_reward is None:
+            return weighted(terms, self.settings.weights)
+        reward = np.asarray(called("reward", self._own_reward, transition), np.float64)
+        if reward.shape != (n := len(transition.modes),):
+            raise InputError(
+                f"it returned an array of shape {reward.shape}; return one number per road user, ({n},)",
+                argument="reward",
+            )
+        return reward
+
+    @property
+    def seconds_left(self) -> float:
+        """s until the scenario ends; infinite where it has no end."""
+        end = self._scenario.seconds("end")
+        return np.inf if end is None else end - self._session.time
+
 
 class Arena(OpenedSimulation):
     """A scenario with learned road users whose modes are given from outside; a context manager.
@@ -116,12 +153,8 @@ class Arena(OpenedSimulation):
     itself (paper, section 3.4).
     """
 
-    def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
-        super().__init__(scenario, bundle, settings, seed)
-        self._random = np.random.default_rng([seed, 1])
-        self._modes = GivenModes("extended" if settings.extended else "paper")
-
     def _start(self) -> None:
+        self._random = np.random.default_rng([self._seed, 1])
         while self._session.time < self.settings.warm_up:
             self._session.step()
         routes = Routes(self._session.api, self._session.network) if self.settings.extended else None
@@ -191,7 +224,9 @@ class Arena(OpenedSimulation):
         hit[[self._row[user] for pair in in_contact - self._touching for user in pair if user in self._row]] = True
         learned = self.simulation.population.world
         lost = decision.lost | (decision.wrapped_around & self._was_off)
-        terms = Transition(self._ground, before, modes, self.simulation.world, decision, hit, lost).terms()
+        transition = Transition(self._ground, before, modes, self.simulation.world, decision, hit, lost)
+        terms = transition.terms()
+        reward = self.reward(transition, terms)
         self._was_off = ~OWN_SURFACE[learned.type, decision.surface]
         terminated = hit | lost
         truncated = (self._steps >= self._limit) & ~terminated
@@ -207,14 +242,7 @@ class Arena(OpenedSimulation):
             in_contact = touching(self.simulation.world)
         self.consider()
         self._touching = in_contact
-        reward = weighted(terms, self.settings.weights)
         return Outcome(self.situation, reward, terms, terminated, truncated, final, world, steps, speed)
-
-    def picture(self, slot: int) -> NDArray[np.uint8]:
-        """The image of a slot, enlarged for display, (rows, cols, 3) RGB."""
-        image = self.situation.observation.image
-        assert image is not None
-        return ego_picture(image[slot])
 
 
 def touching(world: WorldState) -> set[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """The learned road users of one simulation as slots: arrays of one row per slot."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -7,68 +8,99 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.errors import SumoError
-from slrl_sumo.learning.environments.arena import Arena, Outcome
+from slrl_sumo.learning.environments.arena import Arena
+from slrl_sumo.learning.environments.observations import Arrays, Observer, action_mask
 from slrl_sumo.learning.environments.trip_arena import TripArena
-from slrl_sumo.models.policy import PolicyConfig
+from slrl_sumo.models.displacement import MODES
 
-Arrays = dict[str, NDArray[Any]]
-
-OBSERVED = ("vector", "image", "rollouts", "action_mask", "route", "active")
-"""Arrays that an observation may have. `active`: which slots have a road user; all of them where it is missing."""
+Stepped = tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
+"""Observation, reward, terminated, truncated and infos, as gymnasium.vector.VectorEnv.step gives them."""
 
 
 class SpawnedSlots:
     """The slots of an Arena, whose road users come back elsewhere when their episodes end: every slot has one."""
 
-    def __init__(self, arena: Arena) -> None:
-        self._arena = arena
-        self._features = _features(arena.settings.extended)
+    def __init__(self, arena: Arena, observer: Observer) -> None:
+        self.arena, self._observe = arena, observer
+        self.slots = np.arange(arena.settings.agents)
+        """Slots of the road users of `situation`."""
+        self.world = arena.world
+        """All road users at the end of the last decision, before new episodes begin elsewhere."""
 
-    def look(self) -> Arrays:
-        """The observation of all slots, `type` and `teacher_costs`."""
-        arena = self._arena
-        seen = _seen(arena.situation, self._features)
-        return seen | {"type": arena.situation.observation.type, "teacher_costs": arena.teacher_costs()}
+    @property
+    def situation(self) -> Situation:
+        """What the road users decide from next."""
+        return self.arena.situation
 
-    def step(self, modes: NDArray[np.int64]) -> Arrays:
-        """One decision, `modes` (n,); arrays whose names begin with final_ have rows of the ended episodes only."""
-        return _flat(self._arena.step(modes), self._features) | {"teacher_costs": self._arena.teacher_costs()}
+    def look(self) -> tuple[Arrays, Arrays]:
+        """The observation of all slots; `type` and `teacher_costs`."""
+        kind = self.situation.observation.type
+        return self._observe(self.situation), {"type": kind, "teacher_costs": self.arena.teacher_costs()}
+
+    def step(self, modes: NDArray[np.int64]) -> Stepped:
+        """One decision, `modes` (n,)."""
+        outcome = self.arena.step(modes)
+        self.world = outcome.world
+        seen, infos = self.look()
+        ended = outcome.terminated | outcome.truncated
+        told = infos | outcome.terms
+        told |= {"speed_mps": outcome.speed, "steps": outcome.steps, "replaced": np.zeros(len(ended), np.bool_)}
+        final = {} if outcome.final is None else self._observe(outcome.final)
+        return (
+            seen,
+            outcome.reward,
+            outcome.terminated,
+            outcome.truncated,
+            told | _final(seen, final, ended),
+        )
 
 
 class TripSlots:
     """The slots of a TripArena: road users have them for their trips, and some slots have none."""
 
-    def __init__(self, arena: TripArena) -> None:
-        self._arena = arena
-        self._features = _features(True)
-        self._last: Arrays = {}
+    def __init__(self, arena: TripArena, observer: Observer) -> None:
+        self.arena, self._observe = arena, observer
+        self.world = arena.simulation.world
+        self._last: tuple[Arrays, Arrays] | None = None
 
-    def look(self) -> Arrays:
-        """The observation of all slots, `type` and `teacher_costs`; zeros where a slot has no road user.
+    @property
+    def situation(self) -> Situation | None:
+        """What the road users decide from next; None without any."""
+        return self.arena.situation
+
+    @property
+    def slots(self) -> NDArray[np.intp]:
+        """Slots of the road users of `situation`."""
+        return self.arena.slots
+
+    def look(self) -> tuple[Arrays, Arrays]:
+        """As SpawnedSlots.look; zeros where a slot has no road user.
 
         Raises SumoError where the scenario has no road user that can be learned.
         """
-        arena = self._arena
-        slots, active = arena.slots, np.zeros(arena.settings.agents, np.bool_)
-        active[slots] = True
-        if arena.situation is not None:
-            rows = _seen(arena.situation, self._features) | {"type": arena.situation.observation.type}
-            rows["teacher_costs"] = arena.teacher_costs()
-            self._last = {name: self._spread(values, slots) for name, values in rows.items()} | {
-                "active": active.astype(np.int8)
-            }
-        elif self._last:
-            self._last = {name: np.zeros_like(values) for name, values in self._last.items()}
+        arena, situation = self.arena, self.situation
+        if situation is not None:
+            rows: Arrays = {"type": situation.observation.type, "teacher_costs": arena.teacher_costs()}
+            infos = {name: self._spread(values, self.slots) for name, values in rows.items()}
+            seen = {name: self._spread(values, self.slots) for name, values in self._observe(situation).items()}
+        elif self._last is not None:
+            seen, infos = ({name: np.zeros_like(values) for name, values in part.items()} for part in self._last)
         else:
             raise SumoError("the scenario has no road users that can be learned; train in another one")
-        self._last["action_mask"][~active] = 1
-        return self._last
+        if self._observe.tells_active:
+            active = seen["active"] = np.zeros(arena.settings.agents, np.int8)
+            active[self.slots] = 1
+            seen["action_mask"][active == 0] = 1
+        self._last = seen, infos
+        return seen, infos
 
-    def step(self, modes: NDArray[np.int64]) -> Arrays:
+    def step(self, modes: NDArray[np.int64]) -> Stepped:
         """As SpawnedSlots.step; the last observation of an episode is the one before the road user left."""
-        arena, before = self._arena, self._last
-        outcome = arena.step(modes[arena.slots])
-        by_row: Arrays = {
+        assert self._last is not None
+        before, _ = self._last
+        outcome = self.arena.step(modes[self.slots])
+        self.world = outcome.world
+        by_row: Mapping[str, NDArray[Any]] = {
             "type": outcome.type,
             "reward": outcome.reward,
             "terminated": outcome.terminated,
@@ -81,55 +113,31 @@ class TripSlots:
             **outcome.terms,
         }
         every = {name: self._spread(values, outcome.slots) for name, values in by_row.items()}
-        ended = every["terminated"] | every["truncated"]
-        every |= {f"final_{name}": before[name][ended] for name in OBSERVED if name in before}
+        reward, terminated, truncated = (every.pop(name) for name in ("reward", "terminated", "truncated"))
+        ended = terminated | truncated
+        every |= _final(before, {name: values[ended] for name, values in before.items()}, ended)
         every["replaced"] = np.zeros(len(ended), np.bool_)
-        return self.look() | every
+        seen, infos = self.look()
+        return seen, reward, terminated, truncated, infos | every
 
     def _spread(self, values: NDArray[Any], slots: NDArray[np.intp]) -> NDArray[Any]:
         """Values of the road users in `slots` as an array of all slots."""
-        every = np.zeros((self._arena.settings.agents, *values.shape[1:]), values.dtype)
+        every = np.zeros((self.arena.settings.agents, *values.shape[1:]), values.dtype)
         every[slots] = values
         return every
 
 
-def _features(extended: bool) -> tuple[str, ...]:
-    """Columns of the mode rollouts in an observation."""
-    return PolicyConfig(preset="extended" if extended else "paper").rollout_features
+def all_masks(slots: SpawnedSlots | TripSlots) -> NDArray[np.int8]:
+    """1 for the modes that may be chosen in each slot, else 0, (n, modes); all in slots without a road user."""
+    masks = np.ones((slots.arena.settings.agents, MODES), np.int8)
+    if slots.situation is not None:
+        masks[slots.slots] = action_mask(slots.situation)
+    return masks
 
 
-def action_mask(situation: Situation) -> NDArray[np.int8]:
-    """1 for the modes that each road user may choose, else 0, (n, modes)."""
-    assert situation.rollouts is not None
-    mask = situation.mask
-    return np.ones(situation.rollouts.collision.shape, np.int8) if mask is None else mask.astype(np.int8)
-
-
-def _seen(situation: Situation, features: tuple[str, ...]) -> Arrays:
-    """A situation as arrays of n rows; `features`: columns of the rollouts."""
-    observation, rollouts = situation.observation, situation.rollouts
-    assert rollouts is not None
-    seen: Arrays = {"vector": observation.vector, "rollouts": rollouts.columns(features)}
-    if observation.image is not None:
-        seen["image"] = observation.image
-    if observation.route is not None:
-        seen["route"] = observation.route
-    return seen | {"action_mask": action_mask(situation)}
-
-
-def _flat(outcome: Outcome, features: tuple[str, ...]) -> Arrays:
-    """An outcome as arrays of n rows; the final observations are those of the ended episodes only."""
-    seen = _seen(outcome.situation, features)
-    final = None if outcome.final is None else _seen(outcome.final, features)
-    ended = outcome.terminated | outcome.truncated
-    return seen | {
-        "type": outcome.situation.observation.type,
-        "reward": outcome.reward,
-        "terminated": outcome.terminated,
-        "truncated": outcome.truncated,
-        "speed_mps": outcome.speed,
-        "steps": outcome.steps,
-        "replaced": np.zeros(len(ended), np.bool_),
-        **outcome.terms,
-        **{f"final_{name}": values[:0] if final is None else final[name] for name, values in seen.items()},
-    }
+def _final(seen: Arrays, final: Arrays, ended: NDArray[np.bool_]) -> dict[str, Any]:
+    """The last observations of the episodes that `ended` (n,), `final` with their rows, as gymnasium's infos."""
+    every = {name: np.zeros_like(values) for name, values in seen.items()}
+    for name, values in final.items():
+        every[name][ended] = values
+    return {"final_obs": every, "_final_obs": ended}

@@ -8,17 +8,15 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Agent, Situation
 from slrl_sumo.agent.driver import ModelDriver
-from slrl_sumo.agent.selectors import GivenModes
-from slrl_sumo.learning.environments.arena import ArenaSettings, OpenedSimulation, touching
+from slrl_sumo.learning.environments.arena import OpenedSimulation, touching
 from slrl_sumo.learning.environments.teacher import teacher_costs
-from slrl_sumo.learning.rewards.terms import weighted, weighted_terms
+from slrl_sumo.learning.rewards.terms import weighted_terms
 from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_speed
-from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
 from slrl_sumo.simulation.region import parse_region
-from slrl_sumo.sumo.scenario import Scenario
 
 EMPTY = 300
 """Decisions (2 min) for which an empty network waits for a first road user."""
@@ -48,6 +46,8 @@ class TripOutcome:
     """Decisions of the current episode so far."""
     speed: Floats
     """m/s at the end of the decision."""
+    world: WorldState
+    """All road users at the end of the decision, first the n that took it."""
 
 
 class TripArena(OpenedSimulation):
@@ -58,13 +58,8 @@ class TripArena(OpenedSimulation):
     same road user begins where it is.
     """
 
-    def __init__(self, scenario: Scenario, bundle: ModelBundle, settings: ArenaSettings, seed: int) -> None:
-        super().__init__(scenario, bundle, settings, seed)
-        self._modes = GivenModes("extended")
-        self._modes.needs_image = settings.image
-        self._wanted = weighted_terms(settings.weights)
-
     def _start(self) -> None:
+        self._wanted = weighted_terms(self.settings.weights)
         # From empty streets to those of a rush hour.
         warm_up = np.random.default_rng([self._seed, 1]).uniform(0.0, 2.0 * self.settings.warm_up)
         while self._session.time < warm_up:
@@ -72,7 +67,8 @@ class TripArena(OpenedSimulation):
         api, network = self._session.api, self._session.network
         self.driver = ModelDriver(Agent(self.bundle, self._modes), Routes(api, network))
         everywhere = parse_region(None, network)
-        takeover = Takeover(self.bundle.types.astype(np.float64), everywhere, self._seed, self.settings.agents)
+        shares = self.settings.takeover or self.bundle.types
+        takeover = Takeover(np.array(shares, np.float64), everywhere, self._seed, self.settings.agents)
         self.simulation = CoSimulation(self._session, self.driver, takeover=takeover)
         desired = np.array(self.settings.desired_speed or recorded_speed(self.bundle))
         self._ground = Ground(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
@@ -124,13 +120,13 @@ class TripArena(OpenedSimulation):
         self._touching = touching(self.simulation.world)
         if before is None:
             self._look()
-            return _nothing(self._wanted)
+            return _nothing(self._wanted, world)
         hit = _among(ids, anew)
         lost = decision.lost | _among(ids, set(decision.returned_to_route))
-        transition = Transition(self._ground, before, modes, world, decision, hit, lost)
-        terms = transition.terms(self._wanted)
         gone = ~_among(ids, self.simulation.population.ids)
         reached = gone & ~lost & (near_end | _among(ids, set(decision.arrived)))
+        transition = Transition(self._ground, before, modes, world, decision, hit, lost, reached)
+        terms = transition.terms(self._wanted)
         for row in np.flatnonzero(hit | lost | decision.left_surface):
             self._unclean.add(ids[row])
         clean = reached & ~_among(ids, self._unclean)
@@ -144,7 +140,7 @@ class TripArena(OpenedSimulation):
         return TripOutcome(
             slots=slots,
             type=learned.type,
-            reward=weighted(terms, self.settings.weights),
+            reward=self.reward(transition, terms),
             terms=terms,
             terminated=terminated,
             truncated=gone & ~terminated,
@@ -153,6 +149,7 @@ class TripArena(OpenedSimulation):
             clean=clean,
             steps=steps,
             speed=learned.speed,
+            world=world,
         )
 
 
@@ -161,7 +158,7 @@ def _among(ids: tuple[str, ...], some: Set[str]) -> NDArray[np.bool_]:
     return np.array([user in some for user in ids], np.bool_)
 
 
-def _nothing(wanted: tuple[str, ...]) -> TripOutcome:
+def _nothing(wanted: tuple[str, ...], world: WorldState) -> TripOutcome:
     """An outcome without road users."""
     no, none = np.zeros(0, np.bool_), np.zeros(0)
     terms = dict.fromkeys(wanted, none)
@@ -177,4 +174,5 @@ def _nothing(wanted: tuple[str, ...]) -> TripOutcome:
         clean=no,
         steps=np.zeros(0, np.int64),
         speed=none,
+        world=world,
     )

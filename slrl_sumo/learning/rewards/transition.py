@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -51,6 +52,8 @@ class Transition:
     """In contact anew, (n,)."""
     lost: NDArray[np.bool_]
     """Off the ground, or off its route, (n,)."""
+    reached: NDArray[np.bool_] | None = None
+    """At the destination, (n,); None where road users have no trips."""
 
     def terms(self, wanted: Collection[str] = TERMS) -> dict[str, Floats]:
         """The `wanted` terms of the reward before weighting, (n,) each, by name."""
@@ -58,7 +61,7 @@ class Transition:
 
     @cached_property
     def _by_name(self) -> dict[str, Callable[[], Floats]]:
-        n, learned = len(self.modes), self._learned
+        n, learned = len(self.modes), self.users
         return {
             "close": lambda: rewards.close(self.world, n),
             "off_surface": lambda: rewards.off_surface(learned.type, self.decision.surface),
@@ -78,12 +81,13 @@ class Transition:
         }
 
     @cached_property
-    def _learned(self) -> WorldState:
+    def users(self) -> WorldState:
+        """The n road users after it."""
         return self.world.take(np.arange(len(self.modes)))
 
     @cached_property
     def _lanes(self) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        return lanes_here(self._learned, self.ground.points)
+        return lanes_here(self.users, self.ground.points)
 
     @cached_property
     def _log_probability(self) -> Floats:
@@ -106,7 +110,7 @@ class Transition:
 
     @cached_property
     def _desired(self) -> Floats:
-        learned = self._learned
+        learned = self.users
         if self.before.context is None:
             return np.minimum(self.ground.desired[learned.type], self._lanes[1])
         return np.where(self._known, self._allowed, learned.speed)
@@ -114,7 +118,7 @@ class Transition:
     @cached_property
     def _along(self) -> dict[str, Floats]:
         """The terms about the route; zeros without routes."""
-        context, learned = self.before.context, self._learned
+        context, learned = self.before.context, self.users
         if context is None:
             return {name: np.zeros(len(learned)) for name in ("progress", "off_path", "red", "priority")}
         route, known = context.route, self._known
@@ -126,6 +130,10 @@ class Transition:
             "red": rewards.passed(covered, route.line, known & route.closed),
             "priority": rewards.passed(covered, route.line, gives_way),
         }
+
+
+RewardFunction = Callable[[Transition], NDArray[Any]]
+"""A reward of one's own: from what a decision led to, to one number for each of its n road users, (n,)."""
 
 
 def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:

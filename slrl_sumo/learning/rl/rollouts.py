@@ -20,14 +20,19 @@ from slrl_sumo.jobs.pool import Backend, Failures, ask_all
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.ray_workers import RayActors
 from slrl_sumo.jobs.workers import LocalWorkers, MachineLostError
-from slrl_sumo.learning.environments.simulation_env import ArenaSource, SimulationVectorEnv, drawn_seed
-from slrl_sumo.learning.environments.vector_env import ATTEMPTS, MEMORY_LIMIT, TIMEOUT
+from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
+from slrl_sumo.learning.environments.simulation_process import MEMORY_LIMIT
+from slrl_sumo.learning.environments.source import ArenaSource, drawn_seed
 from slrl_sumo.learning.rl.actor import Actor, Agent
 from slrl_sumo.learning.rl.batch import Batch, joined
 from slrl_sumo.learning.rl.rollout import rollout
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 
+TIMEOUT = 120.0
+"""s that a worker may take to begin a simulation."""
+ATTEMPTS = 5
+"""Failures of a worker in a row after which training is given up."""
 STEP_TIMEOUT = 2.0
 """s more that a worker may take for each step."""
 

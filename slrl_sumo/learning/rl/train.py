@@ -24,7 +24,7 @@ from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
-from slrl_sumo.learning.environments.simulation_env import ArenaSource
+from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.checkpoint import read_checkpoint, read_record, restore, save_checkpoint, write_record

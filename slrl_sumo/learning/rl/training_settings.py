@@ -42,7 +42,7 @@ class TrainSettings:
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
-NOT_FOR_USERS = {"arena": {"weights", "teacher", "extended", "image"}, "policy": {"modes"}}
+NOT_FOR_USERS = {"arena": {"weights", "teacher", "extended", "image", "takeover"}, "policy": {"modes"}}
 """Fields that are set elsewhere: weights by [reward] and [teacher], routes by the preset, modes by the bundle."""
 
 RANGES = {

@@ -10,7 +10,8 @@ import pytest
 from netgen.families import generate
 from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.learning.environments.arena import ArenaSettings
-from slrl_sumo.learning.environments.simulation_env import ArenaSource, SimulationVectorEnv
+from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
+from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.environments.trip_arena import TripArena, TripOutcome
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle

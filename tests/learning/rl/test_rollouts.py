@@ -16,7 +16,7 @@ from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.workers import LocalWorkers
 from slrl_sumo.learning.environments.arena import ArenaSettings
-from slrl_sumo.learning.environments.simulation_env import ArenaSource
+from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.rollouts import Result, RolloutWorker, WorkerRollouts

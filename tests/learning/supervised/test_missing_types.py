@@ -12,7 +12,7 @@ import pytest
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.hc import PIXELS_PER_METRE
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.learning.envs import RoadUserEnv
+from slrl_sumo.learning.environments.road_user_env import RoadUserEnv
 from slrl_sumo.learning.rewards.transition import recorded_speed
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.shares import parse_mix, served_shares
@@ -96,7 +96,7 @@ def test_environments_and_training_know_the_types(two: Path) -> None:
     assert min(car, pedestrian) > 0.5
     assert bicycle == 0.0
     with pytest.raises(InputError, match="ego='bicycle': bundle 'bundle' has no models for it"):
-        RoadUserEnv(bundle=str(two), ego="bicycle")
+        RoadUserEnv(scenario="shared-space", bundle=str(two), ego="bicycle")
     env = RoadUserEnv(bundle=str(two), agents=8, scenario="shared-space")
     _, info = env.reset(seed=1)
     assert info["type"] != "bicycle"

@@ -1,9 +1,8 @@
-"""The environments through gymnasium and Stable-Baselines3, on a real SUMO."""
+"""The environment of one road user through gymnasium and Stable-Baselines3, on a real SUMO."""
 
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,34 +15,32 @@ import torch
 from gymnasium.error import InvalidAction, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
-import slrl_sumo.learning.envs
-from slrl_sumo.agent.decide import choose
-from slrl_sumo.agent.driver import make_selector
-from slrl_sumo.errors import InputError
-from slrl_sumo.learning.envs import RoadUserEnv
+import slrl_sumo  # noqa: F401 (registers the ids)
+from slrl_sumo.environment_ids import IDS
+from slrl_sumo.errors import InputError, SumoError
+from slrl_sumo.learning.environments.road_user_env import RoadUserEnv
+from slrl_sumo.learning.environments.slots import SpawnedSlots
 from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.types import RoadUserType
 
-IDS = ("slrl_sumo/Intersection-v0", "slrl_sumo/SharedSpace-v0", "slrl_sumo/Random-v0")
+QUICK: dict[str, Any] = {"warm_up": 8.0}
 
 
-@pytest.fixture(autouse=True)
-def closed() -> Iterator[None]:
-    """SUMO is free before and after each test, whatever becomes of it."""
-    yield
-    holder = slrl_sumo.learning.envs._holder
-    if holder is not None:
-        holder.close()
-    assert not libsumo.isLoaded()
-
-
-def make(**keywords: Any) -> RoadUserEnv:
-    env = gymnasium.make(IDS[0], **keywords).unwrapped
+def make(name: str = "slrl_sumo/Intersection-v0", **keywords: Any) -> RoadUserEnv:
+    env = gymnasium.make(name, **QUICK | keywords).unwrapped
     assert isinstance(env, RoadUserEnv)
     return env
+
+
+def slots_of(env: RoadUserEnv) -> SpawnedSlots:
+    """The slots of a simulation that is in this process."""
+    inner = env._simulation._work._env
+    assert inner is not None
+    assert isinstance(inner.slots, SpawnedSlots)
+    return inner.slots
 
 
 def play(env: RoadUserEnv, seed: int, steps: int) -> list[Any]:
@@ -59,39 +56,67 @@ def play(env: RoadUserEnv, seed: int, steps: int) -> list[Any]:
     return seen
 
 
-@pytest.mark.parametrize("name", IDS)
-def test_gymnasium_finds_nothing_to_complain_of(name: str) -> None:
-    check_env(gymnasium.make(name).unwrapped)
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {"id": "slrl_sumo/Intersection-v0"},
+        pytest.param({"id": "slrl_sumo/SharedSpace-v0"}, marks=pytest.mark.slow),
+        pytest.param({"id": "slrl_sumo/Random-v0"}, marks=pytest.mark.slow),
+        pytest.param({"id": "slrl_sumo/RoadUser-v0", "scenario": "signalised", "image": True}, marks=pytest.mark.slow),
+        pytest.param(
+            {"id": "slrl_sumo/RoadUser-v0", "scenario": "district", "takeover": "car=0.5", "warm_up": 60.0},
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_gymnasium_finds_nothing_to_complain_of(keywords: dict[str, Any]) -> None:
+    assert keywords["id"] in IDS
+    env = gymnasium.make(**{"agents": 4, "warm_up": 0.0} | keywords).unwrapped
+    check_env(env)
+    env.close()
 
 
-def test_importing_the_package_is_cheap_and_the_module_in_the_name_registers() -> None:
+@pytest.mark.parametrize(
+    ("imports", "name"),
+    [
+        ("import slrl_sumo, gymnasium", "slrl_sumo/Intersection-v0"),
+        ("import gymnasium, slrl_sumo", "slrl_sumo/Intersection-v0"),
+        ("import gymnasium", "slrl_sumo:slrl_sumo/Intersection-v0"),
+    ],
+)
+def test_the_ids_are_there_after_the_import_which_is_cheap(imports: str, name: str) -> None:
     script = (
-        "import sys, slrl_sumo\n"
-        "assert not {'torch', 'libsumo', 'gymnasium'} & set(sys.modules)\n"
-        "import gymnasium\n"
-        "env = gymnasium.make('slrl_sumo.learning.envs:slrl_sumo/SharedSpace-v0')\n"
-        "print(env.reset(seed=1)[1]['scenario'])\n"
+        "import sys, slrl_sumo.environment_ids\n"
+        "assert not {'torch', 'libsumo', 'gymnasium', 'pettingzoo'} & set(sys.modules)\n"
+        "for module in [name for name in sys.modules if name.startswith('slrl_sumo')]: del sys.modules[module]\n"
+        "sys.meta_path = [finder for finder in sys.meta_path if 'Gymnasium' not in type(finder).__name__]\n"
+        f"{imports}\n"
+        f"print(gymnasium.spec({name.split(':')[-1]!r}).kwargs if ':' not in {name!r} else "
+        f"gymnasium.make({name!r}).unwrapped._scenario)\n"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120, check=False)
-    assert (done.returncode, done.stdout) == (0, "shared-space\n"), done.stderr
+    assert done.returncode == 0, done.stderr
+    assert "intersection" in done.stdout
 
 
+@pytest.mark.usefixtures("here")
 def test_stable_baselines_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from stable_baselines3 import PPO
 
     monkeypatch.setenv("SB3_LOGDIR", str(tmp_path))
-    env = gymnasium.make(IDS[0], episode_steps=32)
+    env = gymnasium.make("slrl_sumo/Intersection-v0", episode_steps=16, agents=4)
     with torch.random.fork_rng():
-        model = PPO("MultiInputPolicy", env, n_steps=128, batch_size=64, n_epochs=1, seed=1, device="cpu")
+        model = PPO("MultiInputPolicy", env, n_steps=64, batch_size=32, n_epochs=1, seed=1, device="cpu")
         before = {name: values.clone() for name, values in model.policy.state_dict().items()}
-        model.learn(256)
+        model.learn(128)
     changed = [name for name, values in model.policy.state_dict().items() if not torch.equal(values, before[name])]
-    assert any("image" in name for name in changed)
+    assert any("policy_net" in name for name in changed)
     assert any("action_net" in name for name in changed)
     assert len(model.ep_info_buffer) >= 4  # episodes ended and were counted
     env.close()
 
 
+@pytest.mark.usefixtures("here")
 def test_same_seed_and_actions_same_episodes() -> None:
     env = make(episode_steps=10)
     first, again, other = play(env, 3, 35), play(env, 3, 35), play(env, 4, 35)
@@ -101,6 +126,7 @@ def test_same_seed_and_actions_same_episodes() -> None:
     assert sum(step[2] or step[3] for step in first if len(step) == 5) >= 3
 
 
+@pytest.mark.usefixtures("here")
 def test_an_episode_that_goes_on_in_the_same_traffic_begins_elsewhere() -> None:
     env = make(episode_steps=5, ego="car")
     env.reset(seed=3)
@@ -109,36 +135,39 @@ def test_an_episode_that_goes_on_in_the_same_traffic_begins_elsewhere() -> None:
         observation, _, terminated, truncated, _ = env.step(np.int64(0))
         if terminated or truncated:
             break
-    time = env._arena.world.time  # type: ignore[union-attr]
-    begin, _ = env.reset()
-    assert env._arena.world.time == time > 60.0  # type: ignore[union-attr]
+    time = slots_of(env).arena.world.time
+    begin, info = env.reset()
+    assert slots_of(env).arena.world.time == time > 8.0
     assert np.hypot(*(position(env) - here)) > 10.0
-    assert not np.array_equal(begin["image"], observation["image"])
+    assert not np.array_equal(begin["rollouts"], observation["rollouts"])
+    assert "terms" not in info
     # An episode that was broken off is not taken up again: SUMO begins anew.
     env.step(np.int64(0))
     env.reset()
-    assert env._arena.world.time < time  # type: ignore[union-attr]
+    assert slots_of(env).arena.world.time < time
 
 
+@pytest.mark.usefixtures("here")
 def test_sumo_begins_anew_before_the_traffic_runs_out(copy_scenario: Any) -> None:
-    short = copy_scenario("intersection", (".sumocfg", '<end value="600"/>', '<end value="66"/>'))
+    short = copy_scenario("intersection", (".sumocfg", '<end value="600"/>', '<end value="14"/>'))
     env = make(scenario=str(short), episode_steps=4, others="sumo")
     env.reset(seed=1)
     times = []
     for _ in range(30):
         _, _, terminated, truncated, _ = env.step(np.int64(0))
-        times.append(env._arena.world.time)  # type: ignore[union-attr]
+        times.append(slots_of(env).arena.world.time)
         if terminated or truncated:
             env.reset()
-    assert max(times) <= 66.5
+    assert max(times) <= 14.5
     assert (np.diff(times) < 0).any()
 
 
 def position(env: RoadUserEnv) -> np.ndarray:
-    assert env._arena is not None
-    return np.array([env._arena.world.x[env._slot], env._arena.world.y[env._slot]])
+    world = slots_of(env).arena.world
+    return np.array([world.x[env._slot], world.y[env._slot]])
 
 
+@pytest.mark.usefixtures("here")
 def test_time_truncates_and_no_sooner() -> None:
     env = make(episode_steps=6, others="sumo", ego="pedestrian")
     env.reset(seed=5)
@@ -148,11 +177,11 @@ def test_time_truncates_and_no_sooner() -> None:
         env.step(np.int64(3))
 
 
+@pytest.mark.usefixtures("here")
 def test_contact_terminates() -> None:
     env = make(ego="car")
     env.reset(seed=1)
-    arena, slot = env._arena, env._slot
-    assert arena is not None
+    arena, slot = slots_of(env).arena, env._slot
     users = arena.simulation.population.world
     other = int(np.flatnonzero((users.type == RoadUserType.CAR) & (np.arange(len(users)) != slot))[0])
     x, y, heading, speed = users.x.copy(), users.y.copy(), users.heading.copy(), users.speed.copy()
@@ -174,6 +203,7 @@ def test_contact_terminates() -> None:
         env.step(np.int64(0))
 
 
+@pytest.mark.usefixtures("here")
 def test_terms_make_up_the_reward_by_the_weights() -> None:
     weights = RewardWeights(**{name: 0.5 + number for number, name in enumerate(TERMS)})
     env = make(weights=weights)
@@ -186,55 +216,51 @@ def test_terms_make_up_the_reward_by_the_weights() -> None:
             env.reset()
 
 
-@pytest.mark.parametrize("others", ["prior", "greedy", "sampled"])
-def test_the_others_move_by_the_selector(others: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    bundle = load_bundle("intersection")
-    torch.manual_seed(1)
-    policy = Policy(PolicyConfig(modes=20, hidden=16, head=8))
-    for parameter in policy.parameters():
-        parameter.data += 0.3 * torch.randn(parameter.shape)
-    replace(bundle, policy=policy).save(tmp_path / "bundle")
-    env = make(bundle=str(tmp_path / "bundle"), others=others)
-    env.reset(seed=8)
-    arena = env._arena
-    assert arena is not None
-    given: list[np.ndarray] = []
-    real = arena.step
-    monkeypatch.setattr(arena, "step", lambda modes: given.append(modes.copy()) or real(modes))
-    seed = env._arena._seed  # type: ignore[union-attr]
-    expected = make_selector(others, load_bundle(tmp_path / "bundle"), seed)
-    rest = np.arange(16) != env._slot
-    for action in (7, 11):
-        wanted, _ = choose(arena.situation, expected, arena.world.ids[:16])
-        _, _, terminated, _, _ = env.step(np.int64(action))
-        np.testing.assert_array_equal(given[-1][rest], wanted[rest])
-        assert given[-1][env._slot] == action
-        assert not terminated
-
-
+@pytest.mark.usefixtures("here")
 def test_among_sumos_own_the_ego_is_alone() -> None:
     env = make(others="sumo", agents=30)
     env.reset(seed=1)
-    assert env._arena is not None
-    assert env._arena.world.learned.sum() == 1
-    assert len(env._arena.world) > 1
+    world = slots_of(env).arena.world
+    assert world.learned.sum() == 1
+    assert len(world) > 1
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("others", ["prior", "sumo"])
-@pytest.mark.parametrize("ego", ["car", "bicycle", "pedestrian"])
+@pytest.mark.parametrize("ego", ["bicycle", "pedestrian"])
 def test_the_ego_is_of_the_type_asked_for(ego: Any, others: Any) -> None:
-    env = make(ego=ego, others=others)
+    env = make(ego=ego, others=others, warm_up=0.0)
     observation, info = env.reset(seed=1)
     assert info["type"] == ego
     assert info["id"].startswith(f"learned_{ego}.")
     assert observation["vector"][2:5].tolist() == [float(ego == name) for name in ("car", "bicycle", "pedestrian")]
 
 
+@pytest.mark.usefixtures("here")
 def test_without_a_wish_egos_are_of_all_types() -> None:
-    env = make()
-    assert {env.reset(seed=seed)[1]["type"] for seed in range(12)} == {"car", "bicycle", "pedestrian"}
+    env = make(warm_up=0.0)
+    assert {env.reset(seed=seed)[1]["type"] for seed in range(8)} == {"car", "bicycle", "pedestrian"}
 
 
+def test_with_a_takeover_the_ego_goes_to_its_destination() -> None:
+    env = make(takeover={"pedestrian": 1}, warm_up=60.0, others="rule", agents=24)
+    _, first = env.reset(seed=4)
+    assert first["type"] == "pedestrian"
+    for _ in range(400):
+        assert env._reply is not None
+        rollouts = dict(zip(PolicyConfig(preset="extended").rollout_features, env._reply.seen["rollouts"][env._slot].T,
+                            strict=True))  # fmt: skip
+        action = (3.0 * rollouts["heading_error"] + 5.0 * rollouts["collision"] - rollouts["speed"]).argmin()
+        _, _, terminated, truncated, info = env.step(np.int64(action))
+        if terminated or truncated:
+            break
+    assert truncated
+    assert info["reached"]
+    assert info["id"] == first["id"]
+    env.close()
+
+
+@pytest.mark.usefixtures("here")
 def test_the_view_from_above_shows_the_ego_in_the_middle() -> None:
     env = make(render_mode="rgb_array", ego="car", others="sumo")
     env.reset(seed=1)
@@ -253,6 +279,7 @@ def test_the_view_from_above_shows_the_ego_in_the_middle() -> None:
     assert env.render() is None
 
 
+@pytest.mark.usefixtures("here")
 def test_the_last_picture_shows_the_end_and_not_the_next_place() -> None:
     env = make(render_mode="rgb_array", ego="car", others="sumo", episode_steps=3)
     env.reset(seed=1)
@@ -260,80 +287,72 @@ def test_the_last_picture_shows_the_end_and_not_the_next_place() -> None:
         near = position(env)
         *_, truncated, info = env.step(np.int64(0))
     assert truncated
-    assert env._scene is not None
-    moved = np.hypot(env._scene.x[0] - near[0], env._scene.y[0] - near[1])
+    shown = slots_of(env).world
+    moved = np.hypot(shown.x[0] - near[0], shown.y[0] - near[1])
     assert moved == pytest.approx(0.4 * info["speed_mps"], abs=0.02)
     assert np.hypot(*(position(env) - near)) > 5.0
+    last = env.render()
+    env.reset()
+    assert not np.array_equal(env.render(), last)
 
 
+@pytest.mark.usefixtures("here")
 def test_random_networks_come_from_the_seed_and_leave_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    env = gymnasium.make(IDS[2]).unwrapped
-    views = [env.reset(seed=seed)[0]["image"] for seed in (1, 2, 1)]
-    names = [env.reset(seed=1)[1]["scenario"], env.reset()[1]["scenario"], env.reset(seed=1)[1]["scenario"]]
-    np.testing.assert_array_equal(views[0], views[2])
-    assert not np.array_equal(views[0], views[1])
-    assert names[0] == names[2] != names[1]
+    env = make("slrl_sumo/Random-v0")
+    first, other, again = (env.reset(seed=seed) for seed in (1, 2, 1))
+    np.testing.assert_array_equal(first[0]["rollouts"], again[0]["rollouts"])
+    assert first[1]["scenario"] == again[1]["scenario"] != other[1]["scenario"]
+    assert env.reset()[1]["scenario"] != first[1]["scenario"]
     assert len(list(tmp_path.glob("*/random-*"))) == 1
     env.close()
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.usefixtures("here")
 def test_options_switch_the_scenario_from_then_on() -> None:
-    env = make()
+    env = make(warm_up=0.0)
     assert env.reset(seed=1)[1]["scenario"] == "intersection"
     assert env.reset(options={"scenario": "shared-space"})[1]["scenario"] == "shared-space"
     assert env.reset(seed=1)[1]["scenario"] == "shared-space"
 
 
-def test_the_environment_that_was_reset_last_has_sumo() -> None:
-    first, second = make(), make()
-    first.reset(seed=1)
-    second.reset(seed=1)
-    with pytest.raises(InputError, match=r"^another environment .*one simulation per process.*reset this one"):
-        first.step(np.int64(0))
+def test_environments_side_by_side_in_one_process() -> None:
+    first, second = make(agents=2), make(agents=2)
+    threads = torch.get_num_threads()
+    one, two = first.reset(seed=1), second.reset(seed=1)
+    np.testing.assert_equal(one, two)
+    np.testing.assert_equal(first.step(np.int64(0)), second.step(np.int64(0)))
+    first.close()
     second.step(np.int64(0))
-    first.close()  # takes nothing from the second
-    second.step(np.int64(0))
-    first.reset()
-    first.step(np.int64(0))
-    with pytest.raises(InputError, match="another environment"):
-        second.step(np.int64(0))
-
-
-def test_torch_computes_in_one_thread_while_an_environment_is_open() -> None:
-    torch.set_num_threads(2)
-    try:
-        first, second = make(agents=2, others="greedy", preset="extended"), make(agents=2)
-        first.reset(seed=1)
-        first.step(np.int64(0))
-        assert torch.get_num_threads() == 1
-        second.reset(seed=1)  # ends the simulation of the first
-        assert torch.get_num_threads() == 1
-        first.close()
-        assert torch.get_num_threads() == 1
-        second.close()
-        assert torch.get_num_threads() == 2
-        second.close()
-        with pytest.raises(InputError):
-            second.reset(seed=1, options={"scenario": "nowhere"})
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(1)
+    second.close()
+    assert torch.get_num_threads() == threads
+    assert not libsumo.isLoaded()
 
 
 def test_a_simulation_of_the_users_own_is_left_alone(copy_scenario: Any) -> None:
     libsumo.start(["sumo", "-c", str(copy_scenario("intersection")), "--no-step-log"])
     try:
-        with pytest.raises(InputError, match="already open"):
-            make().reset(seed=1)
+        env = make(agents=2)
+        env.reset(seed=1)
         libsumo.simulationStep()
+        env.close()
     finally:
         libsumo.close()
 
 
+@pytest.mark.slow
+def test_workers_of_gymnasium_have_the_simulation_in_themselves() -> None:
+    envs = gymnasium.make_vec("slrl_sumo/Intersection-v0", 2, "async", agents=2, **QUICK)
+    seen, _ = envs.reset(seed=[1, 1])
+    np.testing.assert_array_equal(seen["vector"][0], seen["vector"][1])
+    envs.step(np.zeros(2, np.int64))
+    envs.close()
+
+
+@pytest.mark.usefixtures("here")
 def test_close_frees_sumo_and_a_reset_opens_it_again() -> None:
     env = make()
     env.reset(seed=1)
@@ -349,30 +368,50 @@ def test_close_frees_sumo_and_a_reset_opens_it_again() -> None:
     ("keywords", "message"),
     [
         ({"ego": "tram"}, "ego='tram'.*'pedestrian'"),
-        ({"others": "lane"}, "others='lane'.*'sumo'"),
+        ({"others": "lane"}, "others='lane'.*'sampled'"),
+        ({"preset": "large"}, "preset='large'.*'extended'"),
         ({"agents": 0}, "agents=0"),
+        ({"episode_steps": 0}, "episode_steps=0"),
         ({"scenario": "nowhere"}, "nowhere: no such"),
         ({"bundle": "nothing"}, "nothing"),
+        ({"takeover": {"car": 1}, "mix": {"car": 1}}, "leave one of"),
+        ({"takeover": {"car": 2}}, "takeover=.*from 0 to 1"),
+        ({"takeover": {"car": 1}, "others": "sumo"}, "others='sumo'"),
+        ({"others": "greedy", "preset": "paper"}, "others='greedy': it sees the preset 'extended'"),
+        ({"observe": lambda situation: situation}, "give `observe` and `observation_space` together"),
     ],
 )
 def test_what_cannot_be_used_is_said_when_it_is_made(keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        RoadUserEnv(**keywords)
+        RoadUserEnv(**{"scenario": "intersection"} | keywords)
 
 
 def test_a_bundle_without_a_trained_selector_has_no_greedy_others(tmp_path: Path) -> None:
     replace(load_bundle("intersection"), policy=None).save(tmp_path / "untrained")
     with pytest.raises(InputError, match="no trained selector"):
-        RoadUserEnv(bundle=str(tmp_path / "untrained"), others="greedy")
+        RoadUserEnv(scenario="intersection", bundle=str(tmp_path / "untrained"), others="greedy")
 
 
-def test_wishes_that_the_scenario_cannot_meet_close_sumo() -> None:
+@pytest.mark.usefixtures("here")
+def test_a_bundle_without_a_trained_selector_is_observed_with_routes(tmp_path: Path) -> None:
+    replace(load_bundle("intersection"), policy=None).save(tmp_path / "untrained")
+    env = make(bundle=str(tmp_path / "untrained"), agents=2)
+    seen, _ = env.reset(seed=1)
+    assert "route" in seen
+    env.step(np.int64(0))
+
+
+@pytest.mark.usefixtures("here")
+def test_wishes_that_the_scenario_cannot_meet_are_named() -> None:
     env = make(ego="bicycle", agents=1)
-    with pytest.raises(InputError, match="none of the 1 learned road users is a bicycle"):
+    with pytest.raises(InputError, match=r"none of the 1 learned road users .* is a bicycle"):
         env.reset(seed=1)
-    assert not libsumo.isLoaded()
+    env = make(scenario="shared-space", takeover={"car": 1}, agents=1)
+    with pytest.raises((InputError, SumoError), match="no road users that can be learned"):
+        env.reset(seed=1)
 
 
+@pytest.mark.usefixtures("here")
 def test_actions_beyond_the_modes_are_refused() -> None:
     env = make()
     env.reset(seed=1)
@@ -380,9 +419,9 @@ def test_actions_beyond_the_modes_are_refused() -> None:
         env.step(np.int64(20))
 
 
-def test_with_the_preset_extended_the_ego_knows_its_route() -> None:
-    env = make(preset="extended", ego="car", agents=6)
-    check_env(env, skip_render_check=True)
+@pytest.mark.usefixtures("here")
+def test_the_preset_says_what_the_ego_knows() -> None:
+    env = make(preset="extended", ego="car", agents=6, image=True)
     seen, _ = env.reset(seed=2)
     route = dict(zip(ROUTE_FEATURES, seen["route"].tolist(), strict=True))
     assert route["known"] == 1.0
@@ -392,18 +431,20 @@ def test_with_the_preset_extended_the_ego_knows_its_route() -> None:
     assert magenta.any()
     _, _, _, _, info = env.step(np.int64(3))
     assert info["terms"]["progress"] != 0.0
+    env.close()
     # Without it nothing of that is there.
-    plain = make(ego="car", agents=6)
+    plain = make(preset="paper", ego="car", agents=6, image=True)
     seen, _ = plain.reset(seed=2)
-    assert set(seen) == {"vector", "image"}
+    assert set(seen) == {"vector", "image", "rollouts", "action_mask"}
+    assert seen["rollouts"].shape == (20, 4)
     assert not (seen["image"] == [255, 0, 255]).all(axis=-1).any()
 
 
-def test_others_see_the_preset_that_their_selector_was_trained_with(tmp_path: Path) -> None:
-    policy = Policy(PolicyConfig(preset="extended", hidden=16, head=8))
+@pytest.mark.usefixtures("here")
+def test_others_see_images_that_the_ego_does_not_see(tmp_path: Path) -> None:
+    policy = Policy(PolicyConfig(preset="extended", hidden=16, head=8, image=True))
     replace(load_bundle("intersection"), policy=policy).save(tmp_path / "bundle")
-    with pytest.raises(InputError, match="sees the preset 'extended'; give preset='extended'"):
-        RoadUserEnv(bundle=str(tmp_path / "bundle"), others="greedy")
-    env = make(bundle=str(tmp_path / "bundle"), others="greedy", preset="extended", agents=4)
-    env.reset(seed=1)
+    env = make(bundle=str(tmp_path / "bundle"), others="greedy", agents=4, image=False)
+    seen, _ = env.reset(seed=1)
+    assert "image" not in seen
     env.step(np.int64(0))

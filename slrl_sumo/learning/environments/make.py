@@ -1,0 +1,42 @@
+"""Functions that make environments of several road users."""
+
+from typing import TYPE_CHECKING, Unpack
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning.environments.options import EnvOptions, Others, make_source
+from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
+
+if TYPE_CHECKING:
+    from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv  # PettingZoo is an extra
+
+
+def parallel_env(
+    scenario: str, *, agents: int = 16, others: Others | None = None, **options: Unpack[EnvOptions]
+) -> "ParallelRoadUserEnv":
+    """A PettingZoo parallel environment whose agents are the learned road users of one simulation.
+
+        env = slrl_sumo.parallel_env("intersection", agents=32)
+        env = slrl_sumo.parallel_env("my.sumocfg", agents=64, takeover={"car": 0.5, "bicycle": 1})
+
+    `agents`: road users that are added, or with `takeover` the road users of the scenario that are agents in an
+    episode. The other keywords, observations and rewards are those of RoadUserEnv; agents and episodes:
+    ParallelRoadUserEnv. Needs `pip install slrl-sumo[rl]`. Raises InputError for what cannot be used.
+    """
+    try:
+        from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
+    except ModuleNotFoundError as error:
+        if error.name != "pettingzoo":
+            raise
+        raise InputError("the parallel environment needs PettingZoo: pip install 'slrl-sumo[rl]'") from None
+    return ParallelRoadUserEnv(make_source(scenario, agents, others, **options))
+
+
+def vector_env(
+    scenario: str, *, num_envs: int = 16, others: Others | None = None, **options: Unpack[EnvOptions]
+) -> SimulationVectorEnv:
+    """All learned road users of one simulation as a gymnasium vector environment, in this process.
+
+    `num_envs`: how many are learned; the other keywords are those of RoadUserEnv. Raises InputError for what cannot be
+    used.
+    """
+    return SimulationVectorEnv(make_source(scenario, num_envs, others, **options))

@@ -1,0 +1,114 @@
+"""What the environments show of a road user: the observation, its space, and observations of one's own."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from slrl_sumo.agent.decide import Situation
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning.environments.arena import ArenaSettings
+from slrl_sumo.learning.own_functions import called
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.policy import PolicyConfig
+from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
+from slrl_sumo.perception.features import FEATURES
+
+Arrays = dict[str, NDArray[Any]]
+Seen = Arrays | NDArray[Any]
+"""An observation: of one road user, or of n as arrays of n rows."""
+ObserveFunction = Callable[[Situation], Seen]
+"""An observation of one's own: from what n road users decide from, to arrays of n rows."""
+
+ONLY = "observation"
+"""Name of the array of an observation that is no dict."""
+COUNTED = 10_000
+"""Upper bound of the numbers of road users within 20 m."""
+VECTOR_HIGH = np.array([100, 250, 1, 1, 1, np.pi, *[COUNTED] * 6], np.float32)
+"""No road user's FEATURES go beyond this: 100 m/s, reached or lost within one decision."""
+VECTOR_LOW = np.where([name in ("acceleration", "heading") for name in FEATURES], -VECTOR_HIGH, 0).astype(np.float32)
+MOST_ROLLOUT, MOST_ROUTE = 100.0, 10.0
+"""Bounds of the fields of mode rollouts (speeds in m/s are the largest) and of route features (tens of metres)."""
+
+
+def observation_space(settings: ArenaSettings) -> spaces.Dict:
+    """Observation of one road user: the fields of `Observation` of these names, and the modes' rollouts."""
+    config = PolicyConfig(preset="extended" if settings.extended else "paper")
+    rollouts = (MODES, len(config.rollout_features))
+    seen: dict[str, spaces.Space[Any]] = {
+        "vector": spaces.Box(VECTOR_LOW, VECTOR_HIGH),
+        "rollouts": spaces.Box(-MOST_ROLLOUT, MOST_ROLLOUT, rollouts, np.float32),
+        "action_mask": spaces.MultiBinary(MODES),
+    }
+    if settings.image:
+        seen["image"] = spaces.Box(0, 255, (EGO_ROWS, EGO_COLS, 3), np.uint8)
+    if config.route_columns:
+        seen["route"] = spaces.Box(-MOST_ROUTE, MOST_ROUTE, (config.route_columns,), np.float32)
+    if settings.trips:
+        seen["active"] = spaces.Box(0, 1, (), np.int8)
+    return spaces.Dict(seen)
+
+
+@dataclass(frozen=True, eq=False)
+class OwnObservation:
+    """An observation of one's own: the function and the space of one road user (a Box, or a Dict of them)."""
+
+    function: ObserveFunction
+    space: spaces.Space[Any]
+
+
+class Observer:
+    """Arrays of n rows from a situation: the observation of selectors, or one of the user's own."""
+
+    def __init__(self, settings: ArenaSettings, own: OwnObservation | None) -> None:
+        self._own, self._image = own, settings.image
+        self._features = PolicyConfig(preset="extended" if settings.extended else "paper").rollout_features
+        self.space: spaces.Space[Any] = observation_space(settings) if own is None else own.space
+        """Of one road user."""
+        self.tells_active = settings.trips and own is None
+        """Whether the observation has `active`."""
+
+    def __call__(self, situation: Situation) -> Arrays:
+        """The observation of n road users by name; the name ONLY where it is one array. Raises InputError where a
+        function of the user returns something else than its space has."""
+        if self._own is not None:
+            return self._checked(called("observe", self._own.function, situation), len(situation.observation))
+        observation, rollouts = situation.observation, situation.rollouts
+        assert rollouts is not None
+        seen: Arrays = {"vector": observation.vector, "rollouts": rollouts.columns(self._features)}
+        if self._image:
+            assert observation.image is not None
+            seen["image"] = observation.image
+        if observation.route is not None:
+            seen["route"] = observation.route
+        return seen | {"action_mask": action_mask(situation)}
+
+    def shown(self, arrays: Arrays) -> Seen:
+        """The arrays as the space has them."""
+        return arrays if isinstance(self.space, spaces.Dict) else arrays[ONLY]
+
+    def _checked(self, seen: Seen, n: int) -> Arrays:
+        arrays = {
+            name: np.asarray(values) for name, values in (seen if isinstance(seen, dict) else {ONLY: seen}).items()
+        }
+        parts = dict(self.space.spaces) if isinstance(self.space, spaces.Dict) else {ONLY: self.space}
+        if arrays.keys() != parts.keys():
+            raise InputError(f"it returned {sorted(arrays)}; its space has {sorted(parts)}", argument="observe")
+        for name, part in parts.items():
+            if arrays[name].shape != (n, *(part.shape or ())):
+                raise InputError(
+                    f"'{name}' has the shape {arrays[name].shape}; return {(n, *(part.shape or ()))}: a row for each "
+                    "road user, as in observation_space",
+                    argument="observe",
+                )
+        return {name: values.astype(parts[name].dtype) for name, values in arrays.items()}
+
+
+def action_mask(situation: Situation) -> NDArray[np.int8]:
+    """1 for the modes that each road user may choose, else 0, (n, modes)."""
+    assert situation.rollouts is not None
+    mask = situation.mask
+    return np.ones(situation.rollouts.collision.shape, np.int8) if mask is None else mask.astype(np.int8)

@@ -1,0 +1,170 @@
+"""A gymnasium environment in which one learned road user is driven from outside."""
+
+from typing import Any, Literal, Unpack, get_args
+
+import gymnasium
+import numpy as np
+from gymnasium.error import InvalidAction, ResetNeeded
+from numpy.typing import NDArray
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning.environments.observations import Seen
+from slrl_sumo.learning.environments.options import EnvOptions, Others, check_known, make_source
+from slrl_sumo.learning.environments.simulation_env import ACTION_SPACE
+from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
+from slrl_sumo.learning.environments.slot_view import first_info, next_info, row_of, view_space
+from slrl_sumo.learning.environments.source import is_family
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.displacement import MODES
+from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
+
+Ego = Literal["car", "bicycle", "pedestrian"]
+
+
+class RoadUserEnv(gymnasium.Env[Any, np.int64]):
+    """One learned road user, the ego, among other learned ones and SUMO's traffic: a view of SimulationVectorEnv.
+
+    - Action: the mode, 0 to 19, of the next decision (0.4 s).
+    - Observation: a row of what SimulationVectorEnv gives: `vector` (12,) float32; `rollouts` (20, 9) float32, the
+      prediction for each mode; `action_mask` (20,) int8, 1 for modes that constraints allow; `route` (14,) float32,
+      columns as in perception.route_features.ROUTE_FEATURES; with `image` `image` (20, 40, 3) uint8. In the preset
+      `paper` `rollouts` have 4 columns, and there is no `route`.
+    - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
+      `speed_mps`, `type`, `id`, `slot` (its row in the vector environment) and `action_mask`, and with `takeover`
+      `reached` and `clean` (see TripOutcome). After reset it also has `scenario`.
+    - Terminated: in contact with a road user, or lost. Truncated: after `episode_steps` decisions, with `takeover` also
+      at the destination.
+
+    `scenario`: as `slrl-sumo run` names it, or a family of `slrl-sumo generate`, which gives a new network at every
+    reset. `options={"scenario": ...}` of a reset puts another one in its place, from then on. `ego`: its type; None
+    draws it from the learned road users. `agents`: how many are learned, the ego included. `others`: selector of all
+    but the ego, as `slrl-sumo run --selector` names it; None: the one that a run has; with "sumo" the ego is the only
+    learned one, a car unless `ego` says otherwise, and `agents` has no effect.
+
+    `takeover`: shares of the scenario's own road users that are learned, as {"car": 0.3} or 'car=0.3', at most `agents`
+    at a time, from departure to destination; None: `agents` road users are added, with the types of `mix`. `bundle`:
+    name or folder. `preset`, `image`: what is observed; None: what the bundle's selector reads. `weights`: of the
+    reward's terms. `episode_steps`: None is 128, with a takeover 1500. `warm_up`: s of traffic before the first
+    episode.
+
+    `reward(transition)`: a reward of one's own, (n,), of a learning.rewards.transition.Transition of n road users.
+    `observe(situation)` and `observation_space`: an observation of one's own of an agent.decide.Situation: an array of
+    n rows for a Box, a dict of such arrays for a Dict; `observation_space` is that of one road user.
+
+    `reset(seed=...)` loads SUMO: same seed and actions, same episodes. Without a seed the ego begins at a new place in
+    the traffic as it is (with `takeover`: as another road user), which costs next to nothing; SUMO is loaded anew, by a
+    seed drawn from the last one, where an episode was broken off, the scenario's time runs out, or there is a new
+    network. Measured: docs/measurements/performance.md.
+
+    SUMO runs in a process of its own, from the first reset to `close`. Raises InputError for what cannot be used,
+    SumoError when SUMO gives up; then a reset begins anew.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2.5}  # noqa: RUF012 (gymnasium's own way)
+
+    def __init__(
+        self,
+        *,
+        scenario: str,
+        ego: Ego | None = None,
+        agents: int = 16,
+        others: Others | Literal["sumo"] | None = None,
+        render_mode: str | None = None,
+        **options: Unpack[EnvOptions],
+    ) -> None:
+        check_known("ego", ego, (None, *get_args(Ego)))
+        check_known("render_mode", render_mode, (None, "rgb_array"))
+        if others == "sumo":
+            check_known("others", others, ("sumo",) if options.get("takeover") is None else get_args(Others))
+            agents, options["mix"] = 1, {ego or "car": 1.0}
+        bundle = load_bundle(options.get("bundle", "intersection"))
+        if ego is not None and not bundle.types[TYPE_NAMES.index(ego)]:
+            raise InputError(f"bundle '{bundle.name}' has no models for it; give another", argument="ego", value=ego)
+        source = make_source(scenario, agents, None if others == "sumo" else others, **options)
+        self.render_mode = render_mode
+        self.action_space = ACTION_SPACE
+        self.observation_space = view_space(source)
+        self._simulation = SimulationProcess(source)
+        self._scenario, self._ego = scenario, ego
+        self._agents, self._steps_limit = agents, source.settings.episode_steps
+        self._trips = source.settings.trips
+        self._reply: Reply | None = None
+        self._slot, self._steps, self._id = 0, 0, ""
+        self._over = False
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
+        """See the class and gymnasium.Env."""
+        super().reset(seed=seed)
+        wanted = (options or {}).get("scenario")
+        if wanted is not None:
+            self._scenario = str(wanted)
+        reply = self._reply
+        if seed is not None or wanted is not None or reply is None or not self._goes_on(reply):
+            drawn = int(self.np_random.integers(2**31)) if seed is None else seed
+            self._reply = None
+            reply = self._simulation.reset(drawn, None if wanted is None else str(wanted))
+            self._slot = self._drawn(reply)
+        elif self._trips:
+            self._slot = self._drawn(reply)
+        self._reply, self._over, self._steps = reply, False, 0
+        self._id = reply.ids[self._slot] or ""
+        seen = row_of(reply.seen, self._slot, self.observation_space)
+        return seen, first_info(reply, self._slot) | {"scenario": reply.scenario}
+
+    def step(self, action: np.int64) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        """See the class and gymnasium.Env."""
+        if not self.action_space.contains(action):
+            raise InvalidAction(f"action {action}: give a whole number from 0 to {MODES - 1}")
+        if self._reply is None or self._over:
+            raise ResetNeeded("the episode is over: call reset() before the next step()")
+        modes = np.full(self._agents, -1)
+        modes[self._slot] = action
+        self._reply = None  # so that an error makes a reset begin anew
+        self._reply = reply = self._simulation.step(modes)
+        assert reply.reward is not None
+        assert reply.terminated is not None
+        assert reply.truncated is not None
+        slot = self._slot
+        self._steps += 1
+        terminated, ended = bool(reply.terminated[slot]), bool(reply.terminated[slot] | reply.truncated[slot])
+        truncated = not terminated and (ended or self._steps >= self._steps_limit)
+        self._over = terminated or truncated
+        seen = row_of(reply.infos["final_obs"] if ended else reply.seen, slot, self.observation_space)
+        return seen, float(reply.reward[slot]), terminated, truncated, next_info(reply, slot, self._id)
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The surroundings of the ego from above, (512, 512, 3) RGB, north up; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._reply is None:
+            raise ResetNeeded("there is nothing to see: call reset() before render()")
+        return self._simulation.picture(self._id, self._steps > 0)
+
+    def close(self) -> None:
+        """End the simulation and its process; a reset opens it again."""
+        self._reply = None
+        self._simulation.close()
+
+    def _goes_on(self, reply: Reply) -> bool:
+        """Whether the next episode can begin in the traffic as it is."""
+        if not self._over or is_family(self._scenario):
+            return False
+        if self._trips and not len(self._candidates(reply)):
+            return False
+        return reply.seconds_left >= self._steps_limit * DECISION_INTERVAL
+
+    def _candidates(self, reply: Reply) -> NDArray[np.intp]:
+        """Slots of the road users that the ego may be."""
+        there = np.array([road_user is not None for road_user in reply.ids])
+        if self._ego is not None:
+            there &= reply.type == TYPE_NAMES.index(self._ego)
+        return np.flatnonzero(there)
+
+    def _drawn(self, reply: Reply) -> int:
+        slots = self._candidates(reply)
+        if not len(slots):
+            raise InputError(
+                f"none of the {len(reply.ids)} learned road users of {reply.scenario} is a {self._ego or 'road user'}; "
+                "give more `agents`, another `ego` or another scenario"
+            )
+        return int(self.np_random.choice(slots))

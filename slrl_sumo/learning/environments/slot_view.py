@@ -1,0 +1,55 @@
+"""One slot of a simulation, as the views show it."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from slrl_sumo.learning.environments.observations import Seen, observation_space
+from slrl_sumo.learning.environments.simulation_process import Reply
+from slrl_sumo.learning.environments.source import ArenaSource
+from slrl_sumo.learning.rewards.terms import TERMS
+from slrl_sumo.scene.types import TYPE_NAMES
+
+TOLD = ("reached", "clean")
+"""Infos of trips that a view passes on as bool."""
+
+
+def view_space(source: ArenaSource) -> spaces.Space[Any]:
+    """Observation of one road user; `active` is left out, because it has one."""
+    if source.observation is not None:
+        return source.observation.space
+    space = observation_space(source.settings)
+    return spaces.Dict({name: part for name, part in space.items() if name != "active"})
+
+
+def row_of(seen: Any, slot: int, space: spaces.Space[Any]) -> Seen:
+    """The observation of one slot, as its space has it."""
+    if not isinstance(space, spaces.Dict):
+        return np.asarray(seen[slot]).copy()
+    return {name: np.asarray(seen[name][slot]).copy() for name in space}
+
+
+def first_info(reply: Reply, slot: int) -> dict[str, Any]:
+    """What a view tells of a slot besides its observation at the beginning of an episode."""
+    return {
+        "id": reply.ids[slot],
+        "slot": slot,
+        "type": TYPE_NAMES[reply.type[slot]],
+        "speed_mps": float(reply.speed[slot]),
+        "action_mask": reply.masks[slot].copy(),
+    }
+
+
+def next_info(reply: Reply, slot: int, road_user: str) -> dict[str, Any]:
+    """The same after a decision of the road user with this id, which may have left the slot."""
+    infos = reply.infos
+    return {
+        "id": road_user,
+        "slot": slot,
+        "type": TYPE_NAMES[infos["type"][slot]],
+        "speed_mps": float(infos["speed_mps"][slot]),
+        "action_mask": reply.masks[slot].copy(),
+        "terms": {name: float(infos[name][slot]) + 0.0 for name in TERMS if name in infos},
+        **{name: bool(infos[name][slot]) for name in TOLD if name in infos},
+    }

@@ -1,0 +1,20 @@
+"""Calls of functions that users give: observations and rewards of their own."""
+
+import traceback
+from collections.abc import Callable
+from typing import TypeVar
+
+from slrl_sumo.errors import InputError
+
+Given = TypeVar("Given")
+Returned = TypeVar("Returned")
+
+
+def called(argument: str, function: Callable[[Given], Returned], given: Given) -> Returned:
+    """What the user's function returns, which came as this argument. Raises InputError that says where it failed."""
+    try:
+        return function(given)
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{last.filename}, line {last.lineno}"
+        raise InputError(f"it raised {type(error).__name__} ({where}): {error}", argument=argument) from error
