@@ -97,6 +97,10 @@ class LaneGraph:
         self._origins: dict[str, str] = {}
         self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
 
+    def has_neighbours(self, lane: str) -> bool:
+        """Whether the edge of a lane has other lanes."""
+        return len(self._of_edge[self.lanes[lane].edge]) > 1
+
     def lane_to_change_to(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
         """The neighbouring lane that brings a vehicle nearer to its route `edges`, which begin with the lane's edge.
 

@@ -98,10 +98,11 @@ class RightOfWay:
 
     def _links_from(self, lane: str) -> dict[tuple[str, str], Link]:
         """The links from a lane, by target and via."""
-        kept = self._links if self._trust_sumo or lane in self._signalled else self._unsignalled
-        links = kept.get(lane)
+        links = self._unsignalled.get(lane) or self._links.get(lane)
         if links is None:
-            links = kept[lane] = {(link.target, link.via): link for link in read_links(self._api, lane)}
+            links = {(link.target, link.via): link for link in read_links(self._api, lane)}
+            constant = not self._trust_sumo and lane not in self._signalled
+            (self._unsignalled if constant else self._links)[lane] = links
         return links
 
     def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:

@@ -260,6 +260,8 @@ class VehicleTracker:
         left = track.path.ends[0] - track.s
         if abs(track.lateral_offset) > CHANGING:
             return Wish(i, track.lateral_offset, track.path.line.at(track.s)[2], 0.0)
+        if not self._graph.has_neighbours(lane):
+            return None
         edges = (self._graph.lanes[lane].edge, *track.edges)
         target = self._graph.lane_to_change_to(lane, track.vehicle_class, edges)
         if target is None:
