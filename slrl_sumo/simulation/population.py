@@ -81,6 +81,8 @@ class Population:
         With `off_route` they are put on their route again, wherever that is.
         """
         rows = np.flatnonzero(leaving & self.taken_over)
+        if not len(rows):
+            return ()
         users = self.world.take(rows)
         done = self._taken_over_control.hand_back(users.ids, users.type == RoadUserType.PEDESTRIAN, off_route=off_route)
         back = tuple(i for i, gone in zip(users.ids, done.tolist(), strict=True) if gone)

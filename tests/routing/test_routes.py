@@ -1,6 +1,7 @@
 """What lies ahead on routes, against what SUMO says and does: paths, signals, priority, ends."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -449,3 +450,35 @@ def test_without_a_route_each_run_takes_the_same_way_until_the_end(intersection:
         assert aside[0] == pytest.approx(0.0, abs=0.05)
         assert direction[0] == pytest.approx(heading, abs=0.01)
     assert first.near_end(world.ids).tolist() == [False]
+
+
+def test_links_without_a_signal_are_read_once_and_no_lane_is_asked_for_vehicles(
+    intersection: SumoSession, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Counter[str]] = {name: Counter() for name in ("getLinks", "getLastStepVehicleIDs")}
+
+    def counted(name: str) -> None:
+        original = getattr(libsumo.lane, name)
+
+        def call(lane: str) -> object:
+            asked[name][lane] += 1
+            return original(lane)
+
+        monkeypatch.setattr(libsumo.lane, name, call)
+
+    for _ in range(100):
+        intersection.step()
+    routes = Routes(intersection.api, intersection.network)
+    for name in asked:
+        counted(name)
+    vehicles = libsumo.vehicle.getIDList()[::2]
+    closest = math.inf
+    for _ in range(20):
+        intersection.step()
+        there = [name for name in vehicles if name in libsumo.vehicle.getIDList()]
+        ahead = routes.ahead(_seen(intersection, *there), len(there))
+        closest = min(closest, float(ahead.line.min()))
+    assert closest < 10.0
+    # By the graph of lanes and by the right of way.
+    assert max(asked["getLinks"].values()) <= 2
+    assert not asked["getLastStepVehicleIDs"]
