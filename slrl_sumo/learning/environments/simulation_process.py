@@ -51,13 +51,13 @@ class SimulationWork:
     arguments)."""
 
     def __init__(self, source: bytes) -> None:
-        self._source = source
+        self.source = source
         self._env: SimulationVectorEnv | None = None
 
     def __call__(self, message: tuple[str, tuple[Any, ...]]) -> Any:
         """Answer a message."""
         torch.set_num_threads(1)  # the models are so small that more threads only wait for each other
-        self._env = self._env or SimulationVectorEnv(pickle.loads(self._source))
+        self._env = self._env or SimulationVectorEnv(pickle.loads(self.source))
         name, arguments = message
         return getattr(self, name)(self._env, *arguments)
 
@@ -114,7 +114,14 @@ class SimulationProcess:
         """Open the simulation of a seed, in another scenario from now on where one is given."""
         if self._memory > MEMORY_LIMIT:
             self.close()
-        reply: Reply = self._asked("reset", seed, scenario)
+        reused = self._process is not None
+        try:
+            reply: Reply = self._asked("reset", seed, scenario)
+        except SumoError:
+            if not reused:
+                raise
+            # A process that has simulated before may die as libsumo loads again; a fresh one gives the same.
+            reply = self._asked("reset", seed, scenario)
         return reply
 
     def step(self, modes: NDArray[np.int64]) -> Reply:
@@ -134,6 +141,10 @@ class SimulationProcess:
         if self._process is not None:
             self._end()
             self._process = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy has a process of its own: wrappers copy environments."""
+        return SimulationProcess, (pickle.loads(self._work.source),)
 
     def _asked(self, name: str, *arguments: Any) -> Any:
         if self._here:

@@ -1,6 +1,7 @@
 """The parallel environment through PettingZoo's own tests, in a process of its own."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
@@ -89,6 +91,21 @@ def test_a_simulation_that_dies_is_an_error_and_a_reset_begins_anew(env: Paralle
         env.step(dict.fromkeys(env.agents, np.int64(0)))
     after, _ = env.reset(seed=3)
     np.testing.assert_equal(before, after)
+    os.kill(env._simulation._process.pid, signal.SIGKILL)
+    again, _ = env.reset(seed=3)  # as where SUMO dies while it loads
+    np.testing.assert_equal(before, again)
+
+
+@pytest.mark.usefixtures("here")
+def test_a_copy_is_another_simulation() -> None:
+    env = parallel_env("intersection", agents=2, warm_up=0.0, reward=lambda transition: transition.users.speed)
+    copy = cloudpickle.loads(cloudpickle.dumps(env))
+    assert copy.observation_space("road_user_0") == env.observation_space("road_user_0")
+    first, _ = env.reset(seed=1)
+    env.close()
+    same, _ = copy.reset(seed=1)
+    np.testing.assert_equal(first, same)
+    assert copy._simulation is not env._simulation
 
 
 def test_a_reset_without_a_seed_takes_the_next_one(env: ParallelRoadUserEnv) -> None:
@@ -162,3 +179,19 @@ def test_without_pettingzoo_it_says_what_to_install(monkeypatch: pytest.MonkeyPa
     monkeypatch.delitem(sys.modules, ParallelRoadUserEnv.__module__)
     with pytest.raises(InputError, match=r"needs PettingZoo: pip install 'slrl-sumo\[rl\]'$"):
         slrl_sumo.parallel_env("intersection")
+
+
+@pytest.mark.slow
+def test_the_example_trains_by_supersuit_and_stable_baselines(tmp_path: Path) -> None:
+    example = Path(slrl_sumo.__file__).parent.parent / "docs" / "examples" / "train_parallel_env.py"
+    done = subprocess.run(
+        [sys.executable, example, "512", tmp_path],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env={**os.environ, "SB3_LOGDIR": str(tmp_path)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert re.fullmatch(r"512 decisions; 16 road users earned -?\d+\.\d each\n", done.stdout)
+    assert (tmp_path / "policy.zip").is_file()

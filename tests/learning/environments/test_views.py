@@ -42,6 +42,10 @@ OWN: dict[str, Any] = {
 }
 
 
+SLOW = [pytest.param(options, marks=pytest.mark.slow) for options in (SPAWNED | OWN, TRIPS | OWN)]
+ALL = [SPAWNED, TRIPS, *SLOW]
+
+
 @pytest.fixture
 def vector(request: pytest.FixtureRequest) -> Iterator[SimulationVectorEnv]:
     env = vector_env("intersection", num_envs=N, **request.param)
@@ -63,7 +67,7 @@ def played(env: SimulationVectorEnv, modes: NDArray[np.int64]) -> list[tuple[Any
     return [env.reset(seed=5), *(env.step(some) for some in modes)]
 
 
-@pytest.mark.parametrize("vector", [SPAWNED, TRIPS, SPAWNED | OWN, TRIPS | OWN], indirect=True)
+@pytest.mark.parametrize("vector", ALL, indirect=True)
 def test_the_parallel_environment_gives_rows_of_the_vector_environment(
     vector: SimulationVectorEnv, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,7 +110,7 @@ def test_the_parallel_environment_gives_rows_of_the_vector_environment(
     assert entered == 0 or "takeover" in request.node.callspec.params["vector"]
 
 
-@pytest.mark.parametrize("vector", [SPAWNED, TRIPS, SPAWNED | OWN, TRIPS | OWN], indirect=True)
+@pytest.mark.parametrize("vector", ALL, indirect=True)
 def test_the_single_environment_gives_one_row_of_the_vector_environment(
     vector: SimulationVectorEnv, request: pytest.FixtureRequest
 ) -> None:
