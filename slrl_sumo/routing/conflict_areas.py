@@ -11,24 +11,15 @@ from slrl_sumo.scene.geometry import Floats
 SWING, LONG = 0.1, 5.0
 """m beside the box of a vehicle, for each m of its length up to LONG m, that it needs in a turn: 0.5 m of a car, 0.16 m
 of a bicycle. Lanes are 3.2 m apart, so that a lorry of 2.5 m still fits beside a car."""
-TURN = 0.35
-"""rad (20 degrees) by which a lane turns at least where vehicles need more than their width."""
 STEP = 0.1
 """m: areas are computed for distances of the lanes in these steps."""
 SPACING = 0.5
 """m between the points of lanes that are compared."""
 
 
-class Size(NamedTuple):
-    """Of a vehicle, m."""
-
-    length: float
-    width: float
-
-
-def half_width(size: Size, *, turns: bool) -> float:
+def half_width(length: float, width: float) -> float:
     """m to either side of its lane's centre line that a vehicle of this size needs in a junction."""
-    return 0.5 * size.width + (SWING * min(size.length, LONG) if turns else 0.0)
+    return 0.5 * width + SWING * min(length, LONG)
 
 
 class ConflictArea(NamedTuple):
@@ -46,25 +37,17 @@ class ConflictAreas:
     def __init__(self, graph: LaneGraph) -> None:
         self._graph = graph
         self._points: dict[str, Floats] = {}
-        self._turns: dict[str, bool] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
 
-    def between(self, lane: str, size: Size, other: str, other_size: Size) -> ConflictArea | None:
-        """The conflict area of a lane with another one, for a vehicle on each; None where both can be used at once."""
-        apart = half_width(size, turns=self._turning(lane)) + half_width(other_size, turns=self._turning(other))
+    def between(self, lane: str, other: str, apart: float) -> ConflictArea | None:
+        """The conflict area of a lane with another one for vehicles that touch where their centre lines are less than
+        `apart` m from each other; None where both lanes can be used at once."""
         steps = math.ceil(apart / STEP - 1e-6)
         key = (lane, other, steps)
         if key not in self._areas:
             self._areas[key] = area = _area(self._sampled(lane), self._sampled(other), steps * STEP)
             self._areas[other, lane, steps] = None if area is None else ConflictArea(*area[2:], *area[:2])
         return self._areas[key]
-
-    def _turning(self, lane: str) -> bool:
-        turns = self._turns.get(lane)
-        if turns is None:
-            direction = np.unwrap(np.arctan2(*np.diff(self._graph.lanes[lane].shape, axis=0).T[::-1]))
-            turns = self._turns[lane] = bool(np.ptp(direction) > TURN)
-        return turns
 
     def _sampled(self, lane: str) -> Floats:
         """x, y and m along a lane, (points, 3), every SPACING m."""

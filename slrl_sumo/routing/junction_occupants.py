@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from slrl_sumo.routing.conflict_areas import Size
+from slrl_sumo.routing.conflict_areas import half_width
 from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
@@ -28,6 +28,13 @@ UNUSED = 3.0
 """s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
 
 
+class Size(NamedTuple):
+    """Of a vehicle, m."""
+
+    length: float
+    width: float
+
+
 USUAL = Size(5.0, 1.8)
 """Of vehicles that are not in the world: those that have just departed."""
 
@@ -48,7 +55,7 @@ class Occupant:
     speed: float
     size: Size
     until: float
-    """m from the front to where the reservation ends: the exit, or the next waiting position."""
+    """m from the front to where the reservation ends: the exit, or where it stops before the next waiting position."""
     time: float
     """s: when this was true."""
     yields: bool
@@ -61,6 +68,11 @@ class Occupant:
     """Its signal at the next waiting position is red."""
     halts: bool = False
     """It has passed a waiting position, and SUMO may still stop it for those that enter: it has to be gone first."""
+
+    @property
+    def half_width(self) -> float:
+        """See conflict_areas."""
+        return half_width(*self.size)
 
 
 def reserves_from(speed: float) -> float:

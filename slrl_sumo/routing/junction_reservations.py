@@ -9,17 +9,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas, Size
+from slrl_sumo.routing.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junction_occupants import (
-    COMMITTED,
     UNUSED,
     BackgroundOccupants,
     Occupant,
+    Size,
     pieces_of,
     reserves_from,
 )
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
-from slrl_sumo.routing.right_of_way import RightOfWay, time_to_cover
+from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay, time_to_cover
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
@@ -53,8 +53,6 @@ class JunctionReservations:
         self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
         """The junctions in which each vehicle holds something."""
-        self._granted: dict[tuple[str, str], float] = {}
-        """When (s) vehicles reserved their ways to exits, by their id and the internal lane at the begin."""
         self._time = 0.0
 
     def renew(self, world: WorldState) -> None:
@@ -65,7 +63,6 @@ class JunctionReservations:
             for vehicle in [name for name, one in holders.items() if one.time < self._time - 1e-6]:
                 del holders[vehicle]
                 self._holds.pop(vehicle, None)
-        self._granted = {way: since for way, since in self._granted.items() if since >= self._time - 1e-6}
         self._time = world.time
 
     def update(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
@@ -91,25 +88,33 @@ class JunctionReservations:
             earlier = theirs is None or (theirs.entered, name) < (track.entered, vehicle)
             if earlier and not self._in_way(track, size, theirs):
                 # An area in which it is already has to be cleared, whatever the order.
-                met = self._meets(mine, other, False, False)
+                met = self._meets(mine, other, priority=False, pauses=False)
                 waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
         self._hold(vehicle, junction, mine)
         # What it cannot stop for any more is left to the collisions of its modes.
         return waits if waits > track.speed * track.speed / (2.0 * HARD) else math.inf
 
-    def may_enter(self, vehicle: str, track: VehicleTrack, stop_line: float, *, priority: bool, size: Size) -> bool:
+    def may_enter(
+        self,
+        vehicle: str,
+        track: VehicleTrack,
+        stop_line: float,
+        *,
+        priority: bool,
+        size: Size,
+        too_late: bool = False,
+    ) -> bool:
         """Whether a learned vehicle may pass the line at `stop_line` (m along its path); if it is about to, its way is
-        reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count."""
+        reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count. One for
+        which it is `too_late` to stop passes in any case, and the others have to know."""
         distance = stop_line - track.s
         pieces = tuple(pieces_of(track, stop_line))
         if not pieces:
             return True
         junction = junction_of(pieces[0].lane)
-        entry, pause, exits = _stops(track, stop_line)
+        pause, exits = _stops(track, stop_line)
+        yields = not priority and distance > track.speed * track.speed / (2.0 * HARD)
         idle = track.standing_time > UNUSED
-        # Decided once: two that judged each other anew in every decision would start and stop in turns.
-        goes = (vehicle, entry.via) in self._granted and not idle
-        yields = not (priority or goes) and distance > track.speed * track.speed / (2.0 * HARD)
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
         others = [
             other
@@ -119,15 +124,12 @@ class JunctionReservations:
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
             mine = replace(mine, until=until)
-            meets = (self._meets(mine, other, priority, pauses=until < exits, goes=goes) for other in others)
-            if all(next(one, None) is None for one in meets):
-                if distance <= reserves_from(track.speed):
+            meets = (self._meets(mine, other, priority=priority, pauses=until < exits) for other in others)
+            if too_late or all(next(one, None) is None for one in meets):
+                if too_late or distance <= reserves_from(track.speed):
                     # With the lanes that it is on, where it waits inside the junction.
                     held = tuple(pieces_of(track, track.s - size.length)) if track.entry else pieces
-                    goes = until == exits and distance <= max(COMMITTED, track.speed * track.speed / (2.0 * HARD))
-                    self._hold(vehicle, junction, replace(mine, pieces=held, yields=yields and not goes))
-                    if goes:
-                        self._granted[vehicle, entry.via] = self._time
+                    self._hold(vehicle, junction, replace(mine, pieces=held))
                 return True
         return False
 
@@ -148,16 +150,15 @@ class JunctionReservations:
         s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
         return other.s < s and distance < size.width
 
-    def _meets(
-        self, mine: Occupant, other: Occupant, priority: bool, pauses: bool, goes: bool = False
-    ) -> Iterator[float]:
+    def _meets(self, mine: Occupant, other: Occupant, *, priority: bool, pauses: bool) -> Iterator[float]:
         """m from the front of a vehicle to each conflict area in which it meets an occupant on the way to the end of
-        its reservation. Where it `goes`, only those that are in an area already count."""
+        its reservation."""
         if self._graph.origin(mine.pieces[0].lane) == self._graph.origin(other.pieces[0].lane):
             return  # a leader or follower
+        apart = mine.half_width + other.half_width
         for piece in mine.pieces:
             for theirs in other.pieces:
-                area = self._areas.between(piece.lane, mine.size, theirs.lane, other.size)
+                area = self._areas.between(piece.lane, theirs.lane, apart)
                 if area is None:
                     continue
                 enter, leave = piece.ahead + area.begin, piece.ahead + area.end + mine.size.length
@@ -165,15 +166,13 @@ class JunctionReservations:
                 their_leave = theirs.ahead + area.other_end + other.size.length
                 if leave <= 0.0 or their_leave <= 0.0 or enter > mine.until:
                     continue  # one of them has passed, or the area is beyond the waiting position
-                if goes and their_enter > 0.0:
-                    continue
                 if their_enter > other.until:
                     # It will come there later. Then the way must be free; and with equal rights one outside the
                     # junction does not go before one that waits inside, else it would wait for ever.
                     first = not priority and not other.closed and other.entered < mine.entered == math.inf
                     if first or (pauses and leave > mine.until):
                         yield enter
-                elif their_enter > 0.0 and (other.idle or (priority and other.yields)):
+                elif their_enter > 0.0 and (_is_idle(other, mine) or (priority and other.yields)):
                     continue  # it goes on after this one, which may be what stops it
                 elif not (
                     _before(mine.speed, leave, other.speed, their_enter)
@@ -185,17 +184,23 @@ class JunctionReservations:
                     yield enter
 
 
+def _is_idle(one: Occupant, other: Occupant) -> bool:
+    """Whether a vehicle has stood for so long that another one need not wait for it. Of two that wait for each other,
+    only one goes: the one that entered the junction first."""
+    return one.idle and not (other.idle and one.entered < other.entered)
+
+
 def _before(speed: float, leave: float, other: float, enter: float) -> bool:
     """Whether a vehicle leaves a conflict area before another one enters it; distances in m, speeds in m/s."""
     gone = time_to_cover(leave, speed, ACCELERATION)
     return enter > 0.0 and gone + GAP < time_to_cover(enter, other, ACCELERATION)
 
 
-def _stops(track: VehicleTrack, stop_line: float) -> tuple[JunctionEntry, float, float]:
-    """The entry at a line, m from the front to the next waiting position after it, and to the exit of its junction."""
-    here = next(entry for entry in track.path.entries if entry.stop_line >= stop_line - 1e-6)
-    later = [entry.stop_line for entry in track.path.entries if stop_line + 1e-6 < entry.stop_line < here.exit]
-    return here, min(later, default=here.exit) - track.s, here.exit - track.s
+def _stops(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
+    """m from the front to the next waiting position after a line, and to the exit of its junction."""
+    exits = next(entry.exit for entry in track.path.entries if entry.stop_line >= stop_line - 1e-6)
+    later = [entry.stop_line for entry in track.path.entries if stop_line + 1e-6 < entry.stop_line < exits]
+    return min((line - STOP_LINE for line in later), default=exits) - track.s, exits - track.s
 
 
 def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
@@ -204,5 +209,5 @@ def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
     here = next(k for k, entry in enumerate(entries) if entry.via == track.entry)
     for entry in entries[here + 1 :]:
         if entry.stop_line < entries[here].exit:
-            return entry, entry.stop_line - track.s
+            return entry, entry.stop_line - STOP_LINE - track.s
     return None, entries[here].exit - track.s

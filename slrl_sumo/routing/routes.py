@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.routing.conflict_areas import Size
+from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
 from slrl_sumo.routing.lane_graph import LaneGraph

@@ -79,7 +79,7 @@ class SpeedLimits:
             too_late = track.speed * track.speed / (2.0 * limits[1]) > distance + 1.0
             # A stop sign: a stand before the line comes first, also where nothing comes.
             rule = "stop" if self._right_of_way.halts(entry) and track.halted != entry.via else rule
-            if rule == "stop" or not (may_enter(entry.stop_line, priority=rule == "go") or too_late):
+            if rule == "stop" or not may_enter(entry.stop_line, priority=rule == "go", too_late=too_late):
                 stop = min(stop, distance - STOP_LINE)
             elif rule == "look":
                 seen = max(distance - track.speed * dt, LINE_OF_SIGHT)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import libsumo
 import pytest
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas, Size, half_width
-from slrl_sumo.routing.junction_occupants import UNUSED
+from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
+from slrl_sumo.routing.junction_occupants import UNUSED, Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
@@ -85,42 +85,32 @@ def may(
 def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
-    area = areas.between(across, SIZE, along, SIZE)
+    apart = 2.0 * half_width(*SIZE)
+    area = areas.between(across, along, apart)
     assert area is not None
-    other = areas.between(along, SIZE, across, SIZE)
+    other = areas.between(along, across, apart)
     assert other == (*area[2:], *area[:2])
     # They cross at a right angle: the area is as long as both are wide.
     assert 0.0 < area.begin < area.end < graph.lanes[across].length
-    assert area.end - area.begin == pytest.approx(4.0 * half_width(SIZE, turns=False), abs=1.5)
+    assert area.end - area.begin == pytest.approx(2.0 * apart, abs=1.5)
     opposite = track(graph, "in2", "out0", 1.0, 0.0).path.entries[0].via
-    assert areas.between(across, SIZE, opposite, SIZE) is None
+    assert areas.between(across, opposite, apart) is None
 
 
 def test_areas_are_as_wide_as_the_vehicles(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
+    car, bicycle = half_width(*SIZE), half_width(*BICYCLE)
     lengths = [
         area.end - area.begin
-        for one, other in ((SIZE, SIZE), (SIZE, BICYCLE), (BICYCLE, BICYCLE))
-        if (area := areas.between(across, one, along, other)) is not None
+        for apart in (2.0 * car, car + bicycle, 2.0 * bicycle)
+        if (area := areas.between(across, along, apart)) is not None
     ]
     assert len(lengths) == 3
-    assert lengths[0] > lengths[1] + 0.9 > lengths[2] + 1.8
-    # A bicycle's lane of 1.5 m beside a lane of 3.2 m does not conflict with it all along, nor a car beside a lorry.
-    car, bicycle = half_width(SIZE, turns=True), half_width(BICYCLE, turns=True)
+    assert lengths[0] > lengths[1] + 1.0 > lengths[2] + 2.0
+    # A bicycle's lane of 1.5 m beside a lane of 3.2 m does not conflict with it all along; a car beside a car just not.
     assert car + bicycle < 0.5 * (1.5 + 3.2)
-    assert car + half_width(Size(16.0, 2.6), turns=True) < 3.21
-
-
-def test_vehicles_need_room_beside_their_lane_only_where_it_turns(graph: LaneGraph) -> None:
-    oncoming = track(graph, "in3", "out1", 1.0, 0.0).path.entries[0].via
-    waits = track(graph, "in1", "out0", 1.0, 0.0).path.entries[0].via
-    area = ConflictAreas(graph).between(oncoming, SIZE, waits, SIZE)
-    # A car that waits 1 m before the end of this lane is not in the way.
-    assert area is not None
-    assert area.other_begin > graph.lanes[waits].length - 1.0
-    assert half_width(SIZE, turns=True) == 1.4
-    assert half_width(SIZE, turns=False) == 0.9
+    assert car + half_width(16.0, 2.6) < 3.21
 
 
 def test_a_vehicle_waits_for_those_inside_that_are_on_its_way(graph: LaneGraph) -> None:
@@ -137,7 +127,7 @@ def test_a_vehicle_waits_for_those_inside_that_are_on_its_way(graph: LaneGraph) 
 
 
 def test_of_two_at_their_lines_one_enters_and_the_other_waits(graph: LaneGraph) -> None:
-    first, second = track(graph, "in0", "out2", 4.0, 4.0), track(graph, "in1", "out3", 2.0, 0.0)
+    first, second = track(graph, "in0", "out2", 2.0, 0.0), track(graph, "in1", "out3", 2.0, 0.0)
     reservations = reserved(graph)
     assert may(reservations, "first", first)
     assert not may(reservations, "second", second)
@@ -161,22 +151,45 @@ def test_a_vehicle_passes_before_one_that_comes_later(graph: LaneGraph) -> None:
         assert may(reservations, "quick", quick) == free
 
 
-def test_a_gap_is_accepted_once(graph: LaneGraph) -> None:
-    left, coming = track(graph, "in1", "out0", 0.5, 0.0), track(graph, "in3", "out1", 30.0, 13.0)
-    reservations = reserved(graph)
-    assert may(reservations, "coming", coming, priority=True)
-    assert not may(reservations, "left", left)
-    reservations = reserved(graph)
-    assert may(reservations, "left", left)
-    reservations.renew(world(1.4))
-    # Nothing came when it began to go: now what has the right of way waits, and only one of the two does.
-    assert not may(reservations, "coming", coming, priority=True)
-    assert may(reservations, "left", left)
-    # One that stands all the same has given the gap up.
-    reservations.renew(world(1.8))
-    reservations.update("left", left, SIZE)
-    assert may(reservations, "coming", coming, priority=True)
-    assert not may(reservations, "left", replace(left, standing_time=UNUSED + 1.0))
+def test_a_vehicle_that_cannot_stop_any_more_reserves_its_way(graph: LaneGraph) -> None:
+    fast, waiting = track(graph, "in0", "out2", 18.0, 12.0), track(graph, "in1", "out3", 1.0, 0.0)
+    reservations = reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0))
+    line = fast.path.entries[0].stop_line
+    assert not reservations.may_enter("fast", fast, line, priority=False, size=SIZE)
+    assert may(reservations, "waiting", waiting)
+    # It drives on all the same: the next one has to wait for it.
+    assert reservations.may_enter("fast", fast, line, priority=False, size=SIZE, too_late=True)
+    assert not may(reservations, "waiting", waiting)
+
+
+def test_one_that_waits_inside_does_not_reserve_what_lies_behind_its_stop(graph: LaneGraph) -> None:
+    left = track(graph, "in1", "out0", 0.0, 0.0)
+    line = left.path.entries[1].stop_line
+    waiting = replace(left, s=line - 1.2, entry=left.path.entries[0].via, entered=0.0)
+    reservations = reserved(graph, waiting=waiting)
+    oncoming = track(graph, "in3", "out1", 10.0, 5.0)
+    area = ConflictAreas(graph).between(
+        oncoming.path.entries[0].via, waiting.entry, half_width(*SIZE) + half_width(*BICYCLE)
+    )
+    assert area is not None
+    assert abs(graph.lanes[waiting.entry].length - area.other_begin) < 0.9, "it begins near the line"
+    assert may(reservations, "oncoming", oncoming, priority=True, size=BICYCLE)
+    # Over the line it is in the way of what comes.
+    over = replace(waiting, s=line + 1.0, entry=left.path.entries[1].via)
+    assert not may(reserved(graph, waiting=over), "oncoming", oncoming, priority=True, size=BICYCLE)
+
+
+def test_of_two_that_wait_for_each_other_the_first_goes(graph: LaneGraph) -> None:
+    first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 0.0)
+    first, second = (
+        replace(first, entered=0.2, standing_time=UNUSED + 1.0),
+        replace(second, entered=0.6, standing_time=UNUSED + 1.0),
+    )
+    reservations = reserved(graph, first=first, second=second)
+    assert reservations.update("first", first, SIZE) == math.inf
+    assert reservations.update("second", second, SIZE) < math.inf
+    # One that stands for another reason does not keep those waiting that may go.
+    assert reservations.update("second", replace(second, standing_time=0.0), SIZE) == math.inf
 
 
 def test_one_outside_does_not_keep_one_waiting_inside_with_equal_rights(graph: LaneGraph) -> None:
@@ -192,7 +205,7 @@ def test_inside_a_vehicle_stops_before_the_way_of_one_that_entered_earlier(graph
     first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 2.0)
     first, second = replace(first, entered=0.2), replace(second, entered=0.6)
     reservations = reserved(graph, first=first, second=second)
-    area = ConflictAreas(graph).between(second.entry, SIZE, first.entry, SIZE)
+    area = ConflictAreas(graph).between(second.entry, first.entry, 2.0 * half_width(*SIZE))
     assert area is not None
     assert reservations.update("second", second, SIZE) == pytest.approx(area.begin - 0.6)
     assert reservations.update("first", first, SIZE) == math.inf
