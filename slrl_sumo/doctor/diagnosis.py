@@ -9,6 +9,7 @@ from slrl_sumo.doctor.demand_checks import demand_findings, output_findings, unk
 from slrl_sumo.doctor.finding import Finding, Severity, counted, some
 from slrl_sumo.doctor.model_checks import fast_lane_findings, turn_findings
 from slrl_sumo.doctor.option_checks import missing_inputs, option_findings
+from slrl_sumo.doctor.signal_checks import signal_findings
 from slrl_sumo.doctor.versions import version_findings
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
@@ -54,7 +55,11 @@ def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     try:
         with SumoSession(scenario) as session:
             network = session.network
-            beyond = [*turn_findings(session.api, network), *fast_lane_findings(network)]
+            beyond = [
+                *turn_findings(session.api, network),
+                *fast_lane_findings(network),
+                *signal_findings(session.api, network),
+            ]
     except InputError as error:
         reason = str(error).removeprefix(f"{scenario.config}: ")
         yield Finding("problem", "SUMO", reason, f"correct it until plain SUMO runs it: sumo -c {scenario.config.name}")
