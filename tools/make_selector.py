@@ -30,7 +30,7 @@ FAMILIES = {
     "shared-space-paper": "shared-space",
 }
 STEPS = {
-    "intersection": (8_000_000,),
+    "intersection": (2_400_000,),
     "shared-space": (1_000_000,),
     "intersection-paper": (1_500_000,),
     "shared-space-paper": (1_500_000,),

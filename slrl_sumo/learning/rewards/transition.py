@@ -75,6 +75,7 @@ class Transition:
             "comfort": lambda: rewards.comfort(learned.speed, learned.acceleration, learned.yaw_rate),
             "realism": lambda: rewards.realism(self._log_probability),
             "progress": lambda: self._along["progress"],
+            "excess": lambda: self._along["excess"],
             "off_path": lambda: self._along["off_path"],
             "red": lambda: self._along["red"],
             "priority": lambda: self._along["priority"],
@@ -120,12 +121,14 @@ class Transition:
         """The terms about the route; zeros without routes."""
         context, learned = self.before.context, self.users
         if context is None:
-            return {name: np.zeros(len(learned)) for name in ("progress", "off_path", "red", "priority")}
+            return {name: np.zeros(len(learned)) for name in ("progress", "excess", "off_path", "red", "priority")}
         route, known = context.route, self._known
         covered, aside, _ = (c[:, 0] for c in on_path(route, learned.x[:, None], learned.y[:, None]))
+        wanted = self._allowed * DECISION_INTERVAL
         gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
         return {
-            "progress": rewards.progress(covered, self._allowed * DECISION_INTERVAL, known),
+            "progress": rewards.progress(covered, wanted, known),
+            "excess": rewards.excess(covered, wanted, known),
             "off_path": rewards.off_path(aside, known),
             "red": rewards.passed(covered, route.line, known & route.closed),
             "priority": rewards.passed(covered, route.line, gives_way),

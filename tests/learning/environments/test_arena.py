@@ -193,7 +193,7 @@ def test_without_routes_there_is_nothing_to_be_seen_or_earned_on_them(arena: Are
     assert arena.situation.rollouts is not None
     assert arena.situation.rollouts.route is None
     terms = arena.step(np.zeros(24, np.int64)).terms
-    for name in ("progress", "off_path", "red", "priority"):
+    for name in ("progress", "excess", "off_path", "red", "priority"):
         assert not terms[name].any()
 
 

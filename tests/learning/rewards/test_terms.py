@@ -88,9 +88,9 @@ def test_danger_grows_with_nearness_and_belongs_to_the_one_that_drives_into_othe
 
 
 def test_progress_is_the_share_of_the_way_that_was_to_be_covered() -> None:
-    covered = np.array([4.0, 2.0, 0.0, -2.0, -9.0, 5.0, 8.0, 20.0])
+    covered = np.array([4.0, 2.0, 0.0, -2.0, -9.0, 8.0])
     np.testing.assert_allclose(
-        rewards.progress(covered, np.full(8, 4.0), np.ones(8, np.bool_)), [1.0, 0.5, 0.0, -0.5, -1.0, 0.75, 0.0, -1.0]
+        rewards.progress(covered, np.full(6, 4.0), np.ones(6, np.bool_)), [1.0, 0.5, 0.0, -0.5, -1.0, 1.0]
     )
     # Standing where required is worth as much as driving, wherever on the path; without a route there is none.
     np.testing.assert_array_equal(
@@ -98,9 +98,18 @@ def test_progress_is_the_share_of_the_way_that_was_to_be_covered() -> None:
         [1.0, 1.0, 0.0],
     )
     np.testing.assert_allclose(rewards.progress(np.array([0.1]), np.array([0.2]), np.array([True])), [0.5])
-    # To go where standing is right costs as much per metre as to exceed 1 m.
-    excess = rewards.progress(np.array([0.2, 0.7, 4.0]), np.array([0.0, 0.0, 0.0]), np.ones(3, np.bool_))
-    np.testing.assert_allclose(excess, [1.0, 0.5, -1.0])
+
+
+def test_excess_is_what_was_covered_beyond_the_wanted_distance() -> None:
+    covered = np.array([4.0, 2.0, -1.0, 5.0, 8.0, 20.0])
+    np.testing.assert_allclose(
+        rewards.excess(covered, np.full(6, 4.0), np.ones(6, np.bool_)), [0.0, 0.0, 0.0, -0.25, -1.0, -1.0]
+    )
+    # To go where standing is right costs as much per metre as where 1 m is wanted; without a route nothing does.
+    known = np.array([True, True, True, False])
+    np.testing.assert_allclose(
+        rewards.excess(np.array([0.2, 0.7, 4.0, 4.0]), np.zeros(4), known), [0.0, -0.5, -1.0, 0.0]
+    )
 
 
 def test_a_path_has_half_a_metre_of_room_on_both_sides() -> None:
