@@ -7,7 +7,7 @@ from slrl_sumo.routing.right_of_way import STOP_LINE
 from slrl_sumo.routing.speed_limits import STOPS_WITH
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import signal_links
+from slrl_sumo.sumo.links import signal_links, signal_programs
 from slrl_sumo.sumo.network import Network
 
 USUAL_DECELERATION = 4.5
@@ -17,9 +17,10 @@ USUAL_DECELERATION = 4.5
 def signal_findings(api: SumoApi, network: Network) -> Iterator[Finding]:
     """Signals whose yellow is too short for the speed limit before them, in an open simulation."""
     limits = {lane.id: lane.max_speed for lane in network.lanes}
-    shortest = {signal: _shortest_yellow(api, signal) for signal in api.trafficlight.getIDList()}
+    links = signal_links(api)
+    shortest = {signal: _shortest_yellow(api, signal) for signal in {link.signal for link in links}}
     short: dict[str, tuple[float, float, float]] = {}
-    for link in signal_links(api):
+    for link in links:
         yellow = shortest[link.signal].get(link.link_index)
         speed = limits.get(link.start, 0.0)
         if yellow is None or link.start.startswith(":") or yellow >= needed_yellow(speed):
@@ -49,8 +50,7 @@ def needed_yellow(speed: float) -> float:
 def _shortest_yellow(api: SumoApi, signal: str) -> dict[int, float]:
     """s of the shortest yellow between green and red of each link of a signal, over all its programs."""
     shortest: dict[int, float] = {}
-    for program in api.trafficlight.getAllProgramLogics(signal):
-        phases = [(phase.state, phase.duration) for phase in program.phases]
+    for phases in signal_programs(api, signal):
         for link in range(min((len(state) for state, _ in phases), default=0)):
             for seconds in _yellows([state[link] for state, _ in phases], [duration for _, duration in phases]):
                 shortest[link] = min(shortest.get(link, seconds), seconds)

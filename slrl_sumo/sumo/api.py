@@ -191,11 +191,25 @@ class SimulationDomain(Protocol):
     def Stage(self, *, type: int, edges: list[str], arrivalPos: float, destStop: str = ...) -> StageRecord: ...
 
 
+class Phase(Protocol):
+    """A phase of a traffic light program."""
+
+    state: str
+    duration: float
+
+
+class Program(Protocol):
+    """A traffic light program."""
+
+    phases: Sequence[Phase]
+
+
 class TrafficLightDomain(Protocol):
     """https://sumo.dlr.de/docs/TraCI/Traffic_Lights_Value_Retrieval.html."""
 
     def getIDList(self) -> tuple[str, ...]: ...
     def getRedYellowGreenState(self, signal: str, /) -> str: ...
+    def getAllProgramLogics(self, signal: str, /) -> Sequence[Program]: ...
     def getControlledLinks(self, signal: str, /) -> Sequence[Sequence[tuple[str, str, str]]]: ...
 
 

@@ -55,6 +55,12 @@ def signal_states(api: SumoApi) -> dict[str, str]:
     return {signal: api.trafficlight.getRedYellowGreenState(signal) for signal in api.trafficlight.getIDList()}
 
 
+def signal_programs(api: SumoApi, signal: str) -> list[list[tuple[str, float]]]:
+    """The programs of a traffic light: the state and the duration (s) of each of their phases."""
+    programs = api.trafficlight.getAllProgramLogics(signal)
+    return [[(phase.state, phase.duration) for phase in program.phases] for program in programs]
+
+
 def foe_lanes(api: SumoApi, lane: str, target: str) -> tuple[str, ...]:
     """The lanes outside the junction from which vehicles have priority over the link from `lane` to `target`."""
     return tuple(foe for foe in dict.fromkeys(api.lane.getFoes(lane, target)) if not foe.startswith(":"))
