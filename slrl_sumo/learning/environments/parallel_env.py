@@ -11,7 +11,7 @@ from pettingzoo import ParallelEnv
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.observations import Seen
 from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
-from slrl_sumo.learning.environments.slot_view import first_info, next_info, row_of, view_space
+from slrl_sumo.learning.environments.slot_view import first_info, next_info, outcome_of, row_of, view_space
 from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.models.displacement import MODES
 
@@ -83,20 +83,14 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         self._ready = False  # so that an error asks for a reset
         reply = self._simulation.step(modes)
         self._ready = True
-        assert reply.reward is not None
-        assert reply.terminated is not None
-        assert reply.truncated is not None
         self._steps += 1
         late = self._steps >= self._steps_limit
         result: Stepped = {}, {}, {}, {}, {}
         seen, rewards, terminated, truncated, infos = result
         for agent in self.agents:
             slot = self._slot[agent]
-            ended = bool(reply.terminated[slot] | reply.truncated[slot])
-            seen[agent] = row_of(reply.infos["final_obs"] if ended else reply.seen, slot, self._space)
-            rewards[agent] = float(reply.reward[slot])
-            terminated[agent] = bool(reply.terminated[slot])
-            truncated[agent] = bool(reply.truncated[slot]) or (late and not terminated[agent])
+            seen[agent], rewards[agent], terminated[agent], ended = outcome_of(reply, slot, self._space)
+            truncated[agent] = ended or (late and not terminated[agent])
             infos[agent] = next_info(reply, slot, self._id[agent])
         self.agents = [agent for agent in self.agents if not terminated[agent] and not truncated[agent]]
         for agent in () if late else self._enter(reply):

@@ -12,7 +12,7 @@ from slrl_sumo.learning.environments.observations import Seen
 from slrl_sumo.learning.environments.options import EnvOptions, Others, check_known, make_source
 from slrl_sumo.learning.environments.simulation_env import ACTION_SPACE
 from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
-from slrl_sumo.learning.environments.slot_view import first_info, next_info, row_of, view_space
+from slrl_sumo.learning.environments.slot_view import first_info, next_info, outcome_of, row_of, view_space
 from slrl_sumo.learning.environments.source import is_family
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.displacement import MODES
@@ -121,16 +121,11 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         modes[self._slot] = action
         self._reply = None  # so that an error makes a reset begin anew
         self._reply = reply = self._simulation.step(modes)
-        assert reply.reward is not None
-        assert reply.terminated is not None
-        assert reply.truncated is not None
-        slot = self._slot
         self._steps += 1
-        terminated, ended = bool(reply.terminated[slot]), bool(reply.terminated[slot] | reply.truncated[slot])
+        seen, reward, terminated, ended = outcome_of(reply, self._slot, self.observation_space)
         truncated = not terminated and (ended or self._steps >= self._steps_limit)
         self._over = terminated or truncated
-        seen = row_of(reply.infos["final_obs"] if ended else reply.seen, slot, self.observation_space)
-        return seen, float(reply.reward[slot]), terminated, truncated, next_info(reply, slot, self._id)
+        return seen, reward, terminated, truncated, next_info(reply, self._slot, self._id)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The surroundings of the ego from above, (512, 512, 3) RGB, north up; None without a render mode."""

@@ -30,6 +30,17 @@ def row_of(seen: Any, slot: int, space: spaces.Space[Any]) -> Seen:
     return {name: np.asarray(seen[name][slot]).copy() for name in space}
 
 
+def outcome_of(reply: Reply, slot: int, space: spaces.Space[Any]) -> tuple[Seen, float, bool, bool]:
+    """Observation, reward, terminated and truncated of one slot after a decision; the observation is the last one of
+    its episode where that has ended."""
+    assert reply.reward is not None
+    assert reply.terminated is not None
+    assert reply.truncated is not None
+    terminated, truncated = bool(reply.terminated[slot]), bool(reply.truncated[slot])
+    seen = row_of(reply.infos["final_obs"] if terminated or truncated else reply.seen, slot, space)
+    return seen, float(reply.reward[slot]), terminated, truncated
+
+
 def first_info(reply: Reply, slot: int) -> dict[str, Any]:
     """What a view tells of a slot besides its observation at the beginning of an episode."""
     return {
