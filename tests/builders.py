@@ -1,6 +1,7 @@
 """Builders of what tests of several packages need: worlds, routes, recordings and random bundles."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 ALONG = SPACING * (np.arange(POINTS, dtype=np.float64) - HERE)
 """m along a path from the road user to each of its points, (POINTS,)."""
@@ -73,6 +74,16 @@ def make_crowd(n: int, seed: int, side: float, corner: float = 0.0) -> WorldStat
     heading, speed = random.uniform(-np.pi, np.pi, n), random.uniform(0.0, 8.0, n)
     turning = random.normal(0.0, 0.3, n)
     return make_world(x, y, heading, speed, type=kind, yaw_rate=turning, length=sizes[kind, 0], width=sizes[kind, 1])
+
+
+def put_head_on(users: WorldState) -> tuple[WorldState, int, int]:
+    """`users` with their first two cars 8 m from each other, driving towards each other at 8 m/s; and their rows."""
+    a, b = np.flatnonzero(users.type == RoadUserType.CAR)[:2]
+    x, y, heading, speed = users.x.copy(), users.y.copy(), users.heading.copy(), users.speed.copy()
+    x[b], y[b] = x[a] + 8.0 * np.cos(heading[a]), y[a] + 8.0 * np.sin(heading[a])
+    heading[b] = heading[a] + np.pi
+    speed[[a, b]] = 8.0
+    return replace(users, x=x, y=y, heading=heading, speed=speed), int(a), int(b)
 
 
 def make_routes(x: ArrayLike, y: ArrayLike = 0.0, *, known: ArrayLike = True, **columns: ArrayLike) -> RouteAhead:

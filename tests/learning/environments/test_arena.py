@@ -18,6 +18,7 @@ from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.scenario import find_scenario
+from tests.builders import put_head_on
 
 SETTINGS = ArenaSettings(agents=24, warm_up=8.0, episode_steps=12)
 
@@ -73,12 +74,7 @@ def test_episodes_end_and_begin_anew(arena: Arena, bundle: ModelBundle) -> None:
 
 def test_a_head_on_meeting_ends_in_contact_for_both(arena: Arena) -> None:
     users = arena.simulation.population.world
-    a, b = np.flatnonzero(users.type == RoadUserType.CAR)[:2]
-    x, y, heading, speed = users.x.copy(), users.y.copy(), users.heading.copy(), users.speed.copy()
-    x[b], y[b] = x[a] + 8.0 * np.cos(heading[a]), y[a] + 8.0 * np.sin(heading[a])
-    heading[b] = heading[a] + np.pi
-    speed[[a, b]] = 8.0
-    placed = replace(users, x=x, y=y, heading=heading, speed=speed)
+    placed, a, b = put_head_on(users)
     others = arena.world.take(np.arange(24, len(arena.world)))
     arena.simulation.population.world = placed
     arena.simulation.world = placed.join(others)

@@ -1,7 +1,6 @@
 """Trips as episodes, on a real SUMO: slots, ends, and what counts as reaching the destination."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +14,8 @@ from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.environments.trip_arena import TripArena, TripOutcome
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
-from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
+from tests.builders import put_head_on
 
 WEIGHTS = RewardWeights(**dict.fromkeys(("close", "moving", "alive", "danger", "speed", "wrong_way", "realism"), 0.0))
 SETTINGS = ArenaSettings(agents=12, warm_up=20.0, weights=WEIGHTS, extended=True, trips=True, image=False)
@@ -71,12 +70,7 @@ def test_a_contact_ends_the_episode_and_the_road_user_goes_on_from_there(arena: 
     for _ in range(30):
         arena.step(by_rule(arena))
     users = arena.simulation.population.world
-    a, b = np.flatnonzero(users.type == RoadUserType.CAR)[:2]
-    x, y, heading, speed = users.x.copy(), users.y.copy(), users.heading.copy(), users.speed.copy()
-    x[b], y[b] = x[a] + 8.0 * np.cos(heading[a]), y[a] + 8.0 * np.sin(heading[a])
-    heading[b] = heading[a] + np.pi
-    speed[[a, b]] = 8.0
-    placed = replace(users, x=x, y=y, heading=heading, speed=speed)
+    placed, a, _ = put_head_on(users)
     others = arena.simulation.world.take(np.arange(len(users), len(arena.simulation.world)))
     arena.simulation.population.world = placed
     arena.simulation.world = placed.join(others)
@@ -87,7 +81,7 @@ def test_a_contact_ends_the_episode_and_the_road_user_goes_on_from_there(arena: 
     assert not outcome.gone[a]
     after = arena.simulation.population.world
     row = after.ids.index(users.ids[a])
-    assert np.hypot(after.x[row] - x[a], after.y[row] - y[a]) < 5.0
+    assert np.hypot(after.x[row] - placed.x[a], after.y[row] - placed.y[a]) < 5.0
     assert arena._steps[users.ids[a]] == 0
 
 
