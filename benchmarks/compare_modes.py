@@ -19,7 +19,7 @@ from slrl_sumo.learning.supervised.goals import MODES_BY
 from slrl_sumo.studies.prediction.evaluate import evaluate
 from slrl_sumo.studies.prediction.rollout import STEPS
 
-FIGURES = ("oracle", "prior", "best of 20", "prior in bends")
+FIGURES = ("step oracle", "prior", "best of 20", "prior in bends")
 
 
 def main() -> None:
@@ -40,10 +40,10 @@ def main() -> None:
                 rows = {(row["selector"], row["type"]): row for row in result["rows"] if row["step"] == STEPS}
                 bends = {(row["selector"], row["type"]): row for row in result["bends"]}
                 for kind in [kind for selector, kind in rows if selector == "prior"]:
-                    still, prior, oracle = (rows[name, kind] for name in ("constant-velocity", "prior", "oracle"))
+                    still, prior, oracle = (rows[name, kind] for name in ("constant-velocity", "prior", "step-oracle"))
                     count[test.source, kind] = still["n"]
                     key = (test.source, kind, modes)
-                    found[*key, "oracle"].append(oracle["fde_m"] / still["fde_m"])
+                    found[*key, "step oracle"].append(oracle["fde_m"] / still["fde_m"])
                     found[*key, "prior"].append(prior["fde_m"] / still["fde_m"])
                     found[*key, "best of 20"].append(prior["min_ade_m"] / still["ade_m"])
                     if ("prior", kind) in bends:

@@ -1,7 +1,6 @@
 """Prediction error of a bundle on a recording, per selector, type and step, as figures in tables."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -15,53 +14,27 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.threads import one_thread
-from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.studies.prediction.long_rollout import STEPS as DRIVE_STEPS
 from slrl_sumo.studies.prediction.long_rollout import LongRollout, long_rollout, long_rollout_figures
-from slrl_sumo.studies.prediction.predictors import (
-    constant_velocity,
-    oracle,
-    policy_chosen,
-    prior_central,
-    prior_sampled,
+from slrl_sumo.studies.prediction.predictors import prior_sampled
+from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Move, cast_of
+from slrl_sumo.studies.prediction.selector_rollouts import (
+    POLICY_SELECTORS,
+    SAMPLES,
+    SELECTORS,
+    Rollouts,
+    draws,
+    joined,
+    selector_rollouts,
+    so_far,
 )
-from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Errors, Move, cast_of, rollout
-
-SELECTORS = ("constant-velocity", "prior", "oracle")
-POLICY_SELECTORS = ("greedy", "sampled")
-"""Those of bundles with a trained policy."""
-SAMPLES = 20
-"""Sampled rollouts of which the best counts, per road user."""
 
 STARTS_EVERY = 5
 """Frames from one start to the next: 2 s."""
 
 BATCH = 16
 """Start frames that are simulated at once; with 20 samples of each, arrays stay small enough for the cache."""
-
-BEND = np.radians(20.0)
-"""A road user whose recorded heading differs by more than this after 6.4 s is in a bend."""
-
-
-@dataclass(frozen=True, eq=False)
-class Rollouts:
-    """Rollouts of all simulated road users by one selector."""
-
-    type: NDArray[np.int8]
-    """RoadUserType, (U,)."""
-    steps: Integers
-    """Simulated intervals, (U,)."""
-    bend: NDArray[np.bool_]
-    """Whether the road user was simulated for all STEPS and went round a bend, (U,)."""
-    error: Floats
-    """m after each step of the one prediction, (U, STEPS)."""
-    best: Floats
-    """m, the least of all samples after each step, (U, STEPS)."""
-    best_mean: Floats
-    """m, the least of all samples' mean errors over the steps so far, (U, STEPS)."""
-    off_surface: Integers
-    """Intervals of the one prediction that ended off the own surface, (U,)."""
 
 
 def selectors_of(bundle: ModelBundle) -> tuple[str, ...]:
@@ -84,7 +57,7 @@ def evaluate(
     """Rollouts of a recording from every `starts_every`-th frame, as JSON-ready tables.
 
     `rows`: selector, type, step, ade_m (mean error over the steps so far), fde_m (error after this step), min_ade_m
-    and min_fde_m (the same of the best of SAMPLES rollouts per road user; equal where nothing is drawn), n (road users
+    and min_fde_m (the same of the best of SAMPLES rollouts per road user; equal where there is one), n (road users
     behind it). A road user's steps count from its own entry. `bends`: the same at the last step, of road users in
     bends. `reversing`: road users left out, in all rollouts together, because they are cars that reverse then.
     `driving`: long rollouts of the prior over 64 steps (see slrl_sumo.studies.prediction.long_rollout).
@@ -121,7 +94,7 @@ def evaluate(
             cast = cast_of(recording, here, types=bundle.types)
             reversed_ += int(cast.reverses.sum())
             for name in selectors:
-                parts[name].append(_rollouts(recording, cast, here, name, bundle, ground, seed))
+                parts[name].append(selector_rollouts(recording, cast, here, name, bundle, ground, seed))
             if "prior" in selectors:
                 make = partial(_in_a_run, bundle, ground, here, seed)
                 drives.append(long_rollout(recording, here, make, bundle.types))
@@ -151,72 +124,7 @@ def evaluate(
 
 def _in_a_run(bundle: ModelBundle, ground: RoadMap, starts: Integers, seed: int, cast: Cast) -> Move:
     """As the prior moves road users in a run, where it draws modes."""
-    return prior_sampled(bundle, ground, _draws(cast, starts, seed, 1, DRIVE_STEPS)[0])
-
-
-def _rollouts(
-    recording: Trajectories, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, ground: RoadMap, seed: int
-) -> Rollouts:
-    def many(make: Callable[[Floats], Move]) -> Floats:
-        draws = _draws(cast, starts, seed, SAMPLES, STEPS).reshape(-1, STEPS, 2)
-        return rollout(recording, _copies(cast, len(starts)), make(draws)).error.reshape(SAMPLES, len(cast), STEPS)
-
-    if name == "constant-velocity":
-        one = rollout(recording, cast, constant_velocity, ground)
-        samples = one.error[None]
-    elif name == "oracle":
-        one = rollout(recording, cast, oracle(bundle, ground), ground)
-        samples = one.error[None]
-    elif name == "prior":
-        one = rollout(recording, cast, prior_central(bundle, ground), ground)
-        samples = many(partial(prior_sampled, bundle, ground))
-    elif name == "greedy":
-        one = rollout(recording, cast, policy_chosen(bundle, ground, None), ground)
-        samples = one.error[None]
-    else:
-        # Draws have no central one: the one prediction is the first sample.
-        first = _draws(cast, starts, seed, 1, STEPS)[0, :, :, 0]
-        one = rollout(recording, cast, policy_chosen(bundle, ground, first), ground)
-        samples = many(lambda draws: policy_chosen(bundle, ground, draws[..., 0]))
-    return Rollouts(
-        type=one.type,
-        steps=one.steps,
-        bend=_bend(recording, cast, one),
-        error=one.error,
-        best=samples.min(0),
-        best_mean=_so_far(samples).min(0),
-        off_surface=one.off_surface,
-    )
-
-
-def _draws(cast: Cast, starts: Integers, seed: int, samples: int, steps: int) -> Floats:
-    """Random numbers (samples, U, steps, 2): those of a scene depend on seed and start frame alone."""
-    parts = []
-    for scene, start in enumerate(starts.tolist()):
-        count = int((cast.scene == scene).sum())
-        # User by user and sample by sample, so that a scene's numbers do not depend on what else is simulated.
-        parts.append(np.random.default_rng((seed, start)).random((count, samples, steps, 2)).swapaxes(0, 1))
-    return np.concatenate(parts, axis=1)
-
-
-def _copies(cast: Cast, scenes: int) -> Cast:
-    """The cast SAMPLES times, each in scenes of its own."""
-    scene = (np.arange(SAMPLES)[:, None] * scenes + cast.scene).ravel()
-    names = [name for name in Cast.__dataclass_fields__ if name != "scene"]
-    return replace(cast, scene=scene, **{name: np.tile(getattr(cast, name), SAMPLES) for name in names})
-
-
-def _bend(recording: Trajectories, cast: Cast, errors: Errors) -> NDArray[np.bool_]:
-    whole = errors.steps == STEPS
-    entry = cast.row[whole] + cast.enters[whole]
-    bend = np.zeros(len(cast), np.bool_)
-    bend[whole] = np.abs(wrap_angle(recording.heading[entry + STEPS] - recording.heading[entry])) > BEND
-    return bend
-
-
-def _so_far(error: Floats) -> Floats:
-    """Mean over the steps so far, along the last axis."""
-    return error.cumsum(-1) / np.arange(1, error.shape[-1] + 1)
+    return prior_sampled(bundle, ground, draws(cast, starts, seed, 1, DRIVE_STEPS)[0])
 
 
 def _off_surface(recording: Trajectories, parts: dict[str, list[Rollouts]], roadmap: RoadMap) -> list[dict[str, Any]]:
@@ -230,7 +138,7 @@ def _off_surface(recording: Trajectories, parts: dict[str, list[Rollouts]], road
             share = float(off[mine].mean())
             rows.append({"selector": "recorded", "type": type_name, "share": share, "steps": int(mine.sum())})
     for name, some in parts.items():
-        every = _joined(some)
+        every = joined(some)
         for t, type_name in enumerate(TYPE_NAMES):
             steps = int(every.steps[every.type == t].sum())
             if steps:
@@ -244,7 +152,7 @@ def _table(name: str, kind: int, step: int, rollouts: Rollouts, chosen: NDArray[
         "selector": name,
         "type": TYPE_NAMES[kind],
         "step": step,
-        "ade_m": float(_so_far(rollouts.error[chosen])[:, step - 1].mean()),
+        "ade_m": float(so_far(rollouts.error[chosen])[:, step - 1].mean()),
         "fde_m": float(rollouts.error[chosen, step - 1].mean()),
         "min_ade_m": float(rollouts.best_mean[chosen, step - 1].mean()),
         "min_fde_m": float(rollouts.best[chosen, step - 1].mean()),
@@ -252,13 +160,8 @@ def _table(name: str, kind: int, step: int, rollouts: Rollouts, chosen: NDArray[
     }
 
 
-def _joined(parts: Sequence[Rollouts]) -> Rollouts:
-    names = Rollouts.__dataclass_fields__
-    return Rollouts(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
 def _rows(name: str, parts: Sequence[Rollouts]) -> list[dict[str, Any]]:
-    every, rows = _joined(parts), []
+    every, rows = joined(parts), []
     for kind in range(len(TYPE_NAMES)):
         for step in range(1, STEPS + 1):
             chosen = (every.type == kind) & (every.steps >= step)
@@ -268,6 +171,6 @@ def _rows(name: str, parts: Sequence[Rollouts]) -> list[dict[str, Any]]:
 
 
 def _bends(name: str, parts: Sequence[Rollouts]) -> list[dict[str, Any]]:
-    every = _joined(parts)
+    every = joined(parts)
     kinds = [kind for kind in range(len(TYPE_NAMES)) if (every.bend & (every.type == kind)).any()]
     return [_table(name, kind, STEPS, every, every.bend & (every.type == kind)) for kind in kinds]

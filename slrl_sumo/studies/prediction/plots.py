@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from slrl_sumo.learning.supervised.windows import Windows
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 
-SELECTOR_COLOURS = {"constant-velocity": "#555555", "prior": "#0072B2", "oracle": "#009E73"}
+SELECTOR_COLOURS = {
+    "constant-velocity": "#555555",
+    "prior": "#0072B2",
+    "step-oracle": "#009E73",
+    "mode-oracle": "#56B4E9",
+}
 """Okabe and Ito's palette, which the colour-blind can tell apart."""
 
 PATHS = 1000
@@ -22,7 +27,7 @@ PATHS = 1000
 def draw_errors(rows: Sequence[dict[str, Any]]) -> Figure:
     """Mean displacement error over the steps, per type and selector, as in the paper's Fig. 4 and 5.
 
-    Dashed: the best of the samples, where a selector draws.
+    Dashed: the best of the samples, where a selector has several.
     """
     kinds = [kind for kind in TYPE_NAMES if any(row["type"] == kind for row in rows)]
     figure = Figure(figsize=(4.2 * len(kinds), 3.8), layout="constrained")

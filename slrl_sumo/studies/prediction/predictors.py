@@ -3,6 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
+import torch
+from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Agent, consider, decide
 from slrl_sumo.agent.selectors import PolicySelector, PriorSelector, Selector, Uniform
@@ -21,8 +23,11 @@ def constant_velocity(moment: Moment) -> Motion:
     return still, still, np.full(len(moment.rows), np.inf)
 
 
-def oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
-    """At each step the mode whose displacement comes nearest to the true position: the floor that the modes allow."""
+def step_oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
+    """At each step the mode whose next position comes nearest to the true one, greedily, without a view of later steps.
+
+    No prediction can do so. The floor of predictions that hold one mode is the best of `held_mode` over all modes.
+    """
 
     def move(moment: Moment) -> Motion:
         observation = observe(_scene(moment, ground), with_image=False)
@@ -44,6 +49,34 @@ def oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
 def prior_central(bundle: ModelBundle, ground: RoadMap) -> Move:
     """The prior's single prediction: at each step its most central mode (see agent.selectors.central)."""
     return _decided(bundle, ground, lambda uniform: PriorSelector(bundle, uniform, sample=False), np.zeros((0, 0, 2)))
+
+
+def held_mode(bundle: ModelBundle, ground: RoadMap, mode: int) -> Move:
+    """All road users hold one mode of their type."""
+
+    def move(moment: Moment) -> Motion:
+        observation = observe(_scene(moment, ground), with_image=False)
+        motion = bundle.motion(observation, np.full(len(observation), mode))
+        return *motion, bundle.max_speed[observation.type]
+
+    return move
+
+
+def prior_ranked(bundle: ModelBundle, ground: RoadMap, rank: NDArray[np.int64]) -> Move:
+    """Each road user holds the mode that has the rank `rank` (U,), by member of the cast, in the prior's probabilities
+    of its first decision; 0 is the most probable one."""
+    held = np.full(len(rank), -1)
+
+    def move(moment: Moment) -> Motion:
+        observation, users = observe(_scene(moment, ground), with_image=False), moment.users
+        new = np.flatnonzero(held[users] < 0)
+        vector, kind = (values[new] for values in tensors(observation))
+        with torch.inference_mode():
+            order = bundle.prior.logits(vector, kind).argsort(stable=True, descending=True).numpy()
+        held[users[new]] = order[np.arange(len(new)), rank[users[new]]]
+        return *bundle.motion(observation, held[users]), bundle.max_speed[observation.type]
+
+    return move
 
 
 def prior_sampled(bundle: ModelBundle, ground: RoadMap, draws: Floats) -> Move:

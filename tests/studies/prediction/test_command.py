@@ -37,7 +37,8 @@ def test_ground_from_a_mask_or_road_everywhere(cli: Cli, file: Path, tmp_path: P
     assert {row["selector"] for row in result["rows"]} == {
         "constant-velocity",
         "prior",
-        "oracle",
+        "step-oracle",
+        "mode-oracle",
         "greedy",
         "sampled",
     }

@@ -15,10 +15,18 @@ from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.studies.prediction.evaluate import SAMPLES, evaluate
+from slrl_sumo.studies.prediction.evaluate import evaluate
 from slrl_sumo.studies.prediction.long_rollout import long_rollout
-from slrl_sumo.studies.prediction.predictors import constant_velocity, oracle, policy_chosen, prior_sampled
+from slrl_sumo.studies.prediction.predictors import (
+    constant_velocity,
+    held_mode,
+    policy_chosen,
+    prior_ranked,
+    prior_sampled,
+    step_oracle,
+)
 from slrl_sumo.studies.prediction.rollout import STEPS, Moment, Motion, cast_of, rollout
+from slrl_sumo.studies.prediction.selector_rollouts import SAMPLES, stratified
 
 Path = tuple[int, np.ndarray]
 """First frame, and x, y, heading per row, (n, 3)."""
@@ -120,7 +128,7 @@ def test_scenes_do_not_see_each_other_and_batches_do_not_matter(bundle: ModelBun
         random.integers(20, 60, 12), random.uniform(0.5, 5, 12), random.uniform(-0.2, 0.2, 12), np.arange(12) * 2.0,
         strict=True)]  # fmt: skip
     made = recording(paths, [0, 1, 2] * 4)
-    for move in (partial(oracle, ground=NOWHERE), drawn_alike):
+    for move in (partial(step_oracle, ground=NOWHERE), drawn_alike):
         starts = np.arange(0, 40, 7)
         whole = rollout(made, cast_of(made, starts), move(bundle)).error
         single = [rollout(made, cast_of(made, starts[i : i + 1]), move(bundle)).error for i in range(len(starts))]
@@ -137,7 +145,7 @@ def drawn_alike(bundle: ModelBundle) -> Callable[[Moment], Motion]:
     return prior_sampled(bundle, NOWHERE, np.full((10_000, STEPS, 2), 0.4))
 
 
-def test_oracle_takes_the_nearest_of_all_modes(bundle: ModelBundle) -> None:
+def test_the_step_oracle_takes_the_nearest_of_all_modes(bundle: ModelBundle) -> None:
     made = recording([circle(30, 4.0, 0.2), circle(30, 1.2, -0.5, y=8)], [1, 2])
     cast = cast_of(made, np.arange(2, 12))
 
@@ -150,10 +158,32 @@ def test_oracle_takes_the_nearest_of_all_modes(bundle: ModelBundle) -> None:
 
         return move
 
-    best = rollout(made, cast, oracle(bundle, NOWHERE)).error[:, 0]
+    best = rollout(made, cast, step_oracle(bundle, NOWHERE)).error[:, 0]
     each = np.stack([rollout(made, cast, fixed(mode)).error[:, 0] for mode in range(20)])
     np.testing.assert_allclose(best, each.min(0), rtol=1e-4)
     assert (best < each.mean(0)).all()
+
+
+def test_samples_of_the_prior_hold_different_modes_and_include_the_best_one(bundle: ModelBundle) -> None:
+    made = recording([circle(30, 4.0, 0.2), circle(30, 1.2, -0.5, y=90)], [1, 2])
+    cast = cast_of(made, np.arange(2, 12))
+    held = np.stack([rollout(made, cast, held_mode(bundle, NOWHERE, mode)).error for mode in range(20)])
+    ranked = np.stack(
+        [rollout(made, cast, prior_ranked(bundle, NOWHERE, np.full(len(cast), rank))).error for rank in range(20)]
+    )
+    assert (np.abs(np.sort(held, 0) - np.sort(ranked, 0)) < 1e-3).all()  # every mode, each once
+    rows = {(row["selector"], row["type"]): row for row in evaluate(made, bundle)["rows"] if row["step"] == STEPS}
+    for kind in ("bicycle", "pedestrian"):
+        floor = rows["mode-oracle", kind]
+        assert floor["ade_m"] == floor["min_ade_m"] == pytest.approx(rows["prior", kind]["min_ade_m"], rel=1e-3)
+        assert rows["step-oracle", kind]["ade_m"] != pytest.approx(floor["ade_m"], rel=1e-2)
+
+
+def test_stratified_numbers_fill_all_strata() -> None:
+    numbers = stratified(np.random.default_rng(1).random((SAMPLES, 7, STEPS, 2)))
+    strata = np.sort((numbers * SAMPLES).astype(int), axis=0)
+    assert (strata == np.arange(SAMPLES)[:, None, None]).all()
+    assert len(np.unique(numbers[:, 0, 0] * SAMPLES % 1)) == SAMPLES
 
 
 def test_tables_count_all_tracks_and_the_best_sample_is_no_worse_than_the_mean(bundle: ModelBundle) -> None:
@@ -165,7 +195,7 @@ def test_tables_count_all_tracks_and_the_best_sample_is_no_worse_than_the_mean(b
         # Tracks that start at frame 0 are simulated from frame 2 on.
         steps = np.minimum(last, starts + STEPS) - np.maximum(starts, 2)
         for step in range(1, STEPS + 1):
-            for selector in ("constant-velocity", "prior", "oracle"):
+            for selector in ("constant-velocity", "prior", "step-oracle", "mode-oracle"):
                 assert rows[selector, kind, step]["n"] == int((steps >= step).sum())
     np.testing.assert_allclose(rows["constant-velocity", "pedestrian", 16]["fde_m"], 0, atol=1e-9)
     # The mean error is over the steps so far, of tracks that are simulated at least that long.
@@ -178,7 +208,7 @@ def test_tables_count_all_tracks_and_the_best_sample_is_no_worse_than_the_mean(b
     # The bicycle turns by 0.08 rad each interval, so over 16 of them by more than 20 degrees.
     assert {row["type"] for row in result["bends"]} == {"bicycle"}
     assert evaluate(made, bundle, starts_every=3) == result
-    assert evaluate(made, bundle, starts_every=3, seed=2)["rows"] != result["rows"]
+    assert evaluate(made, bundle, starts_every=3, seed=2)["driving"] != result["driving"]
     assert result["samples"] == SAMPLES == 20
 
 
@@ -188,17 +218,17 @@ def test_the_best_of_all_samples_is_kept_for_each_road_user(
     made = recording([straight(30, 1.2), straight(30, 1.2, y=50)], [2, 2])
     calls = []
 
-    def made_up(bundle: ModelBundle, ground: RoadMap, draws: np.ndarray) -> Callable[[Moment], Motion]:
+    def made_up(bundle: ModelBundle, ground: RoadMap, rank: np.ndarray) -> Callable[[Moment], Motion]:
         def move(moment: Moment) -> Motion:
             # Sample s drives with acceleration s - 7: the eighth sample is exact.
             calls.append(len(moment.rows))
-            sample = moment.users // (len(draws) // SAMPLES) if len(draws) >= SAMPLES else moment.users
+            sample = rank[moment.users]
             n = len(moment.rows)
             return sample.astype(np.float64) - 7.0, np.zeros(n), np.full(n, np.inf)
 
         return move
 
-    monkeypatch.setattr("slrl_sumo.studies.prediction.evaluate.prior_sampled", made_up)
+    monkeypatch.setattr("slrl_sumo.studies.prediction.selector_rollouts.prior_ranked", made_up)
     rows = evaluate(made, bundle, selectors=["prior"], starts_every=5)["rows"]
     assert max(row["min_ade_m"] for row in rows) < 1e-9
     assert max(row["min_fde_m"] for row in rows) < 1e-9
@@ -227,7 +257,7 @@ def test_a_trained_selector_sees_the_ground_and_its_own_scene(bundle: ModelBundl
     np.testing.assert_allclose(moved["road"], np.concatenate([one.error for one in single]), rtol=1e-3, atol=1e-3)
     result = evaluate(made, trained, starts_every=6)
     assert list(dict.fromkeys(row["selector"] for row in result["rows"])) == [
-        "constant-velocity", "prior", "oracle", "greedy", "sampled",
+        "constant-velocity", "prior", "step-oracle", "mode-oracle", "greedy", "sampled",
     ]  # fmt: skip
     drawn = [row for row in result["rows"] if row["selector"] == "sampled" and row["step"] == STEPS]
     assert all(row["min_ade_m"] < row["ade_m"] for row in drawn)
@@ -279,7 +309,9 @@ def test_a_long_rollout_moves_all_that_are_present(bundle: ModelBundle) -> None:
 
 def test_what_cannot_be_evaluated_is_refused(bundle: ModelBundle) -> None:
     made = recording([straight(30, 1.2)], [2])
-    with pytest.raises(InputError, match="--selectors best: no such selector; use constant-velocity, prior, oracle"):
+    with pytest.raises(
+        InputError, match="--selectors best: no such selector; use constant-velocity, prior, step-oracle"
+    ):
         evaluate(made, bundle, selectors=["prior", "best"])
     with pytest.raises(InputError, match="--selectors greedy: bundle random has no trained selector"):
         evaluate(made, bundle, selectors=["greedy"])

@@ -1,0 +1,1 @@
+"""Prediction by the package beside baselines that learn from the same recordings."""

@@ -1,0 +1,157 @@
+"""Rollouts of the road users of a recording by one selector: its one prediction, and the best of several."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.formats.trajectories import Integers, Trajectories
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.studies.prediction.predictors import (
+    constant_velocity,
+    held_mode,
+    policy_chosen,
+    prior_central,
+    prior_ranked,
+    step_oracle,
+)
+from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Errors, Move, rollout
+
+SELECTORS = ("constant-velocity", "prior", "step-oracle", "mode-oracle")
+POLICY_SELECTORS = ("greedy", "sampled")
+"""Those of bundles with a trained policy."""
+SAMPLES = 20
+"""Rollouts of which the best counts, per road user."""
+
+BEND = np.radians(20.0)
+"""A road user whose recorded heading differs by more than this after 6.4 s is in a bend."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rollouts:
+    """Rollouts of all simulated road users by one selector."""
+
+    type: NDArray[np.int8]
+    """RoadUserType, (U,)."""
+    row: Integers
+    """Row of the recording from which the road user is simulated, (U,); without meaning where `steps` is 0."""
+    steps: Integers
+    """Simulated intervals, (U,)."""
+    bend: NDArray[np.bool_]
+    """Whether the road user was simulated for all STEPS and went round a bend, (U,)."""
+    error: Floats
+    """m after each step of the one prediction, (U, STEPS)."""
+    best: Floats
+    """m, the least of all samples after each step, (U, STEPS)."""
+    best_mean: Floats
+    """m, the least of all samples' mean errors over the steps so far, (U, STEPS)."""
+    off_surface: Integers
+    """Intervals of the one prediction that ended off the own surface, (U,)."""
+
+
+def joined(parts: Sequence[Rollouts]) -> Rollouts:
+    """The rollouts of all parts, one after the other."""
+    names = Rollouts.__dataclass_fields__
+    return Rollouts(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def selector_rollouts(
+    recording: Trajectories, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, ground: RoadMap, seed: int
+) -> Rollouts:
+    """Simulate the cast of the frames `starts` by the selector `name`, one of SELECTORS and POLICY_SELECTORS.
+
+    The samples of the prior hold different modes, the most probable ones of the road user's first decision: 20 draws of
+    20 modes would hold about half of the modes. Samples of a policy choose anew in every decision, as in training; each
+    takes another twentieth of the distribution (`stratified`).
+    """
+
+    def many(make: Callable[[], Move]) -> Floats:
+        return rollout(recording, _copies(cast, len(starts)), make()).error.reshape(SAMPLES, len(cast), STEPS)
+
+    sample = np.repeat(np.arange(SAMPLES), len(cast))
+    if name == "mode-oracle":
+        return _mode_oracle(recording, cast, bundle, ground)
+    if name == "constant-velocity":
+        one = rollout(recording, cast, constant_velocity, ground)
+        samples = one.error[None]
+    elif name == "step-oracle":
+        one = rollout(recording, cast, step_oracle(bundle, ground), ground)
+        samples = one.error[None]
+    elif name == "prior":
+        one = rollout(recording, cast, prior_central(bundle, ground), ground)
+        samples = many(partial(prior_ranked, bundle, ground, sample % bundle.config.modes))
+    elif name == "greedy":
+        one = rollout(recording, cast, policy_chosen(bundle, ground, None), ground)
+        samples = one.error[None]
+    else:
+        # Draws have no central one: the one prediction is the first sample.
+        first = draws(cast, starts, seed, 1, STEPS)[0, :, :, 0]
+        one = rollout(recording, cast, policy_chosen(bundle, ground, first), ground)
+        chosen = stratified(draws(cast, starts, seed, SAMPLES, STEPS)).reshape(-1, STEPS)
+        samples = many(partial(policy_chosen, bundle, ground, chosen))
+    return _rollouts(recording, cast, one, samples)
+
+
+def _mode_oracle(recording: Trajectories, cast: Cast, bundle: ModelBundle, ground: RoadMap) -> Rollouts:
+    """The rollouts of the one mode, held from the first decision to the last, whose mean error is the least."""
+    every = [rollout(recording, cast, held_mode(bundle, ground, mode), ground) for mode in range(bundle.config.modes)]
+    samples = np.stack([one.error for one in every])
+    best = so_far(samples)[:, np.arange(len(cast)), np.maximum(every[0].steps, 1) - 1].argmin(0)
+    chosen = best, np.arange(len(cast))
+    one = replace(every[0], error=samples[chosen], off_surface=np.stack([other.off_surface for other in every])[chosen])
+    return _rollouts(recording, cast, one, samples)
+
+
+def _rollouts(recording: Trajectories, cast: Cast, one: Errors, samples: Floats) -> Rollouts:
+    return Rollouts(
+        type=one.type,
+        row=cast.row + cast.enters,
+        steps=one.steps,
+        bend=_bend(recording, cast, one),
+        error=one.error,
+        best=samples.min(0),
+        best_mean=so_far(samples).min(0),
+        off_surface=one.off_surface,
+    )
+
+
+def draws(cast: Cast, starts: Integers, seed: int, samples: int, steps: int) -> Floats:
+    """Random numbers (samples, U, steps, 2): those of a scene depend on seed and start frame alone."""
+    parts = []
+    for scene, start in enumerate(starts.tolist()):
+        count = int((cast.scene == scene).sum())
+        # User by user and sample by sample, so that a scene's numbers do not depend on what else is simulated.
+        parts.append(np.random.default_rng((seed, start)).random((count, samples, steps, 2)).swapaxes(0, 1))
+    return np.concatenate(parts, axis=1)
+
+
+def stratified(draws: Floats) -> Floats:
+    """Random numbers (samples, ...) from [0, 1) of which each sample has another stratum of width 1 / samples.
+
+    `draws` (samples, ..., 2): the first of each pair places the number in its stratum, the second assigns the strata.
+    """
+    return (draws[..., 1].argsort(0).argsort(0) + draws[..., 0]) / len(draws)
+
+
+def so_far(error: Floats) -> Floats:
+    """Mean over the steps so far, along the last axis."""
+    return error.cumsum(-1) / np.arange(1, error.shape[-1] + 1)
+
+
+def _copies(cast: Cast, scenes: int) -> Cast:
+    """The cast SAMPLES times, each in scenes of its own."""
+    scene = (np.arange(SAMPLES)[:, None] * scenes + cast.scene).ravel()
+    names = [name for name in Cast.__dataclass_fields__ if name != "scene"]
+    return replace(cast, scene=scene, **{name: np.tile(getattr(cast, name), SAMPLES) for name in names})
+
+
+def _bend(recording: Trajectories, cast: Cast, errors: Errors) -> NDArray[np.bool_]:
+    whole = errors.steps == STEPS
+    entry = cast.row[whole] + cast.enters[whole]
+    bend = np.zeros(len(cast), np.bool_)
+    bend[whole] = np.abs(wrap_angle(recording.heading[entry + STEPS] - recording.heading[entry])) > BEND
+    return bend
