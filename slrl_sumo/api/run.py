@@ -1,5 +1,6 @@
 """A run in a process of its own, with the outputs that it writes: trace, summary, report."""
 
+import logging
 import resource
 import signal
 import sys
@@ -36,8 +37,13 @@ from slrl_sumo.sumo.scenario.options import named_files
 if TYPE_CHECKING:
     from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
 
+LOG_EVERY = 150
+"""Decisions (60 s) between two lines of the log."""
 VIEWS_AT = frozenset({10, 40, 80, 140})
 """Decisions before which the ego images of some road users are kept for the report."""
+
+
+_log = logging.getLogger(__name__)
 
 
 def run(
@@ -58,6 +64,7 @@ def run(
     background_yields: bool = True,
     sumo_outputs: bool = False,
     sumo_options: str = "",
+    gui: bool = False,
     fcd: str | Path | None = None,
     summary: str | Path | None = None,
     report: str | Path | None = None,
@@ -79,6 +86,7 @@ def run(
     scenario's end, or, where it has none, until its road users have left.
     `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles brake for learned road users.
     `sumo_outputs`: whether the scenario writes its own outputs. `sumo_options`: options for SUMO itself.
+    `gui`: whether SUMO opens the window of sumo-gui.
 
     Files to write: `fcd` (.xml, .xml.gz, .csv, .parquet), `summary` (JSON), `report` (a folder, compared with the
     trajectories file `recording`). `keep_trajectories`: whether the result holds trajectories (at most a million
@@ -106,6 +114,7 @@ def run(
         background_yields=background_yields,
         sumo_outputs=sumo_outputs,
         sumo_options=sumo_options,
+        gui=gui,
     )
     result = write_run(
         settings,
@@ -157,6 +166,7 @@ def write_run(
     sumo_step_length(scenario, settings.step_length)
     inputs = [*named_files(scenario), find_bundle(settings.bundle), *([recording] if recording is not None else ())]
     reference = None if recording is None else _loaded(recording)
+    _log.info("scenario %s, bundle %s", scenario.config, find_bundle(settings.bundle))
     with claimed(outputs, inputs), interruptible(tolerated=1) as caught:
         played = _play(settings, fcd, keep or report is not None, quiet, caught)
         failures = played.failures
@@ -171,6 +181,7 @@ def write_run(
             ended_by=ended_by,
             wall_s=played.wall_s,
             peak_memory_mib=_peak_memory_mib(),
+            outputs={"fcd": fcd, "summary": summary, "report": report, "recording": recording},
             notices=notices,
         )
         result = RunResult(settings, figures, played.record, fcd)
@@ -181,6 +192,7 @@ def write_run(
         ):
             with _collected(failures):
                 if path is not None:
+                    _log.info("writing %s", path)
                     write(path)
                     written.append(path)
         if failures and isinstance(failures[0], SumoError):
@@ -220,6 +232,11 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
             raise SumoError(f"{error}; no output was written") from None
         assert isinstance(started, Started)
         begin = time.perf_counter()
+        _log.info(
+            "SUMO runs in steps of %g s from %g s on; selector %s; %s decisions; %d learned of %d road users",
+            *(started.step_length, started.begin, started.selector, started.decisions or "any number of"),
+            *(int(started.step.world.learned.sum()), len(started.step.world)),
+        )
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
         _tell((*started.notices, *((started.compiling,) if started.compiling else ())), quiet)
         counters = RunCounters(started.step.world)
@@ -238,6 +255,9 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
                             writer.write(step.time, step.world, step.places, event.modes)
                     counters.add(event)
                     end = event.steps[-1].time
+                    if counters.decisions % LOG_EVERY == 0:
+                        world = event.steps[-1].world
+                        _log.info("%g s: %d learned of %d road users", end, int(world.learned.sum()), len(world))
                     elapsed = time.perf_counter() - begin
                     bar.update(task, advance=1, factor=counters.decisions * DECISION_INTERVAL / max(elapsed, 1e-9))
                 if recorder is not None:

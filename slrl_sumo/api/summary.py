@@ -1,8 +1,9 @@
 """The summary of a run, typed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
+from pathlib import Path
 from typing import Any, Self
 
 from slrl_sumo.metrics.counters import RunCounters
@@ -75,6 +76,8 @@ class RunSummary:
     refusals: list[dict[str, Any]]
     peak_memory_mib: int
     notices: list[str]
+    options: dict[str, Any]
+    """Every option of the run with its value, and the files it named: `run --config SUMMARY.json` repeats it."""
 
     @classmethod
     def of(
@@ -88,6 +91,7 @@ class RunSummary:
         wall_s: float,
         peak_memory_mib: int,
         notices: Sequence[str],
+        outputs: Mapping[str, Path | None],
     ) -> Self:
         """The summary of a run that is over; `ended_by` where it ended before its time; `notices`: of its end."""
         counted = counters.summary(wall_s, DECISION_INTERVAL)
@@ -106,6 +110,10 @@ class RunSummary:
             per_type=per_type,
             peak_memory_mib=peak_memory_mib,
             notices=[*started.notices, *notices],
+            options={
+                **settings.options(),
+                **{name: None if path is None else str(path) for name, path in outputs.items()},
+            },
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -5,7 +5,7 @@ import shlex
 import sys
 
 # Commands register themselves: the order here is that of --help.
-from slrl_sumo.cli import simulate, measure, bench, show, learn  # noqa: F401  # isort: skip
+from slrl_sumo.cli import scenarios, simulate, measure, bench, show, learn  # noqa: F401  # isort: skip
 from slrl_sumo.cli.app import app, claims
 from slrl_sumo.cli.defect import write_defect
 from slrl_sumo.errors import DefectError, InputError, SumoError
@@ -36,7 +36,7 @@ def _run_app() -> None:
     """Run the command; of one that a signal ends, the exit code is 128 + its number."""
     with interruptible() as caught, claims:
         try:
-            app(with_ray_address(sys.argv[1:]))
+            app(with_ray_address(sys.argv[1:]), prog_name="slrl-sumo")
         except (SystemExit, KeyboardInterrupt):  # the library of the command line makes the one of the other
             # Where an interrupt came inside an `exec`, as in the imports of dataclasses, CPython remembers it and would
             # end by SIGINT, whatever the exit code is; the next `exec` makes it forget.
@@ -49,7 +49,7 @@ def _run_app() -> None:
 def with_ray_address(words: list[str]) -> list[str]:
     """The words of the command line, where `--ray` without an address has become `--ray local`."""
     result = []
-    for word, following in zip(words, [*words[1:], ""], strict=True):
+    for word, following in zip(words, [*words[1:], ""], strict=False):
         result.append(word)
         if word == "--ray" and (following.startswith("-") or not is_ray_address(following)):
             result.append(LOCAL)

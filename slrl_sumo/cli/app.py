@@ -1,6 +1,7 @@
 """The application that every command belongs to, and options that several commands share."""
 
-from collections.abc import Iterable
+import logging
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
@@ -16,14 +17,53 @@ from slrl_sumo.version import __version__
 app = typer.Typer(
     help="Learned cars, cyclists and pedestrians inside SUMO scenarios.",
     no_args_is_help=True,
-    add_completion=False,
+    # Plain help: as boxes it would drop the defaults in brackets, and print values of flags that take none.
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 
 
+DEFAULT_BUNDLE = "intersection"
 claims = ExitStack()
 """What the command has claimed: `main` gives it back at its end."""
 
+
+def _log_to_stderr(wanted: bool) -> None:
+    if wanted:
+        log, handler = logging.getLogger("slrl_sumo"), logging.StreamHandler()
+        handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s", "%H:%M:%S"))
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+        claims.callback(log.removeHandler, handler)
+
+
+def _names_of(find: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """A completion with names; where none fits, shells complete files."""
+    return lambda incomplete: [name for name in find() if name.startswith(incomplete)]
+
+
+def _shipped_scenarios() -> list[str]:
+    from slrl_sumo.sumo.scenario import shipped_scenarios
+
+    return shipped_scenarios()
+
+
+def _shipped_bundles() -> list[str]:
+    from slrl_sumo.models.bundle_folder import shipped_bundles
+
+    return shipped_bundles()
+
+
+scenario_names, bundle_names = _names_of(_shipped_scenarios), _names_of(_shipped_bundles)
+
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Log the steps on stderr, with times.", callback=_log_to_stderr)
+]
+ScenarioName = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", help="Shipped name, folder or .sumocfg.", autocompletion=scenario_names),
+]
+BundleName = Annotated[str, typer.Option(help="Shipped bundle or folder of one.", autocompletion=bundle_names)]
 Workers = Annotated[
     int | None,
     typer.Option(help="Simulations at the same time, a process each. [default: 2; with --ray: all cores]"),

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim, numbers
+from slrl_sumo.cli.app import DEFAULT_BUNDLE, BundleName, RayAddress, Verbose, Workers, app, backend_of, claim, numbers
 from slrl_sumo.cli.measure import RESULTS
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output
@@ -30,7 +30,7 @@ def bench(
         str | None, typer.Option(help="Numbers of simulations side by side, e.g. 1,4. [default: 1 and all cores]")
     ] = None,
     steps: Annotated[int | None, typer.Option(help="Measured decisions of each measurement. [default: 60]")] = None,
-    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
+    bundle: BundleName = DEFAULT_BUNDLE,
     selector: Annotated[str | None, typer.Option(help="As in `run`. [default: the bundle's usual one]")] = None,
     mix: Annotated[
         str | None, typer.Option(help="Shares of types. [default: car=0.2,bicycle=0.2,pedestrian=0.6]")
@@ -58,6 +58,7 @@ def bench(
     ] = None,
     workers: Workers = None,
     ray: RayAddress = None,
+    verbose: Verbose = False,
 ) -> None:
     """Measure throughput on this machine, beside plain SUMO and the bare library calls; or, with --flow, traffic."""
     of_flow = {

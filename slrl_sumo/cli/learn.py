@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, app, backend_of, claim
+from slrl_sumo.cli.app import DEFAULT_BUNDLE, RayAddress, Verbose, app, backend_of, claim
 from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.output_files import REPLACED, Output
 
@@ -33,6 +33,7 @@ def import_(
             "Any other name is a folder: one file per recording."
         ),
     ],
+    verbose: Verbose = False,
 ) -> None:
     """Convert recordings of road users into trajectories with a step of 0.4 s.
 
@@ -93,7 +94,7 @@ def _at_most(texts: list[str], what: str) -> list[str]:
 
 @app.command()
 def fit(
-    files: Annotated[list[Path], typer.Argument(help="Trajectories files.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", help="Trajectories files.")],
     out: Annotated[Path, typer.Option(help="Bundle folder to write.")],
     seed: Annotated[int, typer.Option(help="The same seed gives the same bundle.")] = 1,
     epochs: Annotated[int, typer.Option(help="Passes over the windows.")] = 35,
@@ -106,9 +107,13 @@ def fit(
     ] = "relative",
     test: Annotated[
         list[Path] | None,
-        typer.Option(help="Trajectories to measure errors on, not used in training. [default: a tenth of the tracks]"),
+        typer.Option(
+            metavar="FILE",
+            help="Trajectories to measure errors on, not used in training. [default: a tenth of the tracks]",
+        ),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for figures of the modes.")] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
     from slrl_sumo.formats.trajectory_file import load_trajectories
@@ -145,7 +150,10 @@ def train(
     ],
     out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],
     bundle: Annotated[
-        str | None, typer.Option(help="Shipped bundle or folder of one; its displacement models stay as they are.")
+        str | None,
+        typer.Option(
+            help="Shipped bundle or folder of one; its displacement models stay as they are. [default: intersection]"
+        ),
     ] = None,
     start: Annotated[
         str | None,
@@ -165,10 +173,13 @@ def train(
     ] = None,
     recording: Annotated[
         list[Path] | None,
-        typer.Option(help="Trajectories for the imitation phase, besides SUMO's own traffic in the networks."),
+        typer.Option(
+            metavar="FILE", help="Trajectories for the imitation phase, besides SUMO's own traffic in the networks."
+        ),
     ] = None,
     episodes: Annotated[int, typer.Option(help="Episodes of the final evaluation, per selector; 0: none.")] = 8,
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint.")] = False,
+    verbose: Verbose = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
     backend = backend_of(workers, ray)
@@ -179,9 +190,9 @@ def train(
     from slrl_sumo.models.bundle_folder import check_replaceable
 
     check_whole_number("episodes", episodes, 0, 1_000_000)
-    if (bundle is None) == (start is None):
+    if bundle is not None and start is not None:
         raise InputError("give either --bundle, whose selector is trained anew, or --from, whose selector goes on")
-    source = bundle or start or ""
+    source = bundle or start or DEFAULT_BUNDLE
     request = TrainRequest(
         scenario, source, out, steps, workers, seed, device, threads, tuple(recording or ()), ray, start is not None
     )

@@ -5,7 +5,18 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim, numbers
+from slrl_sumo.cli.app import (
+    DEFAULT_BUNDLE,
+    BundleName,
+    RayAddress,
+    ScenarioName,
+    Verbose,
+    Workers,
+    app,
+    backend_of,
+    claim,
+    numbers,
+)
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output
 
@@ -18,8 +29,8 @@ def evaluate(
     what: Annotated[
         str, typer.Argument(metavar="SCENARIO|FILE", help="Scenario as in `run`, or trajectories of a recording, .npz.")
     ],
-    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
     out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv and more.")],
+    bundle: BundleName = DEFAULT_BUNDLE,
     selectors: Annotated[
         str | None, typer.Option(help="Separated by commas. [default: all that bundle and input allow]")
     ] = None,
@@ -47,6 +58,7 @@ def evaluate(
         typer.Option(help="FILE: instead a PNG: white road, yellow sidewalk, black nothing; upper left at 0, 0."),
     ] = None,
     metres_per_pixel: Annotated[float | None, typer.Option(help="FILE: resolution of --mask.")] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Measure selectors in a scenario, or prediction errors over 6.4 s on a recording."""
     is_file = what.endswith(".npz")
@@ -86,9 +98,9 @@ def evaluate(
 
 @app.command()
 def compare(
-    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
-    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")],
+    scenario: ScenarioName,
     out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv, comparison.png and more.")],
+    bundle: BundleName = DEFAULT_BUNDLE,
     takeover: Annotated[
         str, typer.Option(help="Shares of the scenario's own road users to take over. [default: all]")
     ] = "car=1,bicycle=1,pedestrian=1",
@@ -113,6 +125,7 @@ def compare(
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
     workers: Workers = None,
     ray: RayAddress = None,
+    verbose: Verbose = False,
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and measure the differences."""
     claim(Output("out", out, RESULTS), inputs=[bundle], scenarios=[scenario])

@@ -1,16 +1,15 @@
 """The summary of a run as a table on stdout."""
 
 import errno
-import io
 import os
 import sys
 from dataclasses import replace
 
-from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.api.result import RunResult
 from slrl_sumo.errors import InputError
+from slrl_sumo.jobs.tables import table_text
 
 
 def print_summary(result: RunResult) -> RunResult:
@@ -22,16 +21,12 @@ def print_summary(result: RunResult) -> RunResult:
     for row in rows:
         table.add_row(*row)
     # Rendered first: rich itself would end the process where the reader of a pipe is gone.
-    terminal = Console().is_terminal
-    text = io.StringIO()
-    # Without a terminal the table need not fit into rich's 80 columns.
-    Console(file=text, width=Console().width if terminal else 120, force_terminal=terminal).print(table)
-    for line in filter(None, (result.summary.left_line, result.summary.refusal_line)):
-        text.write(f"{line}\n")
+    lines = filter(None, (result.summary.left_line, result.summary.refusal_line))
+    text = table_text(table) + "".join(f"{line}\n" for line in lines)
     try:
         if sys.stdout is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-        sys.stdout.write(text.getvalue())
+        sys.stdout.write(text)
         sys.stdout.flush()
     except OSError as error:
         # The rest in the buffer would make Python complain once more when it ends.

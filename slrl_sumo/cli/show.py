@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import app, claim
+from slrl_sumo.cli.app import Verbose, app, claim
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output
 
@@ -20,6 +20,7 @@ def replay(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Page to write, .html.")],
+    verbose: Verbose = False,
 ) -> None:
     """Write a page that plays a trace over its network, in any browser and without a connection."""
     from slrl_sumo.replay.page import write_replay

@@ -1,4 +1,4 @@
-"""Commands that run SUMO: scenarios, run, generate, record, doctor."""
+"""Commands that run SUMO: run, generate, record, doctor."""
 
 from contextlib import closing
 from pathlib import Path
@@ -6,23 +6,25 @@ from typing import Annotated
 
 import typer
 
-from slrl_sumo.cli.app import RayAddress, Workers, app, backend_of, claim
+from slrl_sumo.cli.app import (
+    DEFAULT_BUNDLE,
+    BundleName,
+    RayAddress,
+    ScenarioName,
+    Verbose,
+    Workers,
+    app,
+    backend_of,
+    claim,
+)
+from slrl_sumo.cli.config import use_config
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output, write_json
 
 
 @app.command()
-def scenarios() -> None:
-    """List the scenarios that ship with the package."""
-    from slrl_sumo.sumo.scenario import shipped_scenarios
-
-    for name in shipped_scenarios():
-        typer.echo(name)
-
-
-@app.command()
 def run(
-    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    scenario: ScenarioName,
     agents: Annotated[int | None, typer.Option(help="Learned road users to spawn.")] = None,
     mix: Annotated[str | None, typer.Option(help="Shares, e.g. car=0.5,bicycle=0.2,pedestrian=0.3.")] = None,
     takeover: Annotated[
@@ -35,7 +37,7 @@ def run(
             "[default: everywhere]"
         ),
     ] = None,
-    bundle: Annotated[str, typer.Option(help="Shipped bundle or folder of one.")] = "intersection",
+    bundle: BundleName = DEFAULT_BUNDLE,
     selector: Annotated[
         str | None,
         typer.Option(
@@ -48,7 +50,10 @@ def run(
     ] = False,
     without: Annotated[
         list[str] | None,
-        typer.Option(help="Switch off a rule that is not learned, e.g. deadlock_release; may be given several times."),
+        typer.Option(
+            metavar="NAME",
+            help="Switch off a rule that is not learned, e.g. deadlock_release; may be given several times.",
+        ),
     ] = None,
     steps: Annotated[
         int | None,
@@ -66,12 +71,24 @@ def run(
         Path | None,
         typer.Option(help="Trajectories, .npz, that the report compares with. [default: SUMO's own road users]"),
     ] = None,
-    no_yield: Annotated[
-        bool, typer.Option("--no-yield", help="Background vehicles do not brake for learned road users.")
+    background_yields: Annotated[
+        bool, typer.Option("--yield/--no-yield", help="Whether background vehicles brake for learned road users.")
+    ] = True,
+    sumo_outputs: Annotated[
+        bool, typer.Option("--sumo-outputs", help="Let the scenario write its own output files.")
     ] = False,
-    sumo_outputs: Annotated[bool, typer.Option(help="Let the scenario write its own output files.")] = False,
     sumo_options: Annotated[str, typer.Option(help='Options for SUMO, e.g. "--lateral-resolution 0.8".')] = "",
-    quiet: Annotated[bool, typer.Option(help="Print nothing but errors.")] = False,
+    gui: Annotated[bool, typer.Option("--gui", help="Open sumo-gui, which needs a display.")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing but errors.")] = False,
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            help="Options from a TOML file, or from the summary of a run to repeat it; those given here have priority.",
+            callback=use_config,
+            is_eager=True,
+        ),
+    ] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Run learned road users in a scenario and write trace, summary and report."""
     from slrl_sumo.simulation.settings import RunSettings
@@ -90,9 +107,10 @@ def run(
         until=until,
         seed=seed,
         step_length=step_length,
-        background_yields=not no_yield,
+        background_yields=background_yields,
         sumo_outputs=sumo_outputs,
         sumo_options=sumo_options,
+        gui=gui,
     )
     from slrl_sumo.api.run import write_run
     from slrl_sumo.cli.run_table import print_summary
@@ -112,6 +130,7 @@ def generate(
     out: Annotated[Path, typer.Option(help="Folder to write.")],
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 1,
     size: Annotated[int | None, typer.Option(help="Streets of a random network.")] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Generate a network with demand: a folder that plain SUMO can run."""
     from netgen.errors import NetgenError
@@ -126,7 +145,7 @@ def generate(
 
 @app.command()
 def record(
-    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    scenario: ScenarioName,
     out: Annotated[
         Path, typer.Option(help="Trajectories file to write, .npz; with --seeds a folder with a file for each.")
     ],
@@ -136,6 +155,7 @@ def record(
     seeds: Annotated[int | None, typer.Option(help="Number of seeds, from --seed on.")] = None,
     workers: Workers = None,
     ray: RayAddress = None,
+    verbose: Verbose = False,
 ) -> None:
     """Record plain SUMO traffic as trajectories: training data for `fit`."""
     from slrl_sumo.jobs.progress import progress
@@ -171,8 +191,9 @@ def record(
 
 @app.command()
 def doctor(
-    scenario: Annotated[str, typer.Argument(help="Shipped name, folder or .sumocfg.")],
+    scenario: ScenarioName,
     json_file: Annotated[Path | None, typer.Option("--json", help="The findings as JSON.")] = None,
+    verbose: Verbose = False,
 ) -> None:
     """List what in a scenario will cause trouble for learned road users, and how to correct it."""
     from slrl_sumo.doctor.isolated import examine_isolated

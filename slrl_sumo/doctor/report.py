@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-from rich import box
-from rich.console import Console
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
 from slrl_sumo.doctor.finding import Finding
+from slrl_sumo.jobs.tables import print_table
 
 LOG_WIDTH = 160
 """Columns of a table that is not printed to a terminal."""
@@ -18,7 +18,7 @@ COLOURS = {"problem": "bold red", "warning": "yellow", "note": "cyan", "ok": "gr
 
 def findings_table(findings: Sequence[Finding]) -> Table:
     """One row a finding, all text in full."""
-    table = Table(box=box.SIMPLE_HEAD, leading=1, expand=True)
+    table = Table(box=SIMPLE_HEAD, leading=1, expand=True)
     table.add_column("severity", no_wrap=True)
     table.add_column("topic", overflow="fold", min_width=10)
     table.add_column("what", overflow="fold", ratio=3)
@@ -32,8 +32,7 @@ def findings_table(findings: Sequence[Finding]) -> Table:
 
 def print_findings(findings: Sequence[Finding]) -> None:
     """Print the table on stdout."""
-    console = Console()
-    (console if console.is_terminal else Console(width=LOG_WIDTH)).print(findings_table(findings))
+    print_table(findings_table(findings), LOG_WIDTH)
 
 
 def findings_record(scenario: str, findings: Sequence[Finding]) -> dict[str, Any]:

@@ -45,7 +45,11 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
     scenario = settings.found()
     bundle = load_models(settings)
     with SumoSession(
-        scenario, seed=settings.seed, step_length=settings.step_length, keep_outputs=settings.sumo_outputs
+        scenario,
+        seed=settings.seed,
+        step_length=settings.step_length,
+        keep_outputs=settings.sumo_outputs,
+        gui=settings.gui,
     ) as session:
         begin = session.time
         decisions = _decisions(settings, begin, session.end)

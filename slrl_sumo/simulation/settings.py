@@ -1,11 +1,13 @@
 """What to run, checked at once: plain values that can cross a process border. No simulator, no torch."""
 
 import math
+import operator
+import os
 import shlex
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from slrl_sumo.errors import InputError, check_type, check_whole_number
 from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares
@@ -98,6 +100,8 @@ class RunSettings(LearnedSettings):
     """Whether the scenario writes its own output files."""
     sumo_options: str = ""
     """Options for SUMO itself, as on its command line."""
+    gui: bool = False
+    """Whether SUMO opens the window of sumo-gui, which shows the run and may stop it; needs a display."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -106,6 +110,11 @@ class RunSettings(LearnedSettings):
         check_type("step_length", self.step_length, (int, float, type(None)), "a time in seconds")
         check_type("sumo_outputs", self.sumo_outputs, (bool,), "True or False")
         check_type("sumo_options", self.sumo_options, (str,), "options as on SUMO's command line, as one text")
+        check_type("gui", self.gui, (bool,), "True or False")
+        if self.gui and not os.environ.get("DISPLAY"):
+            raise InputError(
+                "there is no display (DISPLAY is not set); run it on a desktop, or through xvfb-run", argument="gui"
+            )
         if self.steps is not None and self.until is not None:
             raise InputError("`steps` and `until` were both given; give one of them")
         if self.steps is not None:
@@ -121,6 +130,18 @@ class RunSettings(LearnedSettings):
         except ValueError as error:
             raise InputError(str(error).lower(), argument="sumo_options", value=self.sumo_options) from None
         return with_options(scenario, words)
+
+    def options(self) -> dict[str, Any]:
+        """All settings as values that JSON and TOML can hold: `slrl_sumo.run(**options)` repeats the run."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        for name in ("mix", "takeover"):
+            if isinstance(values[name], Mapping):
+                values[name] = ",".join(f"{kind}={share}" for kind, share in values[name].items())
+        values |= {
+            name: operator.index(values[name]) for name in ("agents", "steps", "seed") if values[name] is not None
+        }
+        texts = {name: str(values[name]) for name in ("scenario", "bundle", "region") if values[name] is not None}
+        return {**values, **texts, "scenario": self.where, "without": list(self.without)}
 
     @property
     def where(self) -> str:

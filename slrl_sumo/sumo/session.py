@@ -37,12 +37,20 @@ class SumoSession:
     - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
     - `notices`: the changes to the scenario, one line each.
 
+    `gui`: with the window of sumo-gui; the process must end after the session.
+
     Raises InputError when SUMO refuses the scenario, with SUMO's reason; SumoError when SUMO fails later, in `step` or
     because it is closed within the with block.
     """
 
     def __init__(
-        self, scenario: Scenario, *, seed: int = 1, step_length: float | None = None, keep_outputs: bool = False
+        self,
+        scenario: Scenario,
+        *,
+        seed: int = 1,
+        step_length: float | None = None,
+        keep_outputs: bool = False,
+        gui: bool = False,
     ) -> None:
         self.scenario = scenario
         self.step_length, step_notices = sumo_step_length(scenario, step_length)
@@ -50,6 +58,7 @@ class SumoSession:
         self.notices = step_notices + notices(scenario, keep_outputs)
         self._seed = seed
         self._keep_outputs = keep_outputs
+        self._gui = gui
         self._scratch: Path | None = None
         self._remove_scratch: Callable[[], object] = lambda: None
         self._open = False
@@ -67,7 +76,9 @@ class SumoSession:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
             # Also at the end of a process that does not close its simulation.
             self._remove_scratch = weakref.finalize(self, _remove, self._scratch)
-        command = start_command(self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch)
+        command = start_command(
+            self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch, gui=self._gui
+        )
         self._open = True
         with _captured_output() as printed:
             try:
@@ -130,7 +141,9 @@ class SumoSession:
 
         try:
             # After this session was closed, another one may have been opened: that one must stay open.
-            if self._open and libsumo.isLoaded():
+            # On 2 of 5 tries the window of sumo-gui never answered `close`: without outputs to finish, it closes with
+            # the process.
+            if self._open and libsumo.isLoaded() and (self._keep_outputs or not self._gui):
                 libsumo.close()
         finally:
             self._open = False

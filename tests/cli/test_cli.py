@@ -12,7 +12,6 @@ import pytest
 
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.simulation.run import run
-from slrl_sumo.sumo.scenario import shipped_scenarios
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 Copy = Callable[..., Path]
@@ -70,12 +69,6 @@ def test_help_names_the_commands_and_version_is_the_packages(cli: Cli) -> None:
     for command in ("scenarios", "run", "generate", "record", "fit"):
         assert command in text
     assert cli("--version").stdout.strip() == slrl_sumo.__version__
-
-
-def test_scenarios_lists_what_ships(cli: Cli) -> None:
-    done = cli("scenarios")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.split() == shipped_scenarios()
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def test_a_selector_goes_on_in_trips_through_a_town(cli: Cli, tmp_path: Path) ->
     assert run.returncode == 0, run.stderr
 
 
-@pytest.mark.parametrize("words", [[], ["--bundle", "intersection", "--from", "intersection"]])
+@pytest.mark.parametrize("words", [["--bundle", "intersection", "--from", "intersection"]])
 def test_a_training_starts_anew_or_goes_on(cli: Cli, tmp_path: Path, words: list[str]) -> None:
     done = cli("train", "random", "--out", "a", *words, cwd=tmp_path)
     assert done.returncode == 1

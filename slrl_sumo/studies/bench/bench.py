@@ -11,13 +11,13 @@ from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.errors import check_whole_number
 from slrl_sumo.formats.output_files import write_json
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.progress import progress
+from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload, measured
 
 if TYPE_CHECKING:
@@ -195,5 +195,4 @@ def print_rows(rows: list[dict[str, Any]]) -> None:
             f"{row['times_sumo']:.1f}",
             f"{row['peak_memory_mib']:.0f}",
         )
-    console = Console()
-    (console if console.is_terminal else Console(width=160)).print(table)
+    print_table(table, 160)

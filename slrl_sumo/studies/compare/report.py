@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.formats.output_files import write_json, writing
+from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.metrics.surrogate_safety import deceleration_to_avoid_crash
 from slrl_sumo.studies.compare.figure import draw_comparison
 from slrl_sumo.studies.compare.measures import MEASURES
@@ -55,8 +55,6 @@ def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder:
 
 def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> None:
     """Print a line for each measure and type on stdout."""
-    console = Console()
-    console = console if console.is_terminal else Console(width=120)
     seeds = result["seeds"]
     table = Table(
         title=f"{result['scenario']}, {result['seconds']:g} s, {len(seeds)} seed{'s' * (len(seeds) > 1)}, "
@@ -77,7 +75,7 @@ def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> Non
             table.add_row(title if row is mine[0] else "", row["type"], *_cells(row, measure.digits))
         if mine:
             table.add_section()
-    console.print(table)
+    print_table(table)
     for one in result["distances"]:
         if one["quantity"] == "speed":
             distance = f"{one['distance']:.2f} (0: the same, 1: nothing in common)"

@@ -4,10 +4,10 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.formats.output_files import write_json, writing
+from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.episodes.published import MEASURED_ELSEWHERE, TABLES
 from slrl_sumo.studies.episodes.tables import COLUMNS
@@ -25,8 +25,6 @@ def write_episodes(result: dict[str, Any], folder: Path) -> None:
 
 def print_episodes(result: dict[str, Any]) -> None:
     """Print a table of all types on stdout, our rows first, then those of the paper's table for this scenario."""
-    console = Console()
-    console = console if console.is_terminal else Console(width=160)
     table = Table(
         title=f"{result['scenario']}: {result['episodes']} episodes x {result['steps']} decisions of 0.4 s, "
         f"{result['seeds']} seed(s), bundle {result['bundle']}",
@@ -69,7 +67,7 @@ def print_episodes(result: dict[str, Any]) -> None:
             ]
             table.add_row(kind, *cells, "", style="dim")
         table.add_section()
-    console.print(table)
+    print_table(table, 160)
     print(f"* {MEASURED_ELSEWHERE}")
     for left_out in result["left_out"]:
         print(

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.formats.output_files import write_json, writing
+from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.studies.flow.figures import FIGURES
 from slrl_sumo.studies.flow.pictures import draw_fundamental_diagram, draw_under_way
 from slrl_sumo.studies.flow.play import SUMO, Record, Run
@@ -32,8 +32,6 @@ def write_flow(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path)
 
 def print_flow(result: dict[str, Any], folder: Path | None, wall_s: float) -> None:
     """Print a line for each situation and figure, and the definitions of the figures."""
-    console = Console()
-    console = console if console.is_terminal else Console(width=140)
     seeds = result["seeds"]
     table = Table(
         title=f"Flow: bundle {result['bundle']}, {result['share']:.0%} of the road users learned, "
@@ -58,7 +56,7 @@ def print_flow(result: dict[str, Any], folder: Path | None, wall_s: float) -> No
             table.add_row(situation if name == mine[0] else "", title, *values)
         table.add_section()
         shown += mine
-    console.print(table)
+    print_table(table, 140)
     for name in dict.fromkeys(shown):
         print(f"{FIGURES[name].title}: {FIGURES[name].definition}")
     for one in result["left_out"]:

@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from slrl_sumo.formats.output_files import write_json, writing
+from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.studies.prediction.plots import draw_errors
 
 COLUMNS = ("selector", "type", "step", "ade_m", "fde_m", "min_ade_m", "min_fde_m", "n")
@@ -28,8 +28,6 @@ def write_evaluation(result: dict[str, Any], folder: Path) -> None:
 
 def print_evaluation(result: dict[str, Any]) -> None:
     """Print the last step of each type and selector, bends and driving on stdout."""
-    console = Console()
-    console = console if console.is_terminal else Console(width=120)
     last = {(row["type"], row["selector"]): row for row in result["rows"]}  # rows come in the order of steps
     for title, rows in (
         (f"{result['recording']}: errors after the last step, {result['starts']} starts", list(last.values())),
@@ -44,7 +42,7 @@ def print_evaluation(result: dict[str, Any]) -> None:
             figures = (f"{row[key]:.2f}" for key in COLUMNS[3:7])
             table.add_row(row["type"], row["selector"], str(row["step"]), *figures, str(row["n"]))
         if rows:
-            console.print(table)
+            print_table(table)
     for note in result["notes"]:
         print(f"note: {note}", file=sys.stderr)
     if result["driving"]:
@@ -65,7 +63,7 @@ def print_evaluation(result: dict[str, Any]) -> None:
                 f"{row['farthest_m']:.0f}",
                 str(row["n"]),
             )
-        console.print(table)
+        print_table(table)
     if result["off_surface"]:
         table = Table(title="steps that end off the own surface", title_justify="left")
         for heading in ("type", "selector"):
@@ -74,10 +72,10 @@ def print_evaluation(result: dict[str, Any]) -> None:
             table.add_column(heading, justify="right")
         for row in sorted(result["off_surface"], key=lambda row: str(row["type"])):
             table.add_row(row["type"], row["selector"], f"{row['share']:.1%}", str(row["steps"]))
-        console.print(table)
+        print_table(table)
     if result["reversing"]:
-        console.print(f"left out: cars that reverse, {result['reversing']} times", highlight=False)
-    console.print(f"surface: {result['surface']}", highlight=False)
+        print(f"left out: cars that reverse, {result['reversing']} times")
+    print(f"surface: {result['surface']}")
 
 
 def _cell(value: float | None, form: str) -> str:

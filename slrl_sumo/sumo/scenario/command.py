@@ -42,11 +42,13 @@ def divides_interval(step: float) -> bool:
     return ratio >= 0.999 and abs(ratio - round(ratio)) < 1e-6 and abs(step * 1000 - round(step * 1000)) < 1e-6
 
 
-def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_to: Path | None) -> list[str]:
+def start_command(
+    scenario: Scenario, *, step_length: float, seed: int, outputs_to: Path | None, gui: bool = False
+) -> list[str]:
     """Arguments for libsumo.start; options that a run needs override those of the scenario.
 
     `outputs_to`: folder for all outputs of the scenario's configuration and detectors; None leaves their paths as they
-    are.
+    are. `gui`: the window of sumo-gui, which starts at once and closes at the end.
     """
     ours = {
         "step-length": f"{step_length:g}",
@@ -70,9 +72,16 @@ def start_command(scenario: Scenario, *, step_length: float, seed: int, outputs_
         # SUMO prepends the prefix to the last component of a path only, so the prefix must climb to the root first.
         ours["output-prefix"] = "../" * 40 + str(outputs_to.resolve()).lstrip("/") + "/"
         ours |= {option: str(outputs_to / option) for option in LOG_OPTIONS if option in scenario.options}
+    if gui:
+        ours |= {"start": "true", "quit-on-end": "true"}
     # SUMO refuses an option that is given twice.
     options = {**scenario.added, **ours}
-    return ["sumo", "-c", str(scenario.config), *(word for name in options for word in (f"--{name}", options[name]))]
+    return [
+        "sumo-gui" if gui else "sumo",
+        "-c",
+        str(scenario.config),
+        *(word for name in options for word in (f"--{name}", options[name])),
+    ]
 
 
 def notices(scenario: Scenario, outputs_kept: bool) -> list[str]:
