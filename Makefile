@@ -16,7 +16,7 @@ check: test
 	$(PYTHON) -m venv .venv
 
 .venv/.installed: pyproject.toml | .venv/bin/python
-	.venv/bin/python -m pip install --editable .
+	.venv/bin/python -m pip install --editable ".[report,train,pandas]"
 	touch $@
 
 .venv/.installed-dev: pyproject.toml | .venv/bin/python

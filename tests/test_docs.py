@@ -229,6 +229,14 @@ FOREIGN = {"--time-to-teleport", "--ignore-route-errors", "--fcd-output", "--out
 """Options of other programs that pages name."""
 
 
+def test_the_site_builds_without_warnings(tmp_path: Path) -> None:
+    """Every page is in its navigation, and every link and anchor leads somewhere."""
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    call(command, ROOT, dict(os.environ))
+    built = {str(file.relative_to(tmp_path / "site").with_suffix(".md")) for file in tmp_path.rglob("*.html")}
+    assert {name.removeprefix("docs/") for name in DOCS} <= built
+
+
 def test_measurements_are_dated() -> None:
     for page, text in DOCS.items():
         if page.startswith("docs/measurements/") and not page.endswith("index.md"):

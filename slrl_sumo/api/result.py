@@ -6,6 +6,7 @@ from pathlib import Path
 
 from slrl_sumo.api.summary import RunSummary
 from slrl_sumo.errors import DefectError, InputError, SlrlError
+from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output, claimed
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.models.bundle_folder import find_bundle
@@ -53,6 +54,7 @@ class RunResult:
         `recording`: trajectories to compare the learned road users with; None: SUMO's own road users in the same run.
         Raises InputError where the run kept no trajectories, and where the folder cannot be written.
         """
+        require("matplotlib", "a report")
         folder = Path(folder)
         with claimed([Output("folder", folder, REPORT_FILES)], self._inputs()):
             return self.write_report(folder, recording)

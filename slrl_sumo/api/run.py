@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from slrl_sumo.api.result import REPORT_FILES, RunResult
 from slrl_sumo.api.summary import RunSummary
 from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError, check_type
+from slrl_sumo.extras import require
 from slrl_sumo.formats.fcd.columns import check_fcd_path
 from slrl_sumo.formats.fcd.write import open_fcd
 from slrl_sumo.formats.output_files import Output, claimed, write_json
@@ -156,6 +157,8 @@ def write_run(
         check_fcd_path(fcd)
     if recording is not None and report is None:
         raise InputError("the report compares with it; add `report=DIR`", argument="recording", value=str(recording))
+    if report is not None:
+        require("matplotlib", f"`report={report}`")
     outputs = [
         *([Output("fcd", fcd)] if fcd is not None else ()),
         *([Output("summary", summary)] if summary is not None else ()),

@@ -8,6 +8,7 @@ import typer
 from slrl_sumo.cli.app import DEFAULT_BUNDLE, BundleName, RayAddress, Verbose, Workers, app, backend_of, claim, numbers
 from slrl_sumo.cli.measure import RESULTS
 from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output
 
 
@@ -116,6 +117,7 @@ def _measure_flow(
     workers: int | None,
     ray: str | None,
 ) -> None:
+    require("matplotlib", "bench --flow")
     if out is not None:
         claim(Output("out", out, RESULTS), inputs=[bundle])
     backend = backend_of(workers, ray)

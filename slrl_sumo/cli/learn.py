@@ -7,6 +7,7 @@ import typer
 
 from slrl_sumo.cli.app import DEFAULT_BUNDLE, RayAddress, Verbose, app, backend_of, claim
 from slrl_sumo.errors import InputError, check_whole_number
+from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import REPLACED, Output
 
 if TYPE_CHECKING:
@@ -116,6 +117,9 @@ def fit(
     verbose: Verbose = False,
 ) -> None:
     """Learn modes, displacement models and prior from trajectories."""
+    require("sklearn", "fit")
+    if report is not None:
+        require("matplotlib", f"--report {report}")
     from slrl_sumo.formats.trajectory_file import load_trajectories
     from slrl_sumo.learning.supervised.fit import TooFewTracksError
     from slrl_sumo.learning.supervised.fit import fit as learn
@@ -182,6 +186,7 @@ def train(
     verbose: Verbose = False,
 ) -> None:
     """Train the selector of a bundle by reinforcement learning."""
+    require("tensorboard", "train")
     backend = backend_of(workers, ray)
     from netgen.families import Family
     from slrl_sumo.cli.train_display import train_with_progress

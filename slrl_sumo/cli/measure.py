@@ -18,6 +18,7 @@ from slrl_sumo.cli.app import (
     numbers,
 )
 from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output
 
 RESULTS = ("results.*", "episodes.jsonl", "runs.jsonl", "conflicts.csv", "*.png")
@@ -129,6 +130,7 @@ def compare(
 ) -> None:
     """Run a scenario with SUMO's own models and with learned ones, and measure the differences."""
     claim(Output("out", out, RESULTS), inputs=[bundle], scenarios=[scenario])
+    require("matplotlib", "compare")
     backend = backend_of(workers, ray)
     from slrl_sumo.studies.compare.comparison import ComparisonSettings, write_compared
 
@@ -160,6 +162,7 @@ def _evaluate_recording(
     seed: int,
     ground: tuple[Path | None, Path | None, float | None],
 ) -> None:
+    require("matplotlib", "evaluate of a recording")
     from slrl_sumo.formats.trajectory_file import load_trajectories
     from slrl_sumo.jobs.progress import progress
     from slrl_sumo.models.bundle import load_bundle

@@ -8,6 +8,7 @@ import typer
 
 from slrl_sumo.cli.app import Verbose, app, claim, scenario_names
 from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output
 
 DEMAND = re.compile(r"^- .*\.rou\.xml`: (per hour .*?)(?:, of types .*)?\.?$", re.MULTILINE)
@@ -40,12 +41,14 @@ def scenarios(
             typer.echo(f"{name:{max(map(len, names))}}  {_described(find_scenario(name).config.parent)}")
         return
     found = find_scenario(scenario)
-    if scenario in names:
-        typer.echo(f"{scenario}  {_described(found.config.parent)}")
     if draw is not None:
         if draw.suffix.lower() not in (".png", ".svg", ".pdf"):
             raise InputError(f"--draw {draw}: give a name that ends in .png, .svg or .pdf")
+        require("matplotlib", f"--draw {draw}")
         claim(Output("draw", draw), scenarios=[scenario])
+    if scenario in names:
+        typer.echo(f"{scenario}  {_described(found.config.parent)}")
+    if draw is not None:
         from slrl_sumo.report.scenario_map import write_scenario_map
 
         write_scenario_map(found, draw)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import replacing
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
@@ -188,10 +188,9 @@ class Trajectories:
         time_s, id (of the track), type, learned, mode (missing where none was chosen), x_m, y_m, heading_rad,
         speed_mps, acceleration_mps2, yaw_rate_radps, length_m, width_m. Raises InputError where pandas is missing.
         """
-        try:
-            import pandas as pd
-        except ImportError:
-            raise InputError("pandas is not installed here: pip install pandas") from None
+        require("pandas", "to_pandas")
+        import pandas as pd
+
         return pd.DataFrame(
             {
                 "time_s": self.t0 + self.dt * self.frame,

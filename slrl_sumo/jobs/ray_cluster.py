@@ -19,11 +19,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 
 LOCAL = "local"
 """Address of a Ray instance of its own on this machine."""
@@ -94,8 +94,7 @@ def is_ray_address(text: str) -> bool:
 
 def check_ray(address: str) -> None:
     """Raise InputError if Ray is not installed, or `address` does not answer. Fast: does not import Ray."""
-    if find_spec("ray") is None:
-        raise _error(address, "Ray is not installed here; pip install 'slrl-sumo[ray]'")
+    require("ray", f"--ray {address}")
     if not is_ray_address(address):
         raise _error(address, "give HOST:PORT of a cluster's head, auto for the one of this machine, or local")
     if address in (LOCAL, AUTO):

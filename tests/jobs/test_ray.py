@@ -19,6 +19,7 @@ from pathlib import Path
 
 import pytest
 
+from slrl_sumo import extras
 from slrl_sumo.cli import with_ray_address
 from slrl_sumo.errors import InputError
 from slrl_sumo.jobs import ray_cluster
@@ -304,7 +305,7 @@ def test_a_port_of_another_service_is_not_waited_for(monkeypatch: pytest.MonkeyP
 
 
 def test_without_ray_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ray_cluster, "find_spec", lambda _: None)
+    monkeypatch.setattr(extras, "find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"pip install 'slrl-sumo\[ray\]'"), ray_cluster.ray_cluster("local"):
         pass
 

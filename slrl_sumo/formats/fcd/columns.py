@@ -2,12 +2,12 @@
 
 import os
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
 
@@ -42,11 +42,8 @@ def check_fcd_path(path: str | os.PathLike[str]) -> str:
     """The suffix (one of SUFFIXES) of an FCD file's name; InputError where there is none, or pyarrow is missing."""
     for suffix in SUFFIXES:
         if os.fspath(path).lower().endswith(suffix):
-            if suffix == ".parquet" and find_spec("pyarrow") is None:
-                raise InputError(
-                    f"{os.fspath(path)}: Parquet needs pyarrow, which is not installed; "
-                    "pip install 'slrl-sumo[parquet]', or name a .csv"
-                )
+            if suffix == ".parquet":
+                require("pyarrow", f"{os.fspath(path)}: Parquet")
             return suffix
     raise InputError(f"{os.fspath(path)}: FCD files end in .xml, .xml.gz, .csv or .parquet; give it one of these names")
 

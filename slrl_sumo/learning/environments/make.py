@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Unpack
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.extras import require
 from slrl_sumo.learning.environments.options import EnvOptions, Others, make_source
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
 
@@ -22,12 +22,9 @@ def parallel_env(
     episode. The other keywords, observations and rewards are those of RoadUserEnv; agents and episodes:
     ParallelRoadUserEnv. Needs `pip install slrl-sumo[rl]`. Raises InputError for what cannot be used.
     """
-    try:
-        from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
-    except ModuleNotFoundError as error:
-        if error.name != "pettingzoo":
-            raise
-        raise InputError("the parallel environment needs PettingZoo: pip install 'slrl-sumo[rl]'") from None
+    require("pettingzoo", "the parallel environment")
+    from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
+
     return ParallelRoadUserEnv(make_source(scenario, agents, others, **options))
 
 

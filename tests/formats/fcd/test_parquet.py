@@ -10,9 +10,9 @@ import pytest
 import sumo
 from builders import make_world
 
+from slrl_sumo import extras
 from slrl_sumo.api import run as outputs
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd import columns as fcd_columns
 from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.formats.fcd.parquet import ROW_GROUP, SCHEMA, ParquetWriter
 from slrl_sumo.formats.fcd.read import read_fcd
@@ -169,7 +169,7 @@ def test_without_pyarrow_one_line_before_the_simulation(tmp_path: Path, monkeypa
     def no_simulation(*_: object) -> None:
         raise AssertionError("SUMO has been started")
 
-    monkeypatch.setattr(fcd_columns, "find_spec", lambda name: None)
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
     monkeypatch.setattr(outputs, "run_isolated", no_simulation)
     path = tmp_path / "t.parquet"
     with pytest.raises(InputError, match=r"Parquet needs pyarrow.*pip install 'slrl-sumo\[parquet\]'"):
