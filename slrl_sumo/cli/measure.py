@@ -21,7 +21,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output
 
-RESULTS = ("results.*", "episodes.jsonl", "runs.jsonl", "conflicts.csv", "*.png")
+RESULTS = ("results.*", "comparison.html", "episodes.jsonl", "runs.jsonl", "conflicts.csv", "*.png")
 """What studies write into their folders."""
 
 
@@ -100,7 +100,7 @@ def evaluate(
 @app.command()
 def compare(
     scenario: ScenarioName,
-    out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv, comparison.png and more.")],
+    out: Annotated[Path, typer.Option(help="Folder to write: results.json, comparison.html and more.")],
     bundle: BundleName = DEFAULT_BUNDLE,
     takeover: Annotated[
         str, typer.Option(help="Shares of the scenario's own road users to take over. [default: all]")

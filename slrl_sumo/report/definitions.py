@@ -3,6 +3,7 @@
 from slrl_sumo.metrics.conflicts import PET_LIMIT
 from slrl_sumo.metrics.encounters import DEFINITIONS as ENCOUNTERS
 from slrl_sumo.metrics.encounters import TTC_LIMIT
+from slrl_sumo.metrics.queues import CELL, STANDING, WAIT
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "learned": (
@@ -64,6 +65,12 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "and its change. Interactive: distance to the nearest box, overlaps, TTC. Map: distance to the edge of the own "
         "surface, and whether off it. It measures how similar two kinds of traffic are and is not comparable with "
         "the challenge's scores.",
+    ),
+    "queue": (
+        "queue",
+        f"Vehicles and bicycles slower than {STANDING:g} m/s for at least {WAIT:g} s without a break, learned or "
+        f"SUMO's own, in one square of {CELL:g} m; at signals, too. Its longest state counts those that stand at the "
+        "same time; its waiting time adds up that of all.",
     ),
     "ttc": (
         "time to collision, TTC (s)",

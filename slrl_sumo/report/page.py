@@ -9,8 +9,10 @@ import numpy as np
 from slrl_sumo.metrics.conflicts import PET_LIMIT, Conflicts
 from slrl_sumo.metrics.distributions import QUANTITIES, Kinematics, kinematic_distances
 from slrl_sumo.metrics.encounters import TTC_LIMIT
+from slrl_sumo.metrics.queues import Queue
 from slrl_sumo.report.conflict_figures import GROUP_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
+from slrl_sumo.report.queue_figures import NAMED
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.report.reference import Reference, counts_by_group
 from slrl_sumo.scene.types import TYPE_NAMES
@@ -29,6 +31,14 @@ th:first-child, td:first-child { text-align: left; }
 th { font-weight: 600; } dt { font-weight: 600; margin-top: 0.8rem; } dd { margin: 0 0 0 1.2rem; max-width: 58rem; }
 dt:target, dt:target + dd { background: #fff3c4; }
 .note { color: #444; }
+@media (prefers-color-scheme: dark) {
+  body { color: #ddd; background: #16181b; } a { color: #6cb8ff; } th, td { border-color: #444; }
+  figcaption, .note { color: #aaa; } dt:target, dt:target + dd { background: #4a4320; }
+  img { background: #fff; border-radius: 4px; }
+}
+@media (max-width: 40rem) {
+  body { margin: 1rem auto; font-size: 16px; } nav a { display: inline-block; padding: 0.3rem 0; }
+}
 """
 
 SUMMARY = (
@@ -50,6 +60,7 @@ def page(
     reference: Reference,
     ours: Kinematics,
     conflicts: Mapping[str, Conflicts],
+    queues: Sequence[Queue],
     pictures: Sequence[str],
 ) -> str:
     """The whole page; `pictures`: names of the PNGs beside it."""
@@ -58,6 +69,7 @@ def page(
         ("paths", "Paths", _figure("paths", pictures, "path", "Paths of the learned road users.")),
         ("motion", "Motion", _motion(reference, ours, pictures)),
         ("maps", "Space and time", _maps(pictures)),
+        ("queues", "Queues", _queues(queues, pictures)),
         ("conflicts", "Conflicts", _conflicts(record, conflicts, pictures)),
         ("modes", "Modes", _modes(record, pictures)),
         ("views", "Ego images", _figure("ego_images", pictures, "ego_image", "Ego images of some learned road users.")),
@@ -165,6 +177,19 @@ def _maps(pictures: Sequence[str]) -> str:
     caption = "Density and mean speed of all road users."
     path = "All road users along the busiest path, over time."
     return _figure("space_time", pictures, "space_time", path) + _figure("density", pictures, "density", caption)
+
+
+def _queues(queues: Sequence[Queue], pictures: Sequence[str]) -> str:
+    lines = [
+        [
+            *(str(number), f"{queue.x:.0f}, {queue.y:.0f}", f"{queue.begin:.0f} to {queue.end:.0f}"),
+            *(str(queue.longest), f"{queue.waited_s:.0f}", f"{queue.first_id} ({queue.first_s:.0f} s)"),
+        ]
+        for number, queue in enumerate(queues[:NAMED], start=1)
+    ]
+    words = ("number", "place: x, y (m)", "time (s)", "longest (vehicles)", "waiting time of all (s)", "waited longest")
+    table = _table([_link("queue", word) for word in words], lines)
+    return _figure("queues", pictures, "queue", "Where vehicles queued.") + table if queues else ""
 
 
 def _conflicts(record: RunRecord, conflicts: Mapping[str, Conflicts], pictures: Sequence[str]) -> str:

@@ -9,11 +9,13 @@ from slrl_sumo.formats.output_files import writing
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.metrics.conflicts import pet_conflicts, ttc_conflicts
 from slrl_sumo.metrics.distributions import kinematics
+from slrl_sumo.metrics.queues import find_queues
 from slrl_sumo.report.conflict_figures import draw_conflicts
 from slrl_sumo.report.map_figures import draw_density, draw_paths, draw_space_time
 from slrl_sumo.report.mode_figures import draw_modes, draw_views
 from slrl_sumo.report.motion_figures import draw_motion
 from slrl_sumo.report.page import page
+from slrl_sumo.report.queue_figures import draw_queues
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.report.reference import reference_for
 
@@ -37,7 +39,11 @@ def write_report(
         figures["density"] = draw_density(surfaces, tracks)
     if (space_time := draw_space_time(tracks, learned, surfaces)) is not None:
         figures["space_time"] = space_time
-    figures["conflicts"] = draw_conflicts(ttc, pet, tracks, learned, surfaces)
+    queues = find_queues(tracks)
+    if queues:
+        figures["queues"] = draw_queues(queues, surfaces)
+    if len(ttc) or len(pet):
+        figures["conflicts"] = draw_conflicts(ttc, pet, tracks, learned, surfaces)
     if record.modes is not None and record.modes.any() and record.started.mode_centres is not None:
         figures["modes"] = draw_modes(record.modes, record.started.mode_centres)
     if record.views:
@@ -46,5 +52,5 @@ def write_report(
         folder.mkdir(exist_ok=True)
         for name, figure in figures.items():
             figure.savefig(folder / f"{name}.png", dpi=110)
-        text = page(record, summary, reference, ours, {"ttc": ttc, "pet": pet}, tuple(figures))
+        text = page(record, summary, reference, ours, {"ttc": ttc, "pet": pet}, queues, tuple(figures))
         (folder / "report.html").write_text(text, encoding="utf-8")

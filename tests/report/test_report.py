@@ -179,8 +179,9 @@ def test_what_is_not_there_has_no_section(tmp_path: Path) -> None:
     made = RunRecorder(replace(STARTED, step=Step(0.0, alone, NOWHERE), mode_centres=None))
     write_report(made.build(), tmp_path / "report", summary())
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
-    assert {p.stem for p in (tmp_path / "report").glob("*.png")} == {"paths", "conflicts"}
+    assert {p.stem for p in (tmp_path / "report").glob("*.png")} == {"paths"}
     assert "section-modes" not in page
+    assert "section-queues" not in page
     assert "section-motion" not in page
 
 
@@ -215,3 +216,15 @@ def test_a_recording_that_cannot_be_compared_with_is_told_before_anything_runs(t
     replace(made.build().tracks, dt=0.1).save(tmp_path / "a.npz")
     with pytest.raises(InputError, match=r"its interval is 0.1 s, not 0.4 s"):
         call(tmp_path / "a.npz", tmp_path / "report")
+
+
+def test_places_where_vehicles_queued_are_on_a_map_and_in_a_table(tmp_path: Path) -> None:
+    made = RunRecorder(STARTED)
+    standing = replace(world(1), speed=np.zeros(4))
+    for frame in range(1, 20):
+        made.add(replace(decision(frame), steps=(Step(0.4 * frame, replace(standing, time=0.4 * frame), NOWHERE),)))
+    write_report(made.build(), tmp_path / "report", summary())
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert (tmp_path / "report" / "queues.png").is_file()
+    section = page.partition('id="section-queues"')[2].partition("<h2")[0]
+    assert re.search(r"<td>1</td><td>10, 1</td><td>1 to \d</td><td>3</td>", section), section

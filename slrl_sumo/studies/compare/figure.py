@@ -17,9 +17,10 @@ PANELS = ("travel_time", "delay", "stops", "speed", "ttc", "pet", "collisions", 
 
 
 def draw_comparison(result: dict[str, Any]) -> Figure:
-    """A panel for each of PANELS: bars are means over the seeds, whiskers their 95 % confidence intervals, dots the
-    seeds; the same seed's dots are joined."""
-    shown = [name for name in PANELS if any(row["measure"] == name for row in result["rows"])]
+    """A panel for each of PANELS that is not 0: bars are means over the seeds, whiskers their 95 % confidence
+    intervals, dots the seeds; the same seed's dots are joined."""
+    rows = [row for row in result["rows"] if any(any(pair.values()) for pair in row["by_seed"].values())]
+    shown = [name for name in PANELS if any(row["measure"] == name for row in rows)]
     columns = 4
     height = -(-len(shown) // columns)
     figure = Figure(figsize=(14.0, 3.4 * height + 0.8), layout="constrained")

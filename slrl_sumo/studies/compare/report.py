@@ -1,4 +1,4 @@
-"""Outputs of a comparison: results.json, results.csv, conflicts.csv, comparison.png and a printed table."""
+"""Outputs of a comparison: page, picture, results.json, results.csv, conflicts.csv and a printed table."""
 
 import csv
 import math
@@ -14,8 +14,10 @@ from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.metrics.surrogate_safety import deceleration_to_avoid_crash
 from slrl_sumo.studies.compare.figure import draw_comparison
 from slrl_sumo.studies.compare.measures import MEASURES
+from slrl_sumo.studies.compare.page import page
 from slrl_sumo.studies.compare.run import LEARNED, SUMO, Record, Run
 from slrl_sumo.studies.compare.tables import COLUMNS
+from slrl_sumo.studies.compare.verdicts import UNKNOWN, too_few
 
 CONFLICT_COLUMNS = (
     "seed",
@@ -51,6 +53,7 @@ def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder:
                 for measure, found in runs[run]["conflicts"].items():
                     lines.writerows([run.seed, run.arm, measure, *_conflict(measure, row)] for row in found)
         draw_comparison(result).savefig(folder / "comparison.png", dpi=110)
+        (folder / "comparison.html").write_text(page(result), encoding="utf-8")
 
 
 def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> None:
@@ -61,7 +64,7 @@ def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> Non
         f"bundle {result['bundle']}, selector {result['selector']}{' with guard' * result['guard']}",
         title_justify="left",
         caption="mean over seeds; difference: learned - sumo, with its 95 % confidence interval (Student's t, paired "
-        "by seed); * where 0 is outside of it",
+        "by seed); * where 0 is outside of it, ? where it is too wide to say anything",
         caption_justify="left",
     )
     table.add_column("measure", no_wrap=True)
@@ -84,12 +87,15 @@ def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> Non
         print(f"left out: {one['arm']}, seed {one['seed']}: {one['reason']}; to repeat it: {one['command']}")
     for notice in result["notices"]:
         print(f"note: {notice}")
-    print(f"{folder}: results.json, results.csv, conflicts.csv, comparison.png ({wall_s:.0f} s)")
+    if few := too_few(result["rows"], len(seeds)):
+        print(few)
+    print(f"{folder}: comparison.html, comparison.png, results.json, results.csv, conflicts.csv ({wall_s:.0f} s)")
 
 
 def _cells(row: dict[str, Any], digits: int) -> list[str]:
     low, high = row["difference_low"], row["difference_high"]
     between = "–" if low is None else f"{_signed(low, digits)} .. {_signed(high, digits)}"
+    between += " ?" * (low is not None and row["verdict"] == UNKNOWN)
     sure = " *" if low is not None and (low > 0.0 or high < 0.0) else ""
     return [
         *(f"{row[arm]:.{digits}f}" for arm in (SUMO, LEARNED)),

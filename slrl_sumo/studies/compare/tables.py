@@ -13,6 +13,7 @@ from slrl_sumo.metrics.trips import Trip
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.compare.measures import MEASURES, SeedRun
 from slrl_sumo.studies.compare.run import ARMS, LEARNED, SUMO, Record, Run
+from slrl_sumo.studies.compare.verdicts import verdict
 
 CONFIDENCE = 0.95
 COLUMNS = (
@@ -21,6 +22,7 @@ COLUMNS = (
     "unit",
     "seeds",
     *(f"{what}{part}" for what in (SUMO, LEARNED, "difference") for part in ("", "_low", "_high")),
+    "verdict",
     "definition",
 )
 """Of results.csv: means over the seeds, and the limits of their confidence intervals."""
@@ -31,7 +33,7 @@ def rows(runs: Mapping[Run, Record]) -> list[dict[str, Any]]:
 
     `sumo`, `learned`: means over seeds; `difference`: mean of learned - sumo, seed by seed; each with `_low` and
     `_high`, the limits of the confidence interval (95 %, Student's t; None with one seed). `by_seed`: the values. Seeds
-    without a value in both arms do not count; measures without any are left out.
+    without a value in both arms do not count; measures without any are left out. `verdict`: what the interval says.
     """
     seeds = sorted({run.seed for run in runs})
     parties = {seed: _party([runs[Run(seed, arm)] for arm in ARMS]) for seed in seeds}
@@ -43,19 +45,18 @@ def rows(runs: Mapping[Run, Record]) -> list[dict[str, Any]]:
             if not pairs:
                 continue
             ours, theirs = ([pair[k] for pair in pairs.values()] for k in (1, 0))
-            found.append(
-                {
-                    "measure": measure.name,
-                    "type": kind,
-                    "unit": measure.unit,
-                    "seeds": len(pairs),
-                    **_interval(SUMO, theirs),
-                    **_interval(LEARNED, ours),
-                    **_interval("difference", [b - a for a, b in pairs.values()]),
-                    "definition": measure.definition,
-                    "by_seed": {str(s): {SUMO: a, LEARNED: b} for s, (a, b) in pairs.items()},
-                }
-            )
+            row: dict[str, Any] = {
+                "measure": measure.name,
+                "type": kind,
+                "unit": measure.unit,
+                "seeds": len(pairs),
+                **_interval(SUMO, theirs),
+                **_interval(LEARNED, ours),
+                **_interval("difference", [b - a for a, b in pairs.values()]),
+                "definition": measure.definition,
+                "by_seed": {str(s): {SUMO: a, LEARNED: b} for s, (a, b) in pairs.items()},
+            }
+            found.append(row | {"verdict": verdict(row)})
     return found
 
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -70,6 +71,15 @@ def test_what_is_written(compared: tuple[Path, str]) -> None:
     counted = sum(row["measure"] == "ttc" and row["arm"] == "sumo" for row in conflicts)
     assert counted == 2 * values(folder)["ttc", "all"]["sumo"]
     assert (folder / "comparison.png").stat().st_size > 20_000
+    page = (folder / "comparison.html").read_text(encoding="utf-8")
+    assert f"<td>{speed['sumo']:.2f}</td><td>{speed['learned']:.2f}</td>" in page
+    assert page.count("<svg") == len(
+        {name for (name, _), row in values(folder).items() if any(any(p.values()) for p in row["by_seed"].values())}
+    )
+    assert not re.search(r"(src|href)=|NaN|None", page)
+    few = sum(row["verdict"] == "too few seeds" for row in values(folder).values())
+    assert f"2 seeds are too few for {few} of {len(rows)} lines" in page
+    assert f"2 seeds are too few for {few} of {len(rows)} lines" in printed
 
 
 @pytest.mark.slow

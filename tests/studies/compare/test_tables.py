@@ -8,6 +8,7 @@ import pytest
 from slrl_sumo.studies.compare.measures import MEASURES
 from slrl_sumo.studies.compare.run import Record, Run
 from slrl_sumo.studies.compare.tables import confidence_interval, distances, rows
+from slrl_sumo.studies.compare.verdicts import too_few, verdict
 
 CAR, WALKER = 0, 2
 KINDS = ("car", "bicycle", "pedestrian", "all")
@@ -113,3 +114,21 @@ def test_an_interval_by_students_t() -> None:
     # Mean 2, standard deviation 1, n = 3: t(0.975; 2) = 4.3027.
     assert confidence_interval([1.0, 2.0, 3.0]) == pytest.approx((2 - 4.3027 / 3**0.5, 2 + 4.3027 / 3**0.5), abs=1e-4)
     assert confidence_interval([1.0]) is None
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "own", "expected"),
+    [
+        (None, None, 10.0, "too few seeds"),
+        (0.5, 2.0, 10.0, "higher"),
+        (-2.0, -0.1, 10.0, "lower"),
+        (-1.0, 1.0, 10.0, "no difference shown"),
+        (-8.0, 9.0, 10.0, "too few seeds"),
+        (-1.0, 3.0, 0.0, "too few seeds"),
+        (0.0, 0.0, 0.0, "no difference shown"),
+    ],
+)
+def test_wide_intervals_say_nothing(low: float | None, high: float | None, own: float, expected: str) -> None:
+    row = {"difference_low": low, "difference_high": high, "sumo": own}
+    assert verdict(row) == expected
+    assert bool(too_few([{"verdict": verdict(row)}], 2)) == (expected == "too few seeds")

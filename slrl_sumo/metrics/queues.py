@@ -1,0 +1,69 @@
+"""Where vehicles queue: places, times, lengths and the vehicles that waited longest."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.scene.types import RoadUserType
+
+STANDING = 0.5
+"""m/s; slower vehicles stand."""
+CELL = 40.0
+"""m; standing vehicles in one square of this size are one queue."""
+WAIT = 5.0
+"""s that a vehicle stands without a break before it counts: one that gives way for a moment is no queue."""
+
+
+@dataclass(frozen=True)
+class Queue:
+    """Standing vehicles at one place."""
+
+    x: float
+    """Mean position of the standing vehicles, m."""
+    y: float
+    begin: float
+    """Simulation time at which the first of them stands, s."""
+    end: float
+    longest: int
+    """Vehicles that stand there at the same time, at most."""
+    waited_s: float
+    """Time that all of them stand there, added up."""
+    first_id: str
+    """The vehicle that stands there longest, and for how long."""
+    first_s: float
+
+
+def find_queues(trajectories: Trajectories) -> list[Queue]:
+    """All places at which vehicles stand for WAIT or longer, the longest added waiting time first."""
+    t = trajectories
+    standing = (t.speed < STANDING) & (t.type[t.track] != RoadUserType.PEDESTRIAN)
+    new = np.ones(len(t), np.bool_)
+    new[1:] = (np.diff(t.track) != 0) | (np.diff(t.frame) != 1) | (standing[1:] != standing[:-1])
+    stop = np.cumsum(new) - 1
+    long = np.bincount(stop)[stop] * t.dt >= WAIT
+    rows = np.flatnonzero(standing & long)
+    if not len(rows):
+        return []
+    # All of a stop belongs to the square in which it begins.
+    begins = np.flatnonzero(new)[stop[rows]]
+    squares = np.floor(np.column_stack([t.x[begins], t.y[begins]]) / CELL).astype(np.int64)
+    _, place = np.unique(squares, axis=0, return_inverse=True)
+    queues = [_queue(t, rows[place == k]) for k in range(int(place.max()) + 1)]
+    return sorted(queues, key=lambda queue: (-queue.waited_s, queue.x, queue.y))
+
+
+def _queue(t: Trajectories, rows: np.ndarray) -> Queue:
+    tracks, waited = np.unique(t.track[rows], return_counts=True)
+    first = int(np.argmax(waited))
+    frames = t.frame[rows]
+    return Queue(
+        x=float(t.x[rows].mean()),
+        y=float(t.y[rows].mean()),
+        begin=float(t.t0 + t.dt * frames.min()),
+        end=float(t.t0 + t.dt * frames.max()),
+        longest=int(np.bincount(frames - frames.min()).max()),
+        waited_s=float(len(rows) * t.dt),
+        first_id=t.ids[int(tracks[first])].partition("#")[0],
+        first_s=float(waited[first] * t.dt),
+    )

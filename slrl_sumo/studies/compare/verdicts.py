@@ -1,0 +1,29 @@
+"""What a confidence interval allows to say of a difference."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+MORE, LESS, SAME, UNKNOWN = "higher", "lower", "no difference shown", "too few seeds"
+
+
+def verdict(row: Mapping[str, Any]) -> str:
+    """Of a row of `tables.rows`.
+
+    An interval without 0 says the sign. One with 0 says that no difference was shown, unless it is so wide that it says
+    nothing: it reaches from less than -50 % to more than +50 % of SUMO's own figure, or there is none (one seed).
+    """
+    low, high, own = row["difference_low"], row["difference_high"], abs(row["sumo"])
+    if low is None:
+        return UNKNOWN
+    if low > 0.0 or high < 0.0:
+        return MORE if low > 0.0 else LESS
+    return UNKNOWN if high - low > own > 0.0 or (own == 0.0 and high > low) else SAME
+
+
+def too_few(rows: Sequence[Mapping[str, Any]], seeds: int) -> str:
+    """A sentence where intervals say nothing; '' where all say something."""
+    silent = sum(row["verdict"] == UNKNOWN for row in rows)
+    if not silent:
+        return ""
+    count = f"{seeds} seed{' is' if seeds == 1 else 's are'} too few"
+    return f"{count} for {silent} of {len(rows)} lines, whose intervals are too wide to say anything; give more seeds."
