@@ -4,6 +4,8 @@
     result.summary
     result.trajectories.to_pandas()
     result.report("out/report")
+    result.show()
+    slrl_sumo.compare("district", out="out/compare", seeds=10).to_pandas()
 
     with slrl_sumo.Simulation("my.sumocfg", takeover={"car": 1}) as simulation:
         for decision in simulation:
@@ -27,6 +29,7 @@ from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError
 from slrl_sumo.version import __version__
 
 if TYPE_CHECKING:
+    from slrl_sumo.api.comparison import Comparison, compare
     from slrl_sumo.api.result import RunResult
     from slrl_sumo.api.run import run
     from slrl_sumo.api.simulation import Simulation
@@ -42,6 +45,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BoxRegion",
+    "Comparison",
     "DefectError",
     "EdgesRegion",
     "InputError",
@@ -56,6 +60,7 @@ __all__ = [
     "TypeSummary",
     "__version__",
     "attach",
+    "compare",
     "find_scenario",
     "load_bundle",
     "load_trajectories",
@@ -66,6 +71,7 @@ __all__ = [
 ]
 
 _HOME = {
+    "api.comparison": ("Comparison", "compare"),
     "api.result": ("RunResult",),
     "api.run": ("run",),
     "api.simulation": ("Simulation",),

@@ -1,5 +1,6 @@
 """Every command and script of README, tutorials and how-to guides works as written; links, options and names exist."""
 
+import json
 import os
 import re
 import shlex
@@ -258,3 +259,28 @@ def test_the_generated_reference_is_up_to_date(tmp_path: Path) -> None:
     for file in tmp_path.iterdir():
         same = file.read_text(encoding="utf-8") == DOCS[f"docs/reference/{file.name}"]
         assert same, f"docs/reference/{file.name} is out of date; run: python tools/make_reference.py"
+
+
+@pytest.mark.slow
+def test_the_example_notebook_runs_and_is_committed_with_its_outputs(tmp_path: Path) -> None:
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(ROOT),
+        "JUPYTER_RUNTIME_DIR": str(tmp_path / "runtime"),
+        "IPYTHONDIR": str(tmp_path / "ipython"),
+    }
+    call([sys.executable, str(ROOT / "tools" / "make_notebook.py"), str(tmp_path / "made.ipynb")], ROOT, environment)
+    cells, committed = (
+        json.loads(file.read_text(encoding="utf-8"))["cells"]
+        for file in (tmp_path / "made.ipynb", ROOT / "docs" / "examples" / "first_look.ipynb")
+    )
+    assert [cell["source"] for cell in cells] == [cell["source"] for cell in committed]
+    for cell, before in zip(cells, committed, strict=True):
+        kinds = [sorted(output.get("data", {})) for output in cell.get("outputs", [])]
+        assert kinds == [sorted(output.get("data", {})) for output in before.get("outputs", [])]
+        assert (
+            cell["cell_type"] == "markdown" or kinds == [["text/html", "text/plain"]] or "options" in cell["source"][0]
+        )
+    text = json.dumps(cells)
+    for words in ("taken over", "iframe srcdoc", "too few seeds", "speed_mps"):
+        assert words in text

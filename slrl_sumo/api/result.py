@@ -1,7 +1,9 @@
 """The result of a run: summary, trajectories, report and replay."""
 
+import tempfile
 import warnings
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 
 from slrl_sumo.api.summary import RunSummary
@@ -16,6 +18,20 @@ from slrl_sumo.sumo.scenario.options import named_files
 
 REPORT_FILES = ("*.html", "*.png")
 """What a report writes into its folder."""
+
+
+@dataclass(frozen=True)
+class InlineReplay:
+    """A replay page that a notebook shows in a frame of its own."""
+
+    page: str = field(repr=False)
+    """The page, HTML."""
+    height: int
+    """px."""
+
+    def _repr_html_(self) -> str:
+        frame = f'<iframe srcdoc="{escape(self.page)}" width="100%" height="{self.height}" style="border: 0"'
+        return f'{frame} sandbox="allow-scripts allow-downloads" title="replay"></iframe>'
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +97,11 @@ class RunResult:
             else:
                 write_trajectories_replay(self.trajectories, self.settings.where, file, title=self.summary.scenario)
         return file
+
+    def show(self, height: int = 560) -> "InlineReplay":
+        """The replay inside a notebook, `height` px high. Raises InputError as `replay` does."""
+        with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
+            return InlineReplay(self.replay(Path(folder) / "replay.html").read_text(encoding="utf-8"), height)
 
     def raise_failures(self) -> None:
         """Raise what went wrong: the first failure, with the others behind it in its message; an interrupt."""

@@ -6,6 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Self
 
+from slrl_sumo.extras import require
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import Started
@@ -119,6 +120,15 @@ class RunSummary:
     def to_dict(self) -> dict[str, Any]:
         """The content of the JSON file."""
         return asdict(self)
+
+    def to_pandas(self) -> Any:
+        """A row for each type with learned road users, as a pandas DataFrame. Raises InputError where pandas is
+        missing."""
+        require("pandas", "to_pandas")
+        import pandas as pd
+
+        present = {name: asdict(values) for name, values in self.per_type.items() if values.count}
+        return pd.DataFrame.from_dict(present, orient="index").rename_axis("type")
 
     @property
     def title(self) -> str:

@@ -4,13 +4,13 @@ import math
 import operator
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slrl_sumo.errors import InputError, check_type, check_whole_number
-from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares
+from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares, shares_text
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
 
@@ -135,8 +135,8 @@ class RunSettings(LearnedSettings):
         """All settings as values that JSON and TOML can hold: `slrl_sumo.run(**options)` repeats the run."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         for name in ("mix", "takeover"):
-            if isinstance(values[name], Mapping):
-                values[name] = ",".join(f"{kind}={share}" for kind, share in values[name].items())
+            if values[name] is not None:
+                values[name] = shares_text(values[name])
         values |= {
             name: operator.index(values[name]) for name in ("agents", "steps", "seed") if values[name] is not None
         }

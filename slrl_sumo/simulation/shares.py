@@ -41,6 +41,11 @@ def parse_mix(given: Shares) -> Floats:
     return np.asarray(shares / shares.sum())
 
 
+def shares_text(given: Shares) -> str:
+    """The shares as on the command line: 'car=0.3,bicycle=1'."""
+    return given if isinstance(given, str) else ",".join(f"{name}={share}" for name, share in given.items())
+
+
 def _parsed(given: Shares, argument: str, most: float) -> Floats:
     """Shares by type, (3,), each from 0 to `most`, at least one of them above 0."""
 

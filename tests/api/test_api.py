@@ -49,6 +49,29 @@ def test_the_summary_is_typed_and_is_that_of_the_file(result: slrl_sumo.RunResul
     assert page.count("<tr>") == 1 + sum(values.count > 0 for values in result.summary.per_type.values())
 
 
+def test_a_notebook_shows_the_replay_and_the_summary_as_a_table(result: slrl_sumo.RunResult) -> None:
+    shown = result.show(height=300)._repr_html_()
+    assert shown.startswith('<iframe srcdoc="&lt;!doctype html&gt;')
+    assert 'height="300"' in shown
+    assert shown.count('"') == 2 * shown.count('="')  # the page is inside one attribute
+    table = result.summary.to_pandas()
+    assert list(table.index) == [name for name, values in result.summary.per_type.items() if values.count]
+    assert table.loc["car", "mean_speed_mps"] == result.summary.per_type["car"].mean_speed_mps
+
+
+def test_a_comparison_is_a_table(tmp_path: Path) -> None:
+    found = slrl_sumo.compare("intersection", out=tmp_path / "c", takeover={"car": 1}, seeds=1, seconds=12, workers=1)
+    table = found.to_pandas()
+    row = table[(table.measure == "speed") & (table.type == "car")].iloc[0]
+    assert (row.unit, row.verdict, row.seeds) == ("m/s", "too few seeds", 1)
+    assert row.difference == pytest.approx(row.learned - row.sumo)
+    assert found.page.is_file()
+    assert found._repr_html_().count("<tr>") == 1 + len(table)
+    assert json.loads((tmp_path / "c" / "results.json").read_text()) == found.result
+    with pytest.raises(slrl_sumo.InputError, match="seeds=0: give a whole number"):
+        slrl_sumo.compare("intersection", out=tmp_path / "d", seeds=0)
+
+
 def test_trajectories_are_those_of_the_trace_with_modes(result: slrl_sumo.RunResult) -> None:
     tracks = result.trajectories
     frame = tracks.to_pandas()

@@ -21,15 +21,15 @@ p { max-width: 60rem; } .soft { color: var(--soft); }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
 th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
-svg { display: block; width: 100%; max-width: 46rem; height: auto; }
-text { font: 11px system-ui, sans-serif; fill: var(--ink); }
+svg { display: block; width: 100%; max-width: 40rem; height: auto; }
+text { font: 12px system-ui, sans-serif; fill: var(--ink); }
 .axis { stroke: var(--line); } .sumo { stroke: var(--sumo); fill: var(--sumo); }
 .learned { stroke: var(--learned); fill: var(--learned); }
 dt { font-weight: 600; margin-top: 0.7rem; } dd { margin: 0 0 0 1.2rem; max-width: 58rem; }
 """
-LEFT, RIGHT, ROW = 150.0, 610.0, 30.0
+LEFT, RIGHT, ROW = 84.0, 350.0, 32.0
 """px: ends of the axis of a figure, and height of a type."""
-WIDTH = 720.0
+WIDTH = 480.0
 
 
 def page(result: dict[str, Any]) -> str:
@@ -69,7 +69,11 @@ def _verdict(result: dict[str, Any]) -> str:
         (LESS, "Lower"),
         (SAME, "No difference that the seeds show"),
     ):
-        found = [f"{titles[row['measure']]} ({row['type']})" for row in result["rows"] if row["verdict"] == verdict]
+        found = [
+            f"{titles[row['measure']]} ({row['type']})"
+            for row in result["rows"]
+            if row["verdict"] == verdict and row["measure"] != "learned"
+        ]
         if found:
             said.append(f"<p><b>{words}:</b> {escape(', '.join(found))}.</p>\n")
     few = too_few(result["rows"], len(result["seeds"]))
