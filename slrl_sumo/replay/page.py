@@ -24,7 +24,7 @@ from slrl_sumo.jobs.progress import progress
 from slrl_sumo.metrics.encounters import DEFINITIONS
 from slrl_sumo.metrics.near_misses import Conflict, find_conflicts
 from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack
-from slrl_sumo.replay.vehicle_sizes import Size, scenario_sizes, size_of
+from slrl_sumo.replay.vehicle_sizes import CLASS_NAMES, Size, class_of, scenario_classes, scenario_sizes, size_of
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.sumo.net_file import find_net, read_net_file
@@ -39,7 +39,7 @@ BESIDE = 2.0
 FOREIGN, ODD = 0.4, 0.05
 """Shares of positions off the network above which the trace belongs to another network, and above which a note says
 so."""
-SCRIPTS = ("unpack.js", "ground.js", "scene.js", "controls.js")
+SCRIPTS = ("unpack.js", "ground.js", "colours.js", "scene.js", "exports.js", "controls.js")
 """Of the page, in their order (slrl_sumo/replay/assets)."""
 
 
@@ -55,6 +55,8 @@ class Users:
     length: Floats
     """m"""
     width: Floats
+    classes: tuple[str, ...]
+    """Of CLASS_NAMES; '' for passenger cars, bicycles and pedestrians."""
 
 
 def write_replay(fcd: Path, net: str, out: Path) -> None:
@@ -65,12 +67,13 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
     """
     path, scenario = find_net(net)
     sizes, kinds = ({}, {}) if scenario is None else scenario_sizes(scenario)
+    vclasses = {} if scenario is None else scenario_classes(scenario)
     with progress() as bar:
         task = bar.add_task("reading", total=1.0)
         table, flaw = read_table(fcd, lambda share: bar.update(task, completed=share))
         network = read_net_file(path)
         notes = [] if flaw is None else [f"{flaw}; the page shows these"]
-        users = describe(table, sizes, kinds)
+        users = describe(table, sizes, kinds, vclasses)
         rows = centred(table, users)
         notes += check_place(network, rows, fcd, net)
         times = np.array(table.steps, np.int64)
@@ -85,7 +88,8 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
 def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, title: str) -> None:
     """Write the page `out` for trajectories on the network `net`, as `write_replay` does for a trace."""
     path, _ = find_net(net)
-    users = Users(tracks.ids, ("",) * len(tracks.ids), tracks.type, tracks.length, tracks.width)
+    unknown = ("",) * len(tracks.ids)
+    users = Users(tracks.ids, unknown, tracks.type, tracks.length, tracks.width, unknown)
     rows = Rows(
         user=tracks.track,
         step=tracks.frame,
@@ -101,13 +105,17 @@ def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, titl
     write_file(out, page)
 
 
-def describe(table: FcdTable, sizes: dict[str, Size], kinds: dict[str, str]) -> Users:
-    """The road users of a table with types and boxes; `sizes` and `kinds` by vehicle type id, see `scenario_sizes`."""
+def describe(
+    table: FcdTable, sizes: dict[str, Size], kinds: dict[str, str], vclasses: dict[str, str] | None = None
+) -> Users:
+    """The road users of a table with types and boxes; `sizes`, `kinds` and `vclasses` by vehicle type id, see
+    `scenario_sizes` and `scenario_classes`."""
     kind = user_types(table, kinds)
     boxes = [size_of(vtype, k, sizes) for (_, vtype), k in zip(table.users, kind.tolist(), strict=True)]
     length, width = np.array(boxes, np.float64).reshape(-1, 2).T
     ids, vtypes = zip(*table.users, strict=True)
-    return Users(ids, vtypes, kind, length, width)
+    classes = tuple(class_of(vtype, k, vclasses or {}) for vtype, k in zip(vtypes, kind.tolist(), strict=True))
+    return Users(ids, vtypes, kind, length, width, classes)
 
 
 def centred(table: FcdTable, users: Users) -> Rows:
@@ -204,6 +212,7 @@ def build_page(
         "units": {"metre": METRE, "turn": TURN, "speed": SPEED},
         "times": np.diff(times, prepend=0).tolist(),
         "types": TYPE_NAMES,
+        "classes": CLASS_NAMES,
         "vtypes": vtypes,
         "users": {
             "id": users.ids,
@@ -211,6 +220,7 @@ def build_page(
             "kind": users.kind.tolist(),
             "length": np.round(users.length, 2).tolist(),
             "width": np.round(users.width, 2).tolist(),
+            "class": [CLASS_NAMES.index(name) for name in users.classes],
         },
         "streams": [len(stream) for stream in streams],
         "conflicts": [

@@ -26,6 +26,30 @@ _WORDS = (
 """Classes by words in the names of their types, the more special first."""
 
 
+CLASS_NAMES = ("", "bus", "tram", "lorry", "motorcycle")
+"""Kinds of vehicles beside the types that are learned, as the page names them."""
+_GROUPS = {
+    **dict.fromkeys(("bus", "coach"), "bus"),
+    **dict.fromkeys(("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway"), "tram"),
+    **dict.fromkeys(("truck", "trailer", "delivery"), "lorry"),
+    **dict.fromkeys(("motorcycle", "moped"), "motorcycle"),
+}
+
+
+def scenario_classes(scenario: Scenario) -> dict[str, str]:
+    """SUMO's class by vehicle type id. Raises InputError where a route or additional file cannot be read."""
+    return {vtype.get("id", ""): vtype.get("vClass", "passenger") for vtype in trace_types(scenario)}
+
+
+def class_of(vtype: str, kind: int, known: dict[str, str]) -> str:
+    """The name in CLASS_NAMES of a vehicle type: by its `known` class, else guessed by its name."""
+    if kind != RoadUserType.CAR:
+        return ""
+    if vtype in known:
+        return _GROUPS.get(known[vtype], "")
+    return next((_GROUPS.get(vclass, "") for vclass, words in _WORDS if re.search(words, vtype.lower())), "")
+
+
 def scenario_sizes(scenario: Scenario) -> tuple[dict[str, Size], dict[str, str]]:
     """Sizes by vehicle type id of the scenario's vTypes and of learned road users, and what road user types they are.
 

@@ -17,7 +17,7 @@ from lxml import etree
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.table import read_table
 from slrl_sumo.replay.page import describe, write_replay
-from slrl_sumo.replay.vehicle_sizes import scenario_sizes, size_of
+from slrl_sumo.replay.vehicle_sizes import class_of, scenario_sizes, size_of
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -173,3 +173,12 @@ def test_classes_tell_bicycles_whatever_they_are_called(tmp_path: Path) -> None:
     assert sizes["velo"] == (1.6, 0.65)
     assert sizes["long"] == (9.5, 2.4)
     assert sizes["learned_bicycle"] == (1.6, 0.65)
+
+
+def test_vehicles_have_the_words_of_their_classes() -> None:
+    assert [
+        class_of(name, 0, {}) for name in ("bus_12", "tram", "myTruck", "motorcycle", "passenger", "learned_car")
+    ] == [*("bus", "tram", "lorry", "motorcycle", "", "")]
+    assert class_of("line7", 0, {"line7": "bus"}) == "bus"
+    assert class_of("bus_lane_car", 0, {"bus_lane_car": "passenger"}) == ""
+    assert class_of("bus", 2, {}) == ""

@@ -385,3 +385,72 @@ def test_light_and_dark(page: Driver) -> None:
         assert dark[0] == rgb(page, "back")
     finally:
         page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
+def fresh(browser: Driver, trace: Path, fragment: str) -> Driver:
+    browser.get("about:blank")
+    browser.get(trace.with_name("page.html").as_uri() + fragment)
+    WebDriverWait(browser, 30).until(lambda b: b.execute_script("return document.documentElement.dataset.ready"))
+    settle(browser)
+    return browser
+
+
+def test_a_link_leads_to_a_moment_and_a_road_user(browser: Driver, trace: Path) -> None:
+    page = fresh(browser, trace, "#t=112.4&id=rider&colour=speed")
+    assert time_of(page) == pytest.approx(112.4)
+    assert "rider" in text(page, "tooltip")
+    assert Select(page.find_element(By.ID, "colour")).first_selected_option.text == "speed"
+    px, py = on_screen(page, 100, 20 + 4 * 12.4 - 0.9)
+    size = page.execute_script("return [page.canvas.clientWidth, page.canvas.clientHeight]")
+    assert (px, py) == (pytest.approx(size[0] / 2, abs=12), pytest.approx(size[1] / 2, abs=12))
+    page.execute_script("page.seek(115.2); page.view.x += 7; page.touch(); document.getElementById('link').click()")
+    hash_ = page.execute_script("return location.hash")
+    view = page.execute_script("return [page.view.x, page.view.y, page.view.scale]")
+    assert "t=115.2" in hash_
+    assert "id=rider" in hash_
+    again = fresh(browser, trace, hash_)
+    assert time_of(again) == pytest.approx(115.2)
+    assert again.execute_script("return [page.view.x, page.view.y, page.view.scale]") == pytest.approx(view, abs=0.1)
+    hostile = fresh(browser, trace, "#t=nonsense&id=<img src=x onerror=hacked>&x=1e999&colour=constructor")
+    assert time_of(hostile) == pytest.approx(100.0)
+    assert hostile.execute_script("return [page.state.selected, page.state.colour]") == [-1, "type"]
+
+
+def test_colours_say_type_speed_wait_learned_and_mode(page: Driver) -> None:
+    of = (
+        "page.state.colour = arguments[0]; page.fillLegend();"
+        "const t = page.trace, row = [...t.user].findLastIndex((u) => t.users.id[u] === arguments[1]);"
+        "return COLOURINGS[arguments[0]].of(page.scene, row, page.colours)"
+    )
+    legends = {}
+    for colour in ("type", "speed", "waiting", "learned", "mode"):
+        names = ("runner", "parked", "rider", "walker")
+        seen = [page.execute_script(of, colour, name) for name in names]
+        legends[colour] = text(page, "legend")
+        assert all(seen)
+        distinct = {"type": 3, "speed": 4, "waiting": 2, "learned": 2, "mode": 2}
+        assert len(set(seen)) == distinct[colour], (colour, seen)
+    assert "15 to 30 s stood" in legends["waiting"]
+    assert f"mode {MODE}" in legends["mode"]
+    assert "moved by SUMO" in legends["learned"]
+    Select(page.find_element(By.ID, "colour")).select_by_visible_text("waiting")
+    page.execute_script("page.select(page.trace.users.id.indexOf('parked')); page.seek(120)")
+    settle(page)
+    assert "has stood for 20 s" in text(page, "tooltip")
+
+
+def test_pictures_and_videos_are_saved(page: Driver, tmp_path: Path) -> None:
+    page.execute_cdp_cmd("Page.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    page.find_element(By.ID, "picture").click()
+    WebDriverWait(page, 20).until(lambda _: [*tmp_path.glob("*.png")])
+    (picture,) = tmp_path.glob("*.png")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert picture.stat().st_size > 5_000
+    page.find_element(By.ID, "video").click()
+    WebDriverWait(page, 20).until(lambda b: b.execute_script("return page.frames") > 10 and time_of(b) > 100.5)
+    assert text(page, "video") == "stop"
+    page.find_element(By.ID, "video").click()
+    WebDriverWait(page, 20).until(lambda _: [*tmp_path.glob("*.webm")])
+    (video,) = tmp_path.glob("*.webm")
+    assert video.read_bytes().startswith(b"\x1aE\xdf\xa3")  # EBML
+    assert text(page, "video") == "video"

@@ -27,7 +27,7 @@ class Page {
       kind: near ? "near miss" : "collision", a, b, time, end, value, x: x - trace.origin[0], y: y - trace.origin[1],
     }));
     [this.begin, this.end] = [trace.time[0], trace.time[trace.time.length - 1]];
-    this.state = { time: this.begin, playing: false, rate: 1, trail: 5, selected: -1, conflict: null };
+    this.state = { time: this.begin, playing: false, rate: 1, trail: 5, selected: -1, conflict: null, colour: "type" };
     this.pointer = null; // where the mouse is, px
     this.moved = 0; // when the view was last moved, ms
     this.frames = 0;
@@ -38,6 +38,7 @@ class Page {
     this.readColours();
     this.resize();
     this.fit();
+    readFragment(this);
   }
 
   fillBar() {
@@ -48,14 +49,19 @@ class Page {
     [$("slider").min, $("slider").max] = [this.begin, this.end];
     $("name").textContent = $("name").title = this.trace.title;
     document.title = `${this.trace.title} – replay`;
+    for (const name of Object.keys(COLOURINGS)) element("option", name, $("colour")).value = name;
+    this.fillLegend();
+  }
+
+  fillLegend() {
     const legend = $("legend");
+    legend.replaceChildren();
     const row = (text, style) => {
       const line = element("div", "", legend), swatch = element("i", "", line);
       Object.assign(swatch.style, style);
       element("span", text, line);
     };
-    const kinds = new Set(this.trace.users.kind);
-    this.trace.types.forEach((name, kind) => kinds.has(kind) && row(name, { background: `var(--${name})` }));
+    for (const [text, colour] of COLOURINGS[this.state.colour].legend(this.trace)) row(text, { background: colour });
     if (this.scene.learned.includes(1)) row("learned: outlined", { border: "2px solid var(--outline)" });
     for (const what of this.ground.kinds()) {
       row(GROUND_NAMES[what], { background: `var(--${what})`, border: "1px solid var(--line)" });
@@ -130,7 +136,7 @@ class Page {
   readColours() {
     const style = getComputedStyle(document.documentElement), names = [
       ..."back text road mark junction sidewalk walkingarea crossing cycleway rail".split(" "),
-      ..."car bicycle pedestrian outline edge collision near accent".split(" "),
+      ..."car bicycle pedestrian bus tram lorry motorcycle outline edge collision near accent".split(" "),
     ];
     this.colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
     this.drawMarks();
@@ -246,6 +252,7 @@ class Page {
       if (state.time >= this.end) {
         state.time = this.end;
         this.play(false);
+        this.recorder?.stop();
       }
     }
     if (!this.view) return;
@@ -288,6 +295,15 @@ class Page {
       this.wake();
     });
     $("slider").addEventListener("input", (e) => this.seek(Number(e.target.value)));
+    $("colour").addEventListener("change", (e) => {
+      this.state.colour = e.target.value;
+      this.fillLegend();
+      this.wake();
+    });
+    $("link").addEventListener("click", () => writeFragment(this));
+    $("picture").addEventListener("click", () => savePicture(this));
+    $("video").addEventListener("click", () => recordVideo(this));
+    addEventListener("hashchange", () => readFragment(this));
     $("fit").addEventListener("click", () => this.fit());
     $("zoom-in").addEventListener("click", () => this.zoom(1.5));
     $("zoom-out").addEventListener("click", () => this.zoom(1 / 1.5));
@@ -324,6 +340,7 @@ class Page {
       Home: () => this.seek(this.begin), End: () => this.seek(this.end),
       "+": () => this.zoom(1.5), "=": () => this.zoom(1.5), "-": () => this.zoom(1 / 1.5),
       f: () => this.fit(), c: () => this.togglePanel(), n: () => this.jumpBy(1), p: () => this.jumpBy(-1),
+      l: () => writeFragment(this), s: () => savePicture(this), v: () => recordVideo(this),
       Escape: () => this.select(-1),
     };
     const action = actions[event.key.length > 1 ? event.key : event.key.toLowerCase()];

@@ -12,6 +12,7 @@ class Scene {
     this.row = new Uint32Array(most);
     this.count = 0;
     const { user, state } = trace;
+    this.waited = standingTimes(trace);
     this.learned = new Uint8Array(trace.users.id.length); // at any time
     for (let row = 0; row < user.length; row++) if (state[row]) this.learned[user[row]] = 1;
   }
@@ -61,19 +62,20 @@ class Scene {
     }
     if (options.trail) this.drawTrails(on, visible, colours, options, pixel);
     if (options.selected >= 0) this.drawWay(on, options.selected, colours, pixel);
-    const boxes = t.types.map(() => new Path2D()), learned = new Path2D();
+    const colouring = COLOURINGS[options.colour], boxes = new Map(), learned = new Path2D();
     for (const i of visible) {
-      const user = t.user[this.row[i]];
-      this.outline(boxes[t.users.kind[user]], i, ...this.size(user, scale));
+      const user = t.user[this.row[i]], colour = colouring.of(this, this.row[i], colours);
+      if (!boxes.has(colour)) boxes.set(colour, new Path2D());
+      this.outline(boxes.get(colour), i, ...this.size(user, scale));
       if (t.state[this.row[i]]) this.outline(learned, i, ...this.size(user, scale));
     }
     on.lineWidth = Math.min(1, scale / 8) * pixel;
     on.strokeStyle = colours.edge;
-    t.types.forEach((name, kind) => {
-      on.fillStyle = colours[name];
-      on.fill(boxes[kind]);
-      if (scale > 3) on.stroke(boxes[kind]);
-    });
+    for (const [colour, path] of boxes) {
+      on.fillStyle = colour;
+      on.fill(path);
+      if (scale > 3) on.stroke(path);
+    }
     on.lineWidth = Math.min(2, 0.7 + scale / 12) * pixel;
     on.strokeStyle = colours.outline;
     on.stroke(learned);
@@ -175,12 +177,13 @@ class Scene {
 
   // What is known about a road user, as lines of text.
   describe(user) {
-    const t = this.trace, vtype = t.vtypes[t.users.vtype[user]], name = t.types[t.users.kind[user]];
+    const t = this.trace, vtype = t.vtypes[t.users.vtype[user]], name = nameOf(t, user);
     const lines = [t.users.id[user], vtype && vtype !== name ? `${name} (${vtype})` : name];
     const i = this.find(user);
     if (i < 0) return [...lines, "not here now"];
     const row = this.row[i], speed = t.speed[row], state = t.state[row];
     lines.push(`${speed.toFixed(1)} m/s (${(3.6 * speed).toFixed(0)} km/h)`);
+    if (this.waited[row] >= 1) lines.push(`has stood for ${this.waited[row].toFixed(0)} s`);
     if (state > 1) lines.push(`mode ${state - 2}`);
     if (state) lines.push("learned"); else if (t.told) lines.push("moved by SUMO");
     return lines;
