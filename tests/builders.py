@@ -12,7 +12,7 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle
 from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
-from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.features import STATES
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
@@ -147,15 +147,21 @@ def make_recording(
     )
 
 
-def make_bundle() -> ModelBundle:
-    """A bundle of random weights: every layer, bias, scale and bound has an effect, and the modes differ."""
+def make_bundle(preset: str = "paper") -> ModelBundle:
+    """A bundle of random weights: every layer, bias, scale and bound has an effect, and the modes differ.
+
+    `preset`: of the vector that its models read.
+    """
     generator = torch.Generator().manual_seed(7)
-    displacement, prior = DisplacementModels(hidden=(8, 6)), Prior(hidden=(10, 8))
+    displacement, prior = (
+        DisplacementModels(hidden=(8, 6), inputs=len(STATES[preset])),
+        Prior(hidden=(10, 8), inputs=len(STATES[preset])),
+    )
     for module in (displacement, prior):
         for parameter in (*module.parameters(), module.networks.mean):
             with torch.no_grad():
                 parameter.copy_(torch.randn(parameter.shape, generator=generator))
-        module.networks.scale.copy_(torch.rand(3, len(FEATURES), generator=generator))
+        module.networks.scale.copy_(torch.rand(3, len(STATES[preset]), generator=generator))
     displacement.acceleration_bounds.copy_(torch.tensor([[-4.0, 3.0], [-3.0, 2.0], [-1.5, 1.0]]))
     displacement.yaw_rate_bounds.copy_(torch.tensor([[-0.7, 0.6], [-0.8, 0.9], [-2.0, 1.5]]))
     displacement.max_curvature.copy_(torch.tensor([0.2, 0.5, 3.0]))
@@ -163,7 +169,7 @@ def make_bundle() -> ModelBundle:
     random = np.random.default_rng(7)
     return ModelBundle(
         name="random",
-        config=BundleConfig(displacement_hidden=(8, 6), prior_hidden=(10, 8)),
+        config=BundleConfig(preset=preset, features=STATES[preset], displacement_hidden=(8, 6), prior_hidden=(10, 8)),
         mode_centres=random.normal(0.0, 10.0, (3, 20, 2)),
         mode_counts=random.integers(1, 100, (3, 20)),
         displacement=displacement.requires_grad_(False),

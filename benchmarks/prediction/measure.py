@@ -14,6 +14,7 @@ of a road user that has 2 s before and 6.4 s after it count, every 2 s.
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from slrl_sumo.learning.supervised.fit import MIRROR_BELOW, fit
 from slrl_sumo.learning.supervised.goals import MODES_BY
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.threads import one_thread
+from slrl_sumo.perception.features import STATES
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.prediction.evaluate import BATCH, STARTS_EVERY
@@ -49,7 +51,8 @@ def main() -> None:
     parser.add_argument("recordings", type=Path, help="folder of Trajectories files, .npz")
     parser.add_argument("--fold", action="append", required=True, metavar="TRAIN:TEST")
     parser.add_argument("--selector", metavar="BUNDLE", help="a bundle with a trained selector, not fitted here")
-    parser.add_argument("--modes", choices=MODES_BY, default=MODES_BY[0])
+    parser.add_argument("--modes", choices=MODES_BY, default="paths")
+    parser.add_argument("--preset", choices=STATES, default="history")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     files = {file.stem: load_trajectories(file) for file in sorted(arguments.recordings.glob("*.npz"))}
@@ -58,7 +61,8 @@ def main() -> None:
     for fold in arguments.fold:
         train, tests = split(files, fold)
         learn, test = list(train.values()), list(tests.values())
-        bundle = given or fit(learn, name="fold", seed=arguments.seed, modes=arguments.modes, tests=test)
+        chosen: dict[str, Any] = {"seed": arguments.seed, "modes": arguments.modes, "preset": arguments.preset}
+        bundle = given or fit(learn, name="fold", tests=test, **chosen)
         for kind, row in measured(learn, test, bundle, arguments.seed).items():
             rows[" ".join(tests), TYPE_NAMES[kind]] = row
     print_rows(rows)

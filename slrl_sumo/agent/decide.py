@@ -93,7 +93,7 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
     selector, bundle = agent.selector, agent.bundle
     context, changed = _context(scene, agent)
     seen = context if selector.preset == "extended" else None
-    observation = observe(scene, with_image=selector.needs_image, context=seen)
+    observation = observe(scene, with_image=selector.needs_image, context=seen, state=bundle.config.preset)
     if context is None:
         rollouts = mode_rollouts(bundle, observation, scene) if selector.needs_rollouts else None
         return Situation(scene, observation, None, rollouts, {}, changed)

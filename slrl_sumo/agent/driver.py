@@ -17,6 +17,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.past_motion import PastMotion
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.routing.routes import Routes
@@ -98,11 +99,13 @@ class ModelDriver:
         self.refusals = Refusals() if routes is None else routes.refusals
         self._considered: WorldState | None = None
         self._stopwatch = stopwatch or Stopwatch()
+        self._past = None if agent.bundle.config.preset == "paper" else PastMotion()
 
     def scene(self, world: WorldState, n: int, road_map: RoadMap, rows: NDArray[np.intp] | None = None) -> Scene:
         """The scene of the first `n` road users of `world`, or `rows` of them, with their routes as they are now."""
         route = None if self._routes is None else self._routes.ahead(world, n)
-        return Scene(world, np.arange(n) if rows is None else rows, road_map, route)
+        past = None if self._past is None else self._past.of(world, n)
+        return Scene(world, np.arange(n) if rows is None else rows, road_map, route, past=past)
 
     def consider(self, world: WorldState, n: int, road_map: RoadMap) -> Situation:
         """Look ahead of time at what the next `drive` decides from, if `world` is its world."""

@@ -23,7 +23,8 @@ def import_(
         str,
         typer.Argument(
             metavar="FORMAT",
-            help="levelx (or inD, rounD, uniD, exiD), sind, interaction, taf-bw, sdd, dut, citr, hc or fcd.",
+            help="levelx (or inD, rounD, uniD, exiD), sind, interaction, taf-bw, sdd, dut, citr, ngsim, tgsim, hc or "
+            "fcd.",
         ),
     ],
     path: Annotated[Path, typer.Argument(help="A file of one recording, or a folder with any number of them.")],
@@ -102,10 +103,17 @@ def fit(
     modes: Annotated[
         str,
         typer.Option(
-            help="Clustering: relative (to the own speed), kmeans (the paper's), balanced (more turning), "
-            "curved (vehicles: distance and curvature), accelerations (vehicles: relative to those at that speed)."
+            help="Modes: clusters, relative (to the own speed), kmeans (the paper's), balanced (more turning), "
+            "curved (vehicles: distance and curvature), accelerations (vehicles: relative to those at that speed); or "
+            "paths: each model learns the paths that it predicts best."
         ),
     ] = "relative",
+    preset: Annotated[
+        str,
+        typer.Option(
+            help="What models read: paper (its 12 numbers) or history (also the last 2 s, nearest road users)."
+        ),
+    ] = "paper",
     test: Annotated[
         list[Path] | None,
         typer.Option(
@@ -131,7 +139,7 @@ def fit(
     check_replaceable(out)
     recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
     try:
-        bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, tests=tests)
+        bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, preset=preset, tests=tests)
     except TooFewTracksError as error:
         raise InputError(f"{', '.join(_at_most([str(file) for file in files], 'files'))}: {error}") from None
     bundle.save(out)

@@ -28,7 +28,7 @@ from slrl_sumo.models.bundle_folder import NOTICE, check_replaceable, find_bundl
 from slrl_sumo.models.displacement import MODES, DisplacementModels
 from slrl_sumo.models.policy import Policy, read_policy, write_policy
 from slrl_sumo.models.prior import Prior
-from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.features import FEATURES, STATES
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
@@ -50,7 +50,7 @@ class BundleConfig:
 
     format_version: int = FORMAT_VERSION
     preset: str = "paper"
-    """Which observation the models read."""
+    """Which vector the models read, one of features.STATES."""
     features: tuple[str, ...] = FEATURES
     decision_interval_s: float = DECISION_INTERVAL
     modes: int = MODES
@@ -71,7 +71,14 @@ class BundleConfig:
             raise InputError(f"bundle {where}: config.json is damaged (missing or unknown: {odd}); copy it again")
         as_written: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         config = cls(**as_written)
-        runs = cls(modes=config.modes, displacement_hidden=config.displacement_hidden, prior_hidden=config.prior_hidden)
+        preset = config.preset if config.preset in STATES else cls.preset
+        runs = cls(
+            preset=preset,
+            features=STATES[preset],
+            modes=config.modes,
+            displacement_hidden=config.displacement_hidden,
+            prior_hidden=config.prior_hidden,
+        )
         if config != runs:
             odd = next(k for k, v in asdict(runs).items() if v != getattr(config, k))
             raise InputError(
@@ -175,7 +182,7 @@ class ModelBundle:
 
 
 def tensors(observation: Observation) -> tuple[Tensor, Tensor]:
-    """Vector (n, 12) float32 and type (n,) int64 of an observation, as the models take them."""
+    """Vector (n, columns) float32 and type (n,) int64 of an observation, as the models take them."""
     return torch.from_numpy(observation.vector), torch.from_numpy(observation.type.astype(np.int64))
 
 
@@ -190,8 +197,8 @@ def load_bundle(name_or_folder: str | Path) -> ModelBundle:
     bundle_name = values.pop("name", None)
     config = BundleConfig.read(values, folder)
     state = _read_weights(folder, config)
-    displacement = DisplacementModels(config.modes, config.displacement_hidden)
-    prior = Prior(config.modes, config.prior_hidden)
+    displacement = DisplacementModels(config.modes, config.displacement_hidden, len(config.features))
+    prior = Prior(config.modes, config.prior_hidden, len(config.features))
     policy = read_policy(folder, config.modes)
     displacement.load_state_dict({k.removeprefix("displacement."): v for k, v in state.items() if k[0] == "d"})
     prior.load_state_dict({k.removeprefix("prior."): v for k, v in state.items() if k[0] == "p"})
@@ -233,8 +240,8 @@ def _read_weights(folder: Path, config: BundleConfig) -> dict[str, Tensor]:
     types = len(RoadUserType)
     # On the meta device nothing is allocated: a configuration can ask for gigabytes that the file does not have.
     with torch.device("meta"):
-        displacement = DisplacementModels(config.modes, config.displacement_hidden)
-        prior = Prior(config.modes, config.prior_hidden)
+        displacement = DisplacementModels(config.modes, config.displacement_hidden, len(config.features))
+        prior = Prior(config.modes, config.prior_hidden, len(config.features))
     expected = {f"displacement.{k}": v for k, v in displacement.state_dict().items()}
     expected |= {f"prior.{k}": v for k, v in prior.state_dict().items()}
     expected["mode_centres"] = torch.zeros(types, config.modes, 2, dtype=torch.float64)

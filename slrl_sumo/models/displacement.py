@@ -51,10 +51,10 @@ class DisplacementModels(nn.Module):
     max_curvature: Tensor
     max_speed: Tensor
 
-    def __init__(self, modes: int = MODES, hidden: tuple[int, ...] = (32, 32)) -> None:
+    def __init__(self, modes: int = MODES, hidden: tuple[int, ...] = (32, 32), inputs: int = len(FEATURES)) -> None:
         super().__init__()
         types = len(RoadUserType)
-        self.networks = StackedNetworks(modes, hidden, 2)
+        self.networks = StackedNetworks(modes, hidden, 2, inputs)
         self.register_buffer("acceleration_bounds", torch.zeros(types, 2))
         self.register_buffer("yaw_rate_bounds", torch.zeros(types, 2))
         self.register_buffer("max_curvature", torch.zeros(types))

@@ -241,7 +241,8 @@ def _corrected(policy: Policy, prior: Prior, vector: Tensor, kind: Tensor, corre
 
 
 def _normalised(vector: Tensor) -> Tensor:
-    """The vector (n, 12) without the heading, each column of order 1: (n, 11)."""
+    """The paper's columns of the vector without the heading, each of order 1: (n, 11)."""
+    vector = vector[:, : len(FEATURES)]  # bundles of the preset `history` have more
     motion = vector[:, :HEADING] * vector.new_tensor([0.1, 0.3, 1.0, 1.0, 1.0])
     return torch.cat([motion, 0.5 * torch.log1p(vector[:, COUNTS:])], -1)
 

@@ -25,16 +25,16 @@ class StackedNetworks(nn.Module):
     mean: Tensor
     scale: Tensor
 
-    def __init__(self, members: int, hidden: tuple[int, ...], outputs: int) -> None:
+    def __init__(self, members: int, hidden: tuple[int, ...], outputs: int, inputs: int = len(FEATURES)) -> None:
         super().__init__()
         types = len(RoadUserType)
-        sizes = (len(FEATURES), *hidden, outputs)
+        sizes = (inputs, *hidden, outputs)
         self.members = members
         pairs = list(pairwise(sizes))
         self.weight = nn.ParameterList([nn.Parameter(torch.zeros(types, members, a, b)) for a, b in pairs])
         self.bias = nn.ParameterList([nn.Parameter(torch.zeros(types, members, 1, b)) for _, b in pairs])
-        self.register_buffer("mean", torch.zeros(types, len(FEATURES)))
-        self.register_buffer("scale", torch.ones(types, len(FEATURES)))
+        self.register_buffer("mean", torch.zeros(types, inputs))
+        self.register_buffer("scale", torch.ones(types, inputs))
 
     @torch.no_grad()
     def initialise(self, generator: torch.Generator) -> None:

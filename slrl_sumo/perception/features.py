@@ -1,10 +1,14 @@
-"""The feature vector: own motion, and numbers of road users nearby (paper, section 3.1)."""
+"""The feature vector: own motion, and road users nearby.
+
+Preset `paper` is that of the paper, section 3.1; `history` adds the motion of the last 2 s and the nearest road users.
+"""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.perception.past_motion import PAST, steady_past
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
@@ -31,17 +35,68 @@ FEATURES: tuple[str, ...] = (
 """Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of all others within each radius."""
 
 
+NEAREST = 3
+"""Number of nearest road users that the preset `history` perceives singly."""
+NEAR = 15.0
+"""m beyond which a road user is not perceived singly."""
+CLOSENESS = 5.0
+"""m; at distance d the columns of a near road user have the weight exp(-d / CLOSENESS), so that one that comes into
+reach does not change them at once, and a missing one has zeros."""
+
+YAW_RATE = len(FEATURES)
+"""First column of the preset `history` that `paper` has not."""
+PAST_SPEED, PAST_YAW_RATE = YAW_RATE + 1, YAW_RATE + 1 + PAST
+NEAR_FIRST = YAW_RATE + 1 + 2 * PAST
+NEAR_COLUMNS = ("ahead", "left", "ahead_mps", "left_mps")
+
+STATES: dict[str, tuple[str, ...]] = {
+    "paper": FEATURES,
+    "history": (
+        *FEATURES,
+        "yaw_rate",
+        *(f"speed_{k}" for k in range(1, PAST + 1)),
+        *(f"yaw_rate_{k}" for k in range(1, PAST + 1)),
+        *(f"near_{k}_{column}" for k in range(1, NEAREST + 1) for column in NEAR_COLUMNS),
+    ),
+}
+"""Columns of the vector by preset. `history`: yaw rate, rad/s; speeds and yaw rates 1 to 4 intervals ago; direction and
+velocity relative to the own one of the nearest road users in the ego frame, times their closeness."""
+
+
+def state(
+    world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None, past: Floats | None, preset: str
+) -> NDArray[np.float32]:
+    """The vector of the road users `rows`, (len(rows), columns), columns as in STATES[preset], not normalised.
+
+    `past` (n, PAST, 2): of at least the first n road users, `rows` among them; see slrl_sumo.perception.past_motion.
+    None: they moved straight ahead at their speed. Other arguments as those of `features`.
+    """
+    paper = features(world, rows, scene)
+    if preset == "paper":
+        return paper
+    speed, yaw_rate = world.speed[rows], world.yaw_rate[rows]
+    mine = steady_past(speed) if past is None else past[rows]
+    near = _nearest(*_in_order(world, rows, scene), world.heading, world.speed)
+    return np.column_stack([paper, yaw_rate, mine[..., 0], mine[..., 1], near]).astype(np.float32)
+
+
 def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """The vector of the road users `rows` of `world`, (len(rows), 12), columns as in FEATURES, not normalised.
 
     All road users of the world count, learned or background, except the road user itself. Where `world` holds several
     separate scenes, `scene` (n,) is the scene of each road user.
     """
-    scene = np.zeros(len(world), np.int64) if scene is None else scene
-    # Scene by scene, from west to east: near road users are neighbours in this order.
-    order = np.lexsort((world.x, scene))
+    x, y, group, rows, order = _in_order(world, rows, scene)
     own = np.column_stack([world.speed[rows], world.acceleration[rows], world.heading[rows]])
-    return _table(own, world.x, world.y, world.type, scene, rows, order)
+    return _table(own, x, y, world.type, group, rows, order)
+
+
+def _in_order(
+    world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None
+) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
+    """Positions, scenes, `rows`, and all road users by scene, then from west to east: near ones are neighbours."""
+    scene = np.zeros(len(world), np.int64) if scene is None else scene
+    return world.x, world.y, scene, rows, np.lexsort((world.x, scene))
 
 
 @compiled
@@ -74,4 +129,54 @@ def _table(
                 for ring in range(len(RADII)):
                     table[i, first + ring] += distance <= RADII[ring]
                 k += step
+    return table
+
+
+@compiled
+def _nearest(
+    x: Floats,
+    y: Floats,
+    scene: NDArray[np.int64],
+    rows: NDArray[np.intp],
+    order: NDArray[np.intp],
+    heading: Floats,
+    speed: Floats,
+) -> Floats:
+    """Columns of the NEAREST road users within NEAR of each of `rows`, (len(rows), 4 * NEAREST); `order` as above."""
+    table = np.zeros((len(rows), 4 * NEAREST))
+    place = np.empty(len(order), np.intp)
+    place[order] = np.arange(len(order))
+    for i in range(len(rows)):
+        ego = rows[i]
+        at = np.full(NEAREST, NEAR)
+        who = np.full(NEAREST, -1)
+        for step in (-1, 1):
+            k = place[ego] + step
+            while 0 <= k < len(order):
+                other = order[k]
+                dx, dy = x[other] - x[ego], y[other] - y[ego]
+                if abs(dx) > at[-1] or scene[other] != scene[ego]:
+                    break
+                distance = math.sqrt(dx * dx + dy * dy)
+                if distance < at[-1]:
+                    slot = NEAREST - 1
+                    while slot > 0 and distance < at[slot - 1]:
+                        at[slot], who[slot] = at[slot - 1], who[slot - 1]
+                        slot -= 1
+                    at[slot], who[slot] = distance, other
+                k += step
+        c, s = math.cos(heading[ego]), math.sin(heading[ego])
+        for slot in range(NEAREST):
+            other = who[slot]
+            if other < 0:
+                break
+            weight = math.exp(-at[slot] / CLOSENESS)
+            far = max(at[slot], 0.1)
+            dx, dy = (x[other] - x[ego]) / far, (y[other] - y[ego]) / far
+            vx = speed[other] * math.cos(heading[other]) - speed[ego] * c
+            vy = speed[other] * math.sin(heading[other]) - speed[ego] * s
+            table[i, 4 * slot] = weight * (c * dx + s * dy)
+            table[i, 4 * slot + 1] = weight * (c * dy - s * dx)
+            table[i, 4 * slot + 2] = weight * (c * vx + s * vy)
+            table[i, 4 * slot + 3] = weight * (c * vy - s * vx)
     return table

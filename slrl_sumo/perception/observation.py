@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_images
-from slrl_sumo.perception.features import features
+from slrl_sumo.perception.features import state as vector_of
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.route_features import route_features
 from slrl_sumo.perception.scene import Scene
@@ -17,7 +17,8 @@ class Observation:
     """What n road users perceive at one time."""
 
     vector: NDArray[np.float32]
-    """(n, 12), columns as in `features.FEATURES`, not normalised."""
+    """(n, columns) as in `features.STATES` of the bundle's preset, the first 12 those of `features.FEATURES`; not
+    normalised."""
     image: NDArray[np.uint8] | None
     """(n, EGO_ROWS, EGO_COLS, 3) RGB as in `ego_image.ego_images`; None where it was not asked for."""
     type: NDArray[np.int8]
@@ -29,11 +30,15 @@ class Observation:
         return len(self.type)
 
 
-def observe(scene: Scene, *, with_image: bool = True, context: RouteContext | None = None) -> Observation:
+def observe(
+    scene: Scene, *, with_image: bool = True, context: RouteContext | None = None, state: str = "paper"
+) -> Observation:
     """What the deciding road users of `scene` perceive: the only way to an observation, live and in recordings.
 
     With the `context` of the learned road users of the scene this is the preset `extended`: the route as numbers and as
     a line in the image, crossings and cycle lanes in their own colours; without it `paper`.
+    `state`: the preset of the vector, that of the bundle (see
+    `features.STATES`).
     """
     world, rows = scene.world, scene.rows
     mine = None if context is None else context.take(rows)
@@ -46,7 +51,7 @@ def observe(scene: Scene, *, with_image: bool = True, context: RouteContext | No
             for part, places in scene.groups():
                 image[places] = ego_images(part.world, part.rows, scene.road_map)
     return Observation(
-        vector=features(world, rows, scene.group),
+        vector=vector_of(world, rows, scene.group, scene.past, state),
         image=image,
         type=world.type[rows],
         route=None if mine is None else route_features(world.heading[rows], mine),

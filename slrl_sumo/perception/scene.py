@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.state import WorldState
 
@@ -28,6 +29,10 @@ class Scene:
     """Group of each road user of `world`; road users of different groups do not perceive each other. None: one group.
     Recordings are simulated from many start frames at once, each a group of its own."""
 
+    past: Floats | None = None
+    """Motion of the first len(past) road users of `world`, `rows` among them, in the last 2 s, (n, PAST, 2) (see
+    slrl_sumo.perception.past_motion); None where the models do not read it."""
+
     def __len__(self) -> int:
         return len(self.rows)
 
@@ -40,4 +45,4 @@ class Scene:
         for group in np.unique(mine).tolist():
             members, places = np.flatnonzero(self.group == group), np.flatnonzero(mine == group)
             rows = np.searchsorted(members, self.rows[places])
-            yield replace(self, world=self.world.take(members), rows=rows, group=None), places
+            yield replace(self, world=self.world.take(members), rows=rows, group=None, past=None), places

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from builders import make_crowd
 
-from slrl_sumo.perception.features import FEATURES, features
+from slrl_sumo.perception.features import CLOSENESS, FEATURES, NEAR, NEAR_FIRST, NEAREST, STATES, features, state
+from slrl_sumo.perception.past_motion import PAST
 from slrl_sumo.scene.state import WorldState
 
 CAR, BICYCLE, PEDESTRIAN = 0, 1, 2
@@ -101,3 +102,43 @@ def test_the_order_of_the_world_does_not_matter() -> None:
 def test_rows_outside_the_world_are_refused() -> None:
     with pytest.raises(IndexError, match="index 5"):
         features(make_crowd(5, 1, 10.0, -5.0), np.array([0, 5]))
+
+
+def nearest(world: WorldState, row: int) -> list[float]:
+    """One other road user at a time."""
+    turn = np.exp(-1j * world.heading[row])
+    place = (world.x - world.x[row] + 1j * (world.y - world.y[row])) * turn
+    velocity = (world.speed * np.exp(1j * world.heading) - world.speed[row] * np.exp(1j * world.heading[row])) * turn
+    found: list[float] = []
+    for other in np.argsort(np.abs(place), kind="stable")[1 : 1 + NEAREST]:
+        far = abs(place[other])
+        if far < NEAR:
+            parts = np.exp(-far / CLOSENESS) * np.array([place[other] / far, velocity[other]])
+            found += [value for part in parts for value in (part.real, part.imag)]
+    return found + [0.0] * (4 * NEAREST - len(found))
+
+
+@pytest.mark.parametrize(("n", "side"), [(2, 10.0), (60, 40.0), (200, 300.0)])
+def test_nearest_road_users_agree_with_brute_force(n: int, side: float) -> None:
+    world = make_crowd(n, 3, side, -side / 2)
+    rows = np.random.default_rng(5).permutation(n)[: max(1, n // 2)]
+    table = state(world, rows, None, None, "history")
+    assert table.shape == (len(rows), len(STATES["history"]))
+    np.testing.assert_array_equal(table[:, :12], features(world, rows))
+    np.testing.assert_allclose(table[:, NEAR_FIRST:], [nearest(world, row) for row in rows], atol=1e-5)
+    # Road users of other scenes are not perceived.
+    alone = state(world, rows, np.arange(n), None, "history")
+    assert not alone[:, NEAR_FIRST:].any()
+
+
+def test_the_past_has_its_columns(place: Callable[..., WorldState]) -> None:
+    world = place([(CAR, 0, 0, 0), (BICYCLE, 100, 0, 0)])
+    past = np.arange(2 * PAST * 2, dtype=np.float64).reshape(2, PAST, 2)
+    table = dict(zip(STATES["history"], state(world, np.array([1]), None, past, "history")[0].tolist(), strict=True))
+    assert [table[f"speed_{k}"] for k in (1, 2, 3, 4)] == [8, 10, 12, 14]
+    assert [table[f"yaw_rate_{k}"] for k in (1, 2, 3, 4)] == [9, 11, 13, 15]
+    assert table["yaw_rate"] == world.yaw_rate[1]
+    # Unknown pasts are straight, at the present speed.
+    table = dict(zip(STATES["history"], state(world, np.array([1]), None, None, "history")[0].tolist(), strict=True))
+    assert {table[f"speed_{k}"] for k in (1, 2, 3, 4)} == {table["speed"]}
+    assert {table[f"yaw_rate_{k}"] for k in (1, 2, 3, 4)} == {0.0}

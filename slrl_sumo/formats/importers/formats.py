@@ -12,8 +12,10 @@ from slrl_sumo.formats.importers.dut import read_citr, read_dut
 from slrl_sumo.formats.importers.hc import read_hc
 from slrl_sumo.formats.importers.interaction import read_interaction, read_taf_bw
 from slrl_sumo.formats.importers.levelx import read_levelx
+from slrl_sumo.formats.importers.ngsim import read_ngsim
 from slrl_sumo.formats.importers.sdd import read_sdd
 from slrl_sumo.formats.importers.sind import read_sind
+from slrl_sumo.formats.importers.tgsim import read_tgsim
 from slrl_sumo.formats.trajectories import Trajectories, track_names
 
 PAUSE = 250
@@ -60,6 +62,8 @@ FORMATS = {
     "sdd": Format(read_sdd, ("annotations.txt",), siblings={"reference.jpg": "annotations.txt"}, folders=2, stem=False),
     "dut": Format(read_dut, *_CLIPS),
     "citr": Format(read_citr, *_CLIPS),
+    "ngsim": Format(read_ngsim, ("*.csv", "*.txt")),
+    "tgsim": Format(read_tgsim, ("*.csv",)),
     "hc": Format(read_hc, ("*.csv",)),
     "fcd": Format(read_fcd, ("*.xml", "*.xml.gz", "*.csv", "*.parquet")),
 }

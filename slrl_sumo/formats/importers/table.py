@@ -138,6 +138,23 @@ def read_table(
     return table
 
 
+def first_cells(path: Path) -> list[str]:
+    """The cells of the first line of a text file, between commas, semicolons, tabs or blanks; none of an empty one.
+
+    Raises InputError where the file cannot be read.
+    """
+    try:
+        check_lines(path)
+        delimiter = _delimiter(path)
+        with open_input(path) as file:
+            commas = delimiter.encode() in file.readline(65536)
+        return [cell.strip() for cell in next(_lines(path, delimiter if commas else None), (0, []))[1] if cell.strip()]
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise InputError(f"{path} is not a table in UTF-8 text") from None
+
+
 def codes(words: NDArray[np.generic]) -> tuple[NDArray[np.generic], Integers, Integers]:
     """The different values in order, the first row of each, and per row which one it is; quick where equals follow."""
     starts = np.flatnonzero(np.r_[True, words[1:] != words[:-1]])

@@ -12,6 +12,7 @@ from slrl_sumo.agent.decide import Situation
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.own_functions import called
+from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import PolicyConfig
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
@@ -32,6 +33,15 @@ VECTOR_HIGH = np.array([100, 250, 1, 1, 1, np.pi, *[COUNTED] * 6], np.float32)
 VECTOR_LOW = np.where([name in ("acceleration", "heading") for name in FEATURES], -VECTOR_HIGH, 0).astype(np.float32)
 MOST_ROLLOUT, MOST_ROUTE = 100.0, 10.0
 """Bounds of the fields of mode rollouts (speeds in m/s are the largest) and of route features (tens of metres)."""
+
+
+def check_vector(bundle: ModelBundle) -> None:
+    """Raise InputError unless the models of a bundle read the vector that environments have."""
+    if bundle.config.preset != "paper":
+        raise InputError(
+            f"bundle {bundle.name}: its models read the preset {bundle.config.preset}, environments and training have "
+            "the vector of paper; make the bundle with `slrl-sumo fit --preset paper`"
+        )
 
 
 def observation_space(settings: ArenaSettings) -> spaces.Dict:

@@ -14,7 +14,7 @@ from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selectors import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena
-from slrl_sumo.learning.environments.observations import Observer
+from slrl_sumo.learning.environments.observations import Observer, check_vector
 from slrl_sumo.learning.environments.slots import SpawnedSlots, TripSlots
 from slrl_sumo.learning.environments.source import ArenaSource, found_scenario
 from slrl_sumo.learning.environments.trip_arena import TripArena
@@ -106,6 +106,7 @@ class SimulationVectorEnv(VectorEnv):
     def _opened(self, name: str, seed: int) -> SpawnedSlots | TripSlots:
         source = self._source
         self._bundle = bundle = self._bundle or load_bundle(source.bundle)
+        check_vector(bundle)
         self._others = None if source.others is None else make_selector(source.others, bundle, seed)
         image = source.settings.image or (self._others is not None and self._others.needs_image)
         with ExitStack() as opened:

@@ -14,8 +14,9 @@ from torch.nn.functional import cross_entropy
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.learning.supervised.goals import modes_of, trained_ranges
-from slrl_sumo.learning.supervised.windows import windows
+from slrl_sumo.learning.supervised.goals import HORIZONS, modes_of, trained_ranges
+from slrl_sumo.learning.supervised.network_training import nearest_modes
+from slrl_sumo.learning.supervised.windows import FUTURE, windows
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, policy_logits
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_images
@@ -56,10 +57,14 @@ class Demonstrations:
 
 def demonstrations(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundle, stride: int) -> Demonstrations:
     """All windows of a recording on its ground, with the modes of `bundle`."""
-    every = windows([recording], stride)
-    every = every.take(bundle.types[every.type])
     modes_by = str(bundle.training.get("modes_by", "kmeans"))
-    mode = modes_of(every, modes_by, bundle.mode_centres, trained_ranges(bundle.training))
+    horizon = HORIZONS.get(modes_by, FUTURE)
+    every = windows([recording], stride, bundle.config.preset, max(horizon, FUTURE))
+    every = every.take(bundle.types[every.type])
+    if modes_by == "paths":
+        mode = nearest_modes(bundle.displacement, every, horizon)
+    else:
+        mode = modes_of(every, modes_by, bundle.mode_centres, trained_ranges(bundle.training))
     image = np.zeros((len(every), EGO_ROWS, EGO_COLS, 3), np.uint8)
     for frame in np.unique(every.frame):
         here = np.flatnonzero(every.frame == frame)

@@ -24,6 +24,7 @@ from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
+from slrl_sumo.learning.environments.observations import check_vector
 from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
@@ -90,6 +91,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     hold a checkpoint. Raises InputError, SumoError (a worker fails repeatedly).
     """
     bundle = load_bundle(request.bundle)
+    check_vector(bundle)
     if request.goes_on:
         settings = _going_on(settings, bundle)
     folder = request.folder

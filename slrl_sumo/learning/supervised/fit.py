@@ -14,13 +14,20 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.goals import HORIZONS, MODES_BY, Ranges, goals, modes_of, ranges, weigh
 from slrl_sumo.learning.supervised.model_card import model_card
 from slrl_sumo.learning.supervised.modes import cluster
-from slrl_sumo.learning.supervised.network_training import HEADING, rolled, train_displacement, train_prior
+from slrl_sumo.learning.supervised.network_training import (
+    HEADING,
+    nearest_modes,
+    rolled,
+    train_displacement,
+    train_prior,
+)
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.models.stacked_networks import StackedNetworks
 from slrl_sumo.models.threads import one_thread
+from slrl_sumo.perception.features import STATES
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.version import __version__
@@ -58,6 +65,7 @@ def fit(
     epochs: int = 35,
     stride: int = 1,
     modes: str = "relative",
+    preset: str = "paper",
     tests: Sequence[Trajectories] = (),
     notice: str = "",
     mirror: bool = False,
@@ -68,10 +76,11 @@ def fit(
     The bundle serves the types that the recordings hold enough of, to learn from and to test; others are left out, with
     the reason in `training["left_out"]`. Errors are measured on `tests`, recordings that are not used in training;
     without them on HELD_OUT of the tracks of each type, which are excluded from training. `stride` > 1 uses every
-    stride-th frame only; `modes` is one of MODES_BY; `mirror` adds mirrored windows for every type, not only for types
-    with few windows; `forget` is passed to train_displacement; `notice` is the text that the data's licence requires in
-    the model card. The same seed and recordings give the same weights on one machine, independent of the number of
-    threads. Raises InputError where the recordings have another interval, TooFewTracksError.
+    stride-th frame only; `modes` is one of MODES_BY; `preset`, one of features.STATES, says what the models read;
+    `mirror` adds mirrored windows for every type, not only for types with few windows; `forget` is passed to
+    train_displacement; `notice` is the text that the data's licence requires in the model card. The same seed and
+    recordings give the same weights on one machine, independent of the number of threads. Raises InputError where the
+    recordings have another interval, TooFewTracksError.
     """
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
@@ -81,10 +90,12 @@ def fit(
                 f"recording {recording.source or 'without a source'} has an interval of {recording.dt} s, "
                 f"fit needs {DECISION_INTERVAL} s; import it again with that interval"
             )
+    if preset not in STATES:
+        raise InputError(f"--preset {preset}: there is no such preset; use {', '.join(STATES)}")
     if modes not in MODES_BY:
         raise InputError(f"--modes {modes}: there is no such clustering; use {', '.join(MODES_BY)}")
     with one_thread():
-        return _fit(recordings, tests, name, seed, epochs, stride, modes, notice, mirror, forget)
+        return _fit(recordings, tests, name, seed, epochs, stride, modes, preset, notice, mirror, forget)
 
 
 def _fit(
@@ -95,13 +106,15 @@ def _fit(
     epochs: int,
     stride: int,
     modes: str,
+    preset: str,
     notice: str,
     mirror: bool,
     forget: float,
 ) -> ModelBundle:
-    every = windows([*recordings, *tests], stride)
+    horizon = HORIZONS.get(modes, FUTURE)
+    every = windows([*recordings, *tests], stride, preset, max(horizon, FUTURE))
     held_out = every.recording >= len(recordings) if tests else _hold_out(every, seed)
-    config = BundleConfig()
+    config = BundleConfig(preset=preset, features=STATES[preset])
     left_out = _left_out(every, held_out, modes, config.modes)
     types = [t for t in RoadUserType if TYPE_NAMES[t] not in left_out]
     if not types:
@@ -121,15 +134,19 @@ def _fit(
     mode = modes_of(train, modes, centres, known)
     counts = np.stack([np.bincount(mode[train.type == t], minlength=config.modes) for t in RoadUserType])
 
-    models = DisplacementModels(config.modes, config.displacement_hidden)
-    prior = Prior(config.modes, config.prior_hidden)
+    models = DisplacementModels(config.modes, config.displacement_hidden, len(config.features))
+    prior = Prior(config.modes, config.prior_hidden, len(config.features))
     _set_bounds(models, train, types)
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train, types)
+        if preset != "paper":  # `turned` makes it noise
+            networks.scale[:, HEADING] = 0.0
     generator = torch.Generator().manual_seed(seed)
-    # These modes describe the next 1 to 2 s; models trained for longer would continue a turn in circles.
-    horizon = HORIZONS.get(modes, FUTURE)
-    train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
+    mode = train_displacement(
+        models, train, mode, epochs, generator, forget=forget, horizon=horizon, winner_takes_all=modes == "paths"
+    )
+    if modes == "paths":
+        centres, counts = _of_modes(goal, train.type, mode, centres)
     train_prior(prior, train, mode, epochs, generator)
 
     training: dict[str, Any] = {
@@ -140,6 +157,7 @@ def _fit(
         "epochs": epochs,
         "modes": config.modes,
         "modes_by": modes,
+        "preset": preset,
         "acceleration_ranges": {TYPE_NAMES[t]: one.to_json() for t, one in known.items()},
         "forget": forget,
         "mirrored": [TYPE_NAMES[t] for t in types if few[t]],
@@ -195,6 +213,19 @@ def _left_out(every: Windows, held_out: NDArray[np.bool_], modes: str, k: int) -
     return reasons
 
 
+def _of_modes(goal: Floats, kind: Longs, mode: Longs, centres: Floats) -> tuple[Floats, Longs]:
+    """Mean of the `goal` (N, 2) of the windows of each type and mode, (3, modes, 2), and their number, (3, modes).
+
+    Modes without windows keep their `centres`."""
+    means, counts = centres.copy(), np.zeros(centres.shape[:2], np.int64)
+    np.add.at(counts, (kind, mode), 1)
+    sums = np.zeros_like(centres)
+    np.add.at(sums, (kind, mode), goal)
+    some = counts > 0
+    means[some] = np.round(sums[some] / counts[some][:, None], 3) + 0.0
+    return means, counts
+
+
 def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadUserType]) -> None:
     """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
     before = train.vector[:, SPEED].astype(np.float64)
@@ -248,7 +279,10 @@ def _measured(
     """The training record of one type: sizes, errors on its held-out windows, bounds."""
     mine = every.type == t
     test, train = every.take(held_out & mine), every.take(~held_out & mine)
-    true = torch.from_numpy(modes_of(test, modes, centres, known))
+    by_path = modes == "paths"
+    true = torch.from_numpy(
+        nearest_modes(models, test, HORIZONS[modes]) if by_path else modes_of(test, modes, centres, known)
+    )
     vector, kind = torch.from_numpy(test.vector), torch.from_numpy(test.type)
     target = torch.from_numpy(test.displacement).float()
     acceleration, yaw_rate = (both.gather(1, true[:, None])[:, 0] for both in models.motion_all(vector, kind))

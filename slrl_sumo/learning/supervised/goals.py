@@ -23,7 +23,8 @@ from slrl_sumo.models.displacement import SPEED
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
-MODES_BY = ("relative", "kmeans", "balanced", "curved", "accelerations")
+CLUSTERINGS = ("relative", "kmeans", "balanced", "curved", "accelerations")
+MODES_BY = (*CLUSTERINGS, "paths")
 """Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
 the default because it predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
 destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight (modes.balance).
@@ -31,10 +32,12 @@ destinations, as in the paper. `balanced`: destinations, balanced between turnin
 decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles, acceleration and
 lateral acceleration of the first 1.2 s relative to what was recorded at that speed (modes.relative_accelerations), so
 that modes brake, keep their speed and speed up with fine and with sharp steering at every speed; the models learn these
-1.2 s."""
+1.2 s. `paths`: begins as `relative`; then the models of all modes compete for whole paths of 6.4 s, and each is trained
+on those that it predicts best (network_training.train_displacement)."""
 
-HORIZONS = {"curved": AT_ONCE, "accelerations": AT_PRESENT}
-"""Intervals that the models of these modes learn; of all others, the whole window."""
+HORIZONS = {"curved": AT_ONCE, "accelerations": AT_PRESENT, "paths": 16}
+"""Intervals that the models of these modes learn; of all others, FUTURE. Models of modes that describe the next 1 to
+2 s would continue a turn in circles if they were trained for longer."""
 
 Ranges = dict[RoadUserType, AccelerationRanges]
 
@@ -62,7 +65,7 @@ def trained_ranges(training: dict[str, Any]) -> Ranges:
 def goals(every: Windows, modes: str, known: Ranges | None = None) -> Floats:
     """The quantity (N, 2) that modes of this kind (one of MODES_BY) cluster: m, or the result of `curved` or
     `relative_accelerations` (by their ranges, `known`) for vehicles."""
-    if modes == "relative":
+    if modes in ("relative", "paths"):
         return every.relative
     if modes == "curved":
         goal = every.destination.copy()

@@ -13,12 +13,20 @@ MODES_BY_TEXT = {
     "balanced": "K-Means of the position after 4.8 s, balanced between turning and going straight",
     "curved": "K-Means of the distance after 4.8 s and the curvature of the first 2 s (pedestrians: of the position "
     "after 4.8 s), balanced between turning and going straight",
+    "paths": "each the recorded paths of 6.4 s that its model predicts best of all modes, beginning with K-Means of "
+    "the position after 4.8 s, less three quarters of the displacement at constant velocity",
     "accelerations": "K-Means of acceleration and lateral acceleration over the first 1.2 s, relative to what "
     "was recorded at that speed (pedestrians: of the position after 4.8 s), balanced",
 }
 """Clustered quantity by the names of `slrl-sumo fit --modes`."""
 
-LEARNED = {"curved": "the first 2 s", "accelerations": "the first 1.2 s"}
+OBSERVED = {
+    "paper": "speed, acceleration, type, heading and numbers of neighbours",
+    "history": "speed and yaw rate of the last 2 s, acceleration, type, the nearest road users and numbers of others",
+}
+"""What models read, by preset."""
+
+LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
 """Part of the windows that the models learn, where it is not all of them."""
 
 
@@ -121,7 +129,7 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "|---|---|---|---|---|",
             *bounds,
             "",
-            f"{scarce}The models observe speed, acceleration, type, heading and numbers of neighbours, but neither "
+            f"{scarce}The models observe {OBSERVED[training.get('preset', 'paper')]}, but neither "
             "lanes, traffic lights nor destinations. Do not use them for safety assessment. Outside the recorded range "
             "of density and speed their behaviour is an extrapolation.",
             "",

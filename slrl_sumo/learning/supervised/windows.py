@@ -9,7 +9,8 @@ from rich.console import Console
 from rich.progress import track
 
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.perception.features import FEATURES, features
+from slrl_sumo.perception.features import FEATURES, STATES, state
+from slrl_sumo.perception.past_motion import recorded_past
 from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -34,7 +35,7 @@ class Windows:
     """N moments of recorded road users, as parallel arrays. Ego frame: that of the moment itself."""
 
     vector: NDArray[np.float32]
-    """Features at the moment, (N, 12)."""
+    """Features at the moment, (N, columns of the preset)."""
     type: NDArray[np.int64]
     """RoadUserType, (N,)."""
     acceleration: Floats
@@ -42,7 +43,7 @@ class Windows:
     yaw_rate: Floats
     """rad/s during the next interval, (N,)."""
     path: Floats
-    """Positions after each of the next 12 intervals, (N, 12, 2) m, ego frame."""
+    """Positions after each of the next 12 intervals or more, (N, intervals, 2) m, ego frame."""
     track: NDArray[np.int64]
     """Index of the track in its recording, (N,)."""
     recording: NDArray[np.int64]
@@ -61,7 +62,7 @@ class Windows:
     @property
     def destination(self) -> Floats:
         """Position after 12 intervals, (N, 2) m, ego frame."""
-        return self.path[:, -1]
+        return self.path[:, FUTURE - 1]
 
     @property
     def relative(self) -> Floats:
@@ -74,8 +75,12 @@ class Windows:
         return Windows(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
 
-def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
-    """All windows of the recordings: each row with 2 rows before it and 12 after it in its track.
+def windows(
+    recordings: Sequence[Trajectories], stride: int = 1, preset: str = "paper", future: int = FUTURE
+) -> Windows:
+    """All windows of the recordings: each row with 2 rows before it and `future` after it in its track.
+
+    `preset`: of the vector (see features.STATES).
 
     With `stride` > 1 only every stride-th frame number is used. Parked road users have no windows, and neither have
     cars that reverse in the intervals before or in the next one: the models drive forwards only and would learn to
@@ -91,7 +96,7 @@ def windows(recordings: Sequence[Trajectories], stride: int = 1) -> Windows:
         transient=True,
         disable=not console.is_terminal,
     )
-    return joined([_of_one(recording, index, stride) for index, recording in numbered])
+    return joined([_of_one(recording, index, stride, preset, future) for index, recording in numbered])
 
 
 def joined(parts: Sequence[Windows]) -> Windows:
@@ -103,7 +108,9 @@ def joined(parts: Sequence[Windows]) -> Windows:
 def mirrored(windows: Windows) -> Windows:
     """The mirror images of the windows, left and right exchanged."""
     vector = windows.vector.copy()
-    vector[:, FEATURES.index("heading")] *= -1
+    names = STATES["history"][: vector.shape[1]]
+    to_the_left = [name == "heading" or name.startswith("yaw_rate") or "_left" in name for name in names]
+    vector[:, to_the_left] *= -1
     return replace(windows, vector=vector, yaw_rate=-windows.yaw_rate, path=windows.path * np.array([1.0, -1.0]))
 
 
@@ -116,19 +123,19 @@ def reversing(recording: Trajectories) -> NDArray[np.bool_]:
     return np.asarray(back & (recording.type[recording.track] == RoadUserType.CAR))
 
 
-def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
-    row = np.arange(PAST, len(recording.frame) - FUTURE)
+def _of_one(recording: Trajectories, index: int, stride: int, preset: str, future: int) -> Windows:
+    row = np.arange(PAST, max(len(recording.frame) - future, PAST))
     # Rows of a track are consecutive frames, so a window with both ends in one track has no gap.
-    whole = recording.track[row - PAST] == recording.track[row + FUTURE]
+    whole = recording.track[row - PAST] == recording.track[row + future]
     backwards = np.cumsum(reversing(recording))
     forwards = backwards[row - PAST] == backwards[row + 1]
     row = row[whole & forwards & (recording.frame[row] % stride == 0) & ~recording.parked[recording.track[row]]]
     heading = recording.heading[row, None]
-    later = row[:, None] + np.arange(1, FUTURE + 1)
+    later = row[:, None] + np.arange(1, future + 1)
     dx = recording.x[later] - recording.x[row, None]
     dy = recording.y[later] - recording.y[row, None]
     return Windows(
-        vector=_vectors(recording, row),
+        vector=_vectors(recording, row, preset),
         type=recording.type[recording.track[row]].astype(np.int64),
         acceleration=recording.acceleration[row + 1],
         yaw_rate=recording.yaw_rate[row + 1],
@@ -139,13 +146,15 @@ def _of_one(recording: Trajectories, index: int, stride: int) -> Windows:
     )
 
 
-def _vectors(recording: Trajectories, row: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Feature vectors (len(row), 12) of rows of a recording, frame by frame."""
-    vector = np.zeros((len(row), len(FEATURES)), np.float32)
+def _vectors(recording: Trajectories, row: NDArray[np.intp], preset: str) -> NDArray[np.float32]:
+    """Feature vectors (len(row), columns) of rows of a recording, frame by frame."""
+    vector = np.zeros((len(row), len(STATES[preset])), np.float32)
     place = np.full(len(recording), -1)
     place[row] = np.arange(len(row))
     for frame in np.unique(recording.frame[row]):
-        here = place[recording.rows_at(frame)]  # in the order of the frame's world
+        rows = recording.rows_at(frame)  # in the order of the frame's world
+        here = place[rows]
         wanted = np.flatnonzero(here >= 0)
-        vector[here[wanted]] = features(recording.world(frame), wanted)
+        past = None if preset == "paper" else recorded_past(recording, rows)
+        vector[here[wanted]] = state(recording.world(frame), wanted, None, past, preset)
     return vector

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.perception.past_motion import later, recorded_past
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
@@ -65,14 +66,15 @@ def long_rollout(
     every_row = np.arange(len(row))
     begin, move = world, make(cast)
     kept: list[Floats] = []
+    past = recorded_past(recording, row)
     for step in range(STEPS):
         # There is no recorded truth here; the present positions take its place.
-        moment = Moment(world, cast.scene, every_row, every_row, step, world.x, world.y)
+        moment = Moment(world, cast.scene, every_row, every_row, step, world.x, world.y, past)
         then = advance(world, *move(moment), recording.dt)
         dx, dy = then.x - world.x, then.y - world.y
         slip = np.where(np.hypot(dx, dy) > 1e-6, np.abs(wrap_angle(np.arctan2(dy, dx) - then.heading)), 0.0)
         kept.append(np.stack([then.speed, then.acceleration, then.yaw_rate, slip]))
-        world = then
+        past, world = later(past, world.speed, world.yaw_rate), then
     speed, acceleration, yaw_rate, sideslip = np.stack(kept, axis=-1)
     distance = np.hypot(world.x - begin.x, world.y - begin.y)
     return LongRollout(world.type, speed, acceleration, yaw_rate, sideslip, distance)

@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.learning.supervised.goals import MODES_BY, goals, ranges, weigh
+from slrl_sumo.learning.supervised.goals import CLUSTERINGS, goals, ranges, weigh
 from slrl_sumo.learning.supervised.modes import assign, cluster
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.displacement import MODES
@@ -31,7 +31,7 @@ def write_modes(recordings: Sequence[Trajectories], folder: Path, seed: int, typ
         for t in (TYPE_NAMES.index(name) for name in types):
             mine = every.take(every.type == t)
             modes, known = {}, ranges(mine, (RoadUserType(t),))
-            for name in MODES_BY:
+            for name in CLUSTERINGS:
                 goal = goals(mine, name, known)
                 centres = cluster(goal, MODES, seed, TYPE_NAMES[t], weigh=weigh(name, RoadUserType(t)))
                 modes[name] = assign(goal, centres)

@@ -10,7 +10,7 @@ from slrl_sumo.agent.decide import Agent, consider, decide
 from slrl_sumo.agent.selectors import PolicySelector, PriorSelector, Selector, Uniform
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.perception.observation import observe
+from slrl_sumo.perception.observation import Observation, observe
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL
@@ -30,7 +30,7 @@ def step_oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
     """
 
     def move(moment: Moment) -> Motion:
-        observation = observe(_scene(moment, ground), with_image=False)
+        observation = _observed(bundle, moment, ground)
         motions = bundle.displacement.motion_all(*tensors(observation))
         acceleration, yaw_rate = (z.double().numpy() for z in motions)
         top = bundle.max_speed[observation.type]
@@ -55,7 +55,7 @@ def held_mode(bundle: ModelBundle, ground: RoadMap, mode: int) -> Move:
     """All road users hold one mode of their type."""
 
     def move(moment: Moment) -> Motion:
-        observation = observe(_scene(moment, ground), with_image=False)
+        observation = _observed(bundle, moment, ground)
         motion = bundle.motion(observation, np.full(len(observation), mode))
         return *motion, bundle.max_speed[observation.type]
 
@@ -68,7 +68,7 @@ def prior_ranked(bundle: ModelBundle, ground: RoadMap, rank: NDArray[np.int64]) 
     held = np.full(len(rank), -1)
 
     def move(moment: Moment) -> Motion:
-        observation, users = observe(_scene(moment, ground), with_image=False), moment.users
+        observation, users = _observed(bundle, moment, ground), moment.users
         new = np.flatnonzero(held[users] < 0)
         vector, kind = (values[new] for values in tensors(observation))
         with torch.inference_mode():
@@ -112,4 +112,8 @@ def _decided(bundle: ModelBundle, ground: RoadMap, make_selector: Callable[[Unif
 
 
 def _scene(moment: Moment, ground: RoadMap) -> Scene:
-    return Scene(moment.world, moment.rows, ground, group=moment.scene)
+    return Scene(moment.world, moment.rows, ground, group=moment.scene, past=moment.past)
+
+
+def _observed(bundle: ModelBundle, moment: Moment, ground: RoadMap) -> Observation:
+    return observe(_scene(moment, ground), with_image=False, state=bundle.config.preset)

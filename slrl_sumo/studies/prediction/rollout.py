@@ -14,6 +14,7 @@ from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.supervised.windows import PAST, reversing
+from slrl_sumo.perception.past_motion import later, no_past, recorded_past
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
@@ -69,6 +70,8 @@ class Moment:
     next_x: Floats
     """True positions after the interval, (m,), m."""
     next_y: Floats
+    past: Floats
+    """Motion of the road users of `world` in the last 2 s, (n, PAST, 2) (see perception.past_motion)."""
 
 
 Motion = tuple[Floats, Floats, Floats]
@@ -135,20 +138,24 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | 
     recorded = np.stack(
         [recording.x, recording.y, recording.heading, recording.speed, recording.acceleration, recording.yaw_rate]
     )
+    past = no_past(users)
     errors, off_surface = np.zeros((users, steps)), np.zeros(users, np.int64)
     for step in range(steps):
         seen = np.flatnonzero((cast.appears <= step) & (step <= cast.leaves))
         as_recorded = seen[step <= cast.enters[seen]]
         state[:, as_recorded] = recorded[:, cast.row[as_recorded] + step]
+        past[as_recorded] = recorded_past(recording, cast.row[as_recorded] + step)
         moving = (cast.enters[seen] <= step) & (step < cast.leaves[seen])
         world = _world(state[:, seen], kind[seen], length[seen], width[seen], moving)
         rows = np.flatnonzero(moving)
         moved = seen[rows]
         after = cast.row[moved] + step + 1
-        moment = Moment(world, cast.scene[seen], rows, moved, step, recording.x[after], recording.y[after])
+        truth = recording.x[after], recording.y[after]
+        moment = Moment(world, cast.scene[seen], rows, moved, step, *truth, past[seen])
         acceleration, yaw_rate, top = move(moment)
         here = _world(state[:, moved], kind[moved], length[moved], width[moved], moving[rows])
         then = advance(here, acceleration, yaw_rate, top, recording.dt)
+        past[moved] = later(past[moved], here.speed, here.yaw_rate)
         state[:, moved] = then.x, then.y, then.heading, then.speed, then.acceleration, then.yaw_rate
         off = np.hypot(then.x - moment.next_x, then.y - moment.next_y)
         errors[moved, step - cast.enters[moved]] = off

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 import torch
-from builders import make_recording
+from builders import make_bundle, make_recording
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
@@ -319,3 +319,28 @@ def test_what_cannot_be_evaluated_is_refused(bundle: ModelBundle) -> None:
         evaluate(made, bundle, starts_every=0)
     with pytest.raises(InputError, match="no road user of the recording can be simulated"):
         evaluate(recording([straight(2, 1.2)], [2]), bundle)
+
+
+def test_models_that_read_the_past_predict_by_it() -> None:
+    trained = make_bundle("history")
+    random = np.random.default_rng(3)
+    ways = [(int(n), v, w, y) for n, v, w, y in zip([40, 35, 50], random.uniform(1, 5, 3), (-0.2, 0.1, 0.2), (0, 4, 8),
+                                                    strict=True)]  # fmt: skip
+    made = recording([circle(*way) for way in ways], [0, 1, 2])
+    starts = np.arange(0, 30, 7)
+    whole = rollout(made, cast_of(made, starts), held_mode(trained, NOWHERE, 3)).error
+    single = [rollout(made, cast_of(made, starts[i : i + 1]), held_mode(trained, NOWHERE, 3)) for i in range(5)]
+    np.testing.assert_allclose(whole, np.concatenate([one.error for one in single]), rtol=1e-3, atol=2e-3)
+    seen: list[Moment] = []
+
+    def watch(moment: Moment) -> Motion:
+        seen.append(moment)
+        return constant_velocity(moment)
+
+    rollout(made, cast_of(made, np.array([10])), watch)
+    # At first the past is the recorded one; after 4 intervals it is that of the rollout, which goes straight.
+    np.testing.assert_allclose(seen[0].past[0, :, 1], -0.2, atol=1e-9)
+    np.testing.assert_allclose(seen[2].past[0, :, 1], [0.0, -0.2, -0.2, -0.2], atol=1e-9)
+    np.testing.assert_allclose(seen[5].past[0, :, 1], 0.0, atol=1e-9)
+    rows = evaluate(made, trained, starts_every=10)["rows"]
+    assert {row["type"] for row in rows} == {"car", "bicycle", "pedestrian"}
