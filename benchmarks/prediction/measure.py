@@ -54,6 +54,7 @@ def main() -> None:
     parser.add_argument("--modes", choices=MODES_BY, default="paths")
     parser.add_argument("--preset", choices=STATES, default="history")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--gate", action="store_true", help="exit with 1 where SL+RL predicts worse than SL")
     arguments = parser.parse_args()
     files = {file.stem: load_trajectories(file) for file in sorted(arguments.recordings.glob("*.npz"))}
     given = load_bundle(arguments.selector) if arguments.selector else None
@@ -66,6 +67,20 @@ def main() -> None:
         for kind, row in measured(learn, test, bundle, arguments.seed).items():
             rows[" ".join(tests), TYPE_NAMES[kind]] = row
     print_rows(rows)
+    if arguments.gate and (worse := worse_than_prior(rows)):
+        raise SystemExit(f"SL+RL predicts worse than SL: {', '.join(worse)}")
+
+
+def worse_than_prior(rows: dict[tuple[str, str], Row]) -> list[str]:
+    """The types, with figures, of which the single prediction of SL+RL has a higher error than that of SL."""
+    found = []
+    for (tests, kind), row in rows.items():
+        prior, policy = row["single of SL"], row.get("single of SL+RL")
+        if policy is None:
+            raise SystemExit("--gate compares a trained selector; name its bundle with --selector")
+        if policy > prior:
+            found.append(f"{kind} on {tests} ({policy:.2f} instead of {prior:.2f} m)")
+    return found
 
 
 def split(files: dict[str, Trajectories], fold: str) -> tuple[dict[str, Trajectories], dict[str, Trajectories]]:

@@ -33,6 +33,9 @@ from slrl_sumo.studies.prediction.selector_rollouts import (
 STARTS_EVERY = 5
 """Frames from one start to the next: 2 s."""
 
+BEYOND = 0.1
+"""Share of the recorded speeds outside the 1st to 99th percentile of the training data above which a note says so."""
+
 BATCH = 16
 """Start frames that are simulated at once; with 20 samples of each, arrays stay small enough for the cache."""
 
@@ -64,7 +67,8 @@ def evaluate(
     `roadmap` is the ground, `surface` says where it comes from; with it there is `off_surface`: per selector and type
     the share of steps that end off the own surface, also of what was recorded. Without it everything is road.
     `selectors`: of selectors_of(bundle), which is the default. Types that the bundle has no models for are there as
-    recorded; `notes` names them.
+    recorded; `notes` names them, and types at other speeds than the bundle was
+    learned from.
     The figures depend on `seed`, not on `batch`. Raises InputError where nothing can be evaluated.
     """
     known = selectors_of(bundle)
@@ -103,6 +107,7 @@ def evaluate(
     if (unserved := bundle.missing(there)) and not (there & bundle.types).any():
         raise InputError(f"bundle {bundle.name} has no models for {unserved}, and the recording holds nothing else")
     notes = [f"bundle {bundle.name} has no models for {unserved}: as recorded, without figures"] if unserved else []
+    notes += _beyond(recording, bundle)
     if not len(starts) or not any((part.steps > 0).any() for part in parts[selectors[0]]):
         raise InputError("no road user of the recording can be simulated: that takes 1.2 s of a track of its own")
     return {
@@ -120,6 +125,23 @@ def evaluate(
         "off_surface": [] if roadmap is None else _off_surface(recording, parts, roadmap),
         "driving": long_rollout_figures("prior", drives, bundle) if drives else [],
     }
+
+
+def _beyond(recording: Trajectories, bundle: ModelBundle) -> list[str]:
+    """A note for each type of which more than BEYOND of the recorded speeds are not among those of the training."""
+    notes, kind = [], recording.type[recording.track]
+    for t, type_name in enumerate(TYPE_NAMES):
+        bounds = bundle.training.get("types", {}).get(type_name, {}).get("speed_percentiles_mps")
+        speed = recording.speed[(kind == t) & ~recording.parked[recording.track]]
+        if bounds is None or not len(speed):
+            continue
+        share = float(((speed < bounds[0] - 1e-3) | (speed > bounds[1] + 1e-3)).mean())
+        if share > BEYOND:
+            notes.append(
+                f"{type_name}: {share:.0%} of the recorded speeds lie outside {bounds[0]:.1f} to {bounds[1]:.1f} m/s, "
+                f"from which bundle {bundle.name} was learned; its models extrapolate there"
+            )
+    return notes
 
 
 def _in_a_run(bundle: ModelBundle, ground: RoadMap, starts: Integers, seed: int, cast: Cast) -> Move:

@@ -5,7 +5,7 @@ import pytest
 from builders import make_recording
 
 from benchmarks.prediction.baselines import BASELINES, SAMPLES
-from benchmarks.prediction.measure import measured, split
+from benchmarks.prediction.measure import measured, split, worse_than_prior
 from benchmarks.prediction.moments import PAST, Moments, has_past, mirrored, moments_at, usable_rows
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.models.bundle import ModelBundle
@@ -68,3 +68,13 @@ def test_the_package_is_measured_at_the_same_moments(circles: Trajectories, bund
     assert row["best of SL"] < row["single of SL"]
     with pytest.raises(SystemExit, match="--fold c:b"):
         split({"a1": circles, "b1": circles}, "c:b")
+
+
+def test_the_gate_names_types_that_a_selector_predicts_worse() -> None:
+    rows = {
+        ("D2", "car"): {"single of SL": 2.0, "single of SL+RL": 2.5},
+        ("D2", "pedestrian"): {"single of SL": 0.6, "single of SL+RL": 0.6},
+    }
+    assert worse_than_prior(rows) == ["car on D2 (2.50 instead of 2.00 m)"]
+    with pytest.raises(SystemExit, match="--selector"):
+        worse_than_prior({("D2", "car"): {"single of SL": 2.0}})

@@ -344,3 +344,14 @@ def test_models_that_read_the_past_predict_by_it() -> None:
     np.testing.assert_allclose(seen[5].past[0, :, 1], 0.0, atol=1e-9)
     rows = evaluate(made, trained, starts_every=10)["rows"]
     assert {row["type"] for row in rows} == {"car", "bicycle", "pedestrian"}
+
+
+def test_speeds_that_the_bundle_was_not_learned_from_are_noted(bundle: ModelBundle) -> None:
+    made = recording([straight(30, 1.2), straight(30, 9.0, y=20)], [2, 1])
+    known = {
+        "types": {"bicycle": {"speed_percentiles_mps": [0.0, 7.0]}, "pedestrian": {"speed_percentiles_mps": [0, 2]}}
+    }
+    result = evaluate(made, replace(bundle, training=known), selectors=["constant-velocity"])
+    [note] = result["notes"]
+    assert note.startswith("bicycle: 100% of the recorded speeds lie outside 0.0 to 7.0 m/s")
+    assert evaluate(made, bundle, selectors=["constant-velocity"])["notes"] == []
