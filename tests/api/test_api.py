@@ -243,7 +243,7 @@ def test_the_package_runs_as_a_module(tmp_path: Path) -> None:
 
 def test_pandas_is_asked_for_where_it_is_missing(result: slrl_sumo.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(slrl_sumo.InputError, match="pip install pandas"):
+    with pytest.raises(slrl_sumo.InputError, match=r"pip install 'slrl-sumo\[pandas\]'"):
         result.trajectories.to_pandas()
 
 
