@@ -21,7 +21,7 @@ from slrl_sumo.models.bundle_folder import POLICY_FILES
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
-from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.features import COUNTS, FEATURES
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.types import RoadUserType
 
@@ -29,7 +29,6 @@ Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
 
 HEADING = FEATURES.index("heading")
-COUNTS = FEATURES.index("vru_5")
 SPEED = FEATURES.index("speed")
 ROLLOUT_SCALES = {"collision": 2.0, "off_surface": 1.0, "speed": 0.2, "turn": 1.0}
 """Fields of the mode rollouts that a policy reads, and the factors that bring them to order 1."""

@@ -33,7 +33,10 @@ FEATURES: tuple[str, ...] = (
     "other_20",
 )
 """Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of all others within each radius."""
-
+COUNTS = FEATURES.index("vru_5")
+"""First of the columns that count neighbours; they are the last ones."""
+COMPANY = ("vru_", "other_", "near_")
+"""Beginnings of the names of columns about other road users."""
 
 NEAREST = 3
 """Number of nearest road users that the preset `history` perceives singly."""

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from builders import make_crowd, straight_routes
 
 from slrl_sumo.lookahead.mode_paths import mode_paths
@@ -46,7 +47,10 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
     stop, room = context.stop_distance, context.follow_distance
     assert (stop <= context.route.stop - STOP_MARGIN).all()
     braking = context.leader_speed**2 / (2.0 * LEADER_BRAKES)
-    behind = COMFORT_SHARE * (room - braking - HEADWAY[users.type] * users.speed) + braking
+    alike = [
+        np.interp(v, STOPPING, capability.stopping[k]) for v, k in zip(context.leader_speed, users.type, strict=True)
+    ]
+    behind = COMFORT_SHARE * (room - braking - HEADWAY[users.type] * users.speed) + np.minimum(braking, alike)
     within = np.maximum(np.minimum(COMFORT_SHARE * stop, behind), 0.0)
     found = allowed_speed(context, capability, users)
     for row, kind in enumerate(users.type):
@@ -54,6 +58,25 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
         assert found[row] == np.minimum(most, context.route.desired[row])
     assert (found == context.route.desired).any()
     assert (found == 0.0).any()
+
+
+@pytest.mark.parametrize("hardest", [3.0, LEADER_BRAKES, 6.0])
+def test_cars_keep_their_headway_whatever_their_brakes(hardest: float) -> None:
+    """Behind a leader at the same speed. With 6 m/s² they kept 0.3 s."""
+    users = make_crowd(1, 1, 100.0)
+    users = replace(users, type=np.zeros(1, np.int8), speed=np.array([12.0]))
+    (context, _), stopping = drawn_context(users), STOPPING**2 / (2.0 * hardest)
+    apart = HEADWAY[0] * 12.0 + (2.0 * max(144.0 / (2.0 * hardest) - 18.0, 0.0))
+    context = replace(
+        context,
+        route=replace(context.route, desired=np.array([40.0])),
+        stop_distance=np.array([np.inf]),
+        leader_gap=apart + GAP[:1],
+        leader_speed=np.array([12.0]),
+        follow_distance=np.array([apart + 18.0]),
+    )
+    capability = Capability(np.ones((3, 2, 1)), np.tile(stopping, (3, 1)))
+    assert allowed_speed(context, capability, users)[0] == pytest.approx(12.0, abs=0.05)
 
 
 def test_ratios_are_those_of_stopping_distances() -> None:
@@ -77,6 +100,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         )
         covered, braking = (first + speed) * DECISION_INTERVAL, leading[i] ** 2 / (2.0 * LEADER_BRAKES)
         later = room[i] + 2.0 * leading[i] * DECISION_INTERVAL - covered - braking
+        braking = min(braking, np.interp(leading[i], STOPPING, capability.stopping[kind]))
         left = np.minimum(
             COMFORT_SHARE * (stop[i] - covered), COMFORT_SHARE * (later - HEADWAY[kind] * speed) + braking
         )

@@ -169,9 +169,9 @@ def test_a_road_user_beside_the_follower_does_not_lead_but_is_in_its_way() -> No
     assert far.in_way.tolist() == []
 
 
-@pytest.mark.parametrize(("speed", "seen"), [(0.0, 40.0), (13.9, 40.0), (25.0, 99.0), (33.3, 163.0)])
-def test_fast_vehicles_see_as_far_as_they_need_to_stop(speed: float, seen: float) -> None:
-    # 25² / (2 * 4.36) + 1.1 * 25 = 99 m.
+@pytest.mark.parametrize(("speed", "seen"), [(0.0, 40.0), (10.9, 40.0), (14.0, 60.0), (25.0, 169.5), (40.0, 250.0)])
+def test_fast_vehicles_see_as_far_as_they_need_to_stop_in_comfort(speed: float, seen: float) -> None:
+    # 25² / (2 * 2.2) + 1.1 * 25 = 169.5 m.
     spacing = spacing_at(speed)
     route = make_routes(ALONG * spacing, spacing=spacing)
     for x, leads in ((seen + 1.0, True), (seen + 4.0, False)):

@@ -1,6 +1,7 @@
 """A bundle with its trained selector: record of the training as JSON and as a section of the model card."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,23 +25,40 @@ LAST = 20
 def with_selector(
     bundle: ModelBundle, policy: Policy, record: dict[str, Any], log: list[dict[str, float]]
 ) -> ModelBundle:
-    """`bundle` with a trained `policy`; `record`: settings of the training, `log`: figures of every update."""
+    """`bundle` with a trained `policy`; `record`: settings of the training, `log`: figures of every update.
+
+    Where the training went on from the selector of `bundle`, how that one was trained is kept as `before`.
+    """
     last = {name: _mean([row[name] for row in log[-LAST:]]) for name in (log[-1] if log else {})}
     wanted = ("episode/", "reward/", "motion/")
     figures = {name: value for name, value in last.items() if name.startswith(wanted)}
     training = {**record, "slrl_sumo": __version__, "last_updates": figures}
-    card = bundle.card.split(HEADING)[0].rstrip("\n") + "\n" + HEADING + _section(record, figures)
+    if record.get("goes_on") and bundle.policy_training:
+        training.setdefault("before", bundle.policy_training)
+    card = bundle.card.split(HEADING)[0].rstrip("\n") + "\n" + HEADING + _section(training, figures)
     return replace(bundle, policy=policy.requires_grad_(False).eval(), policy_training=training, card=card)
+
+
+def _command(training: dict[str, Any]) -> str:
+    """The command of a training, in Markdown."""
+    source, bundle = "--from" if training.get("goes_on") else "--bundle", Path(training["bundle"]).name
+    return (
+        f"`slrl-sumo train {training['scenarios']} {source} {bundle} --steps {training['steps']} "
+        f"--workers {training['workers']} --seed {training['seed']}`"
+    )
 
 
 def _section(record: dict[str, Any], figures: dict[str, float]) -> str:
     settings = record["settings"]
+    commands = [_command(record)]
+    while "before" in record:
+        record = record["before"]
+        commands.insert(0, _command(record))
     weights = ", ".join(f"{name} {value:g}" for name, value in settings["reward"].items() if value)
     lines = [
         "",
-        "Chooses the modes from the observation (`--selector greedy` or `sampled`). Trained by PPO: `slrl-sumo "
-        f"train {record['scenarios']} --bundle {record['bundle']} --steps {record['steps']} "
-        f"--workers {record['workers']} --seed {record['seed']}`,",
+        "Chooses the modes from the observation (`--selector greedy` or `sampled`). Trained by PPO: "
+        f"{', then '.join(commands)},",
         f"{settings['arena']['agents']} learned road users in each simulation, with background traffic; settings: "
         "selector.json.",
         "",

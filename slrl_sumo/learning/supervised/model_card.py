@@ -28,6 +28,8 @@ OBSERVED = {
 
 LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
 """Part of the windows that the models learn, where it is not all of them."""
+ALONE = {"accelerations": " (others only the prior, not the displacement models)"}
+"""What the models do not observe, where it is not the same for all."""
 
 
 def model_card(name: str, training: dict[str, Any]) -> str:
@@ -129,9 +131,10 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "|---|---|---|---|---|",
             *bounds,
             "",
-            f"{scarce}The models observe {OBSERVED[training.get('preset', 'paper')]}, but neither "
-            "lanes, traffic lights nor destinations. Do not use them for safety assessment. Outside the recorded range "
-            "of density and speed their behaviour is an extrapolation.",
+            f"{scarce}The models observe {OBSERVED[training.get('preset', 'paper')]}"
+            f"{ALONE.get(training['modes_by'], '')}, but neither lanes, traffic lights nor destinations. Do not use "
+            "them for safety assessment. Outside the recorded range of density and speed their behaviour is an "
+            "extrapolation.",
             "",
             "## Training",
             "",

@@ -177,7 +177,7 @@ def test_observations_unlike_their_space_are_named() -> None:
 def test_without_pettingzoo_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pettingzoo", None)
     monkeypatch.delitem(sys.modules, ParallelRoadUserEnv.__module__)
-    with pytest.raises(InputError, match=r"needs PettingZoo: pip install 'slrl-sumo\[rl\]'$"):
+    with pytest.raises(InputError, match=r"needs PettingZoo, which is not installed: pip install 'slrl-sumo\[rl\]'$"):
         slrl_sumo.parallel_env("intersection")
 
 

@@ -13,7 +13,7 @@ from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import SPEED
-from slrl_sumo.perception.features import FEATURES, features
+from slrl_sumo.perception.features import COUNTS, FEATURES, features
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import from_ego, wrap_angle
@@ -213,6 +213,17 @@ def test_curved_modes_of_mirrored_traffic_turn_alike(traffic: list[Trajectories]
         assert 0.9 * moving < np.average(root[far] ** 2, weights=bundle.mode_counts[kind][far]) / 4.8 < 1.02 * moving
     assert bundle.training["modes_by"] == "curved"
     assert (bundle.training["forget"], bundle.training["mirrored"]) == (0.5, list(TYPE_NAMES))
+
+
+def test_modes_of_accelerations_do_the_same_in_company(traffic: list[Trajectories]) -> None:
+    bundle = fit(traffic, name="a", seed=1, epochs=1, modes="accelerations")
+    vector, kind = cruising(0, 8.0, 1)
+    crowded = vector.clone()
+    crowded[:, COUNTS:] = torch.tensor([1.0, 2.0, 5.0, 2.0, 4.0, 8.0])
+    alone, there = bundle.displacement.motion_all(vector, kind), bundle.displacement.motion_all(crowded, kind)
+    assert torch.equal(alone[0], there[0])
+    assert torch.equal(alone[1], there[1])
+    assert not torch.equal(bundle.prior.logits(vector, kind), bundle.prior.logits(crowded, kind))
 
 
 def test_every_group_has_its_share_of_an_epoch(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,21 @@
+from dataclasses import replace
+
+import pytest
+
+from slrl_sumo.agent.driver import usual_selector
+from slrl_sumo.models.bundle import load_bundle
+
+
+@pytest.mark.parametrize(
+    ("name", "selector"),
+    [
+        ("intersection", "rule"),
+        ("shared-space", "rule"),
+        ("intersection-paper", "greedy"),
+        ("shared-space-paper", "greedy"),
+    ],
+)
+def test_the_usual_selector_is_the_policy_where_it_is_as_in_the_paper(name: str, selector: str) -> None:
+    bundle = load_bundle(name)
+    assert usual_selector(bundle) == selector
+    assert usual_selector(replace(bundle, policy=None, policy_training=None)) == "rule"
