@@ -57,7 +57,6 @@ def main() -> None:
     parser.add_argument("--resume", action="store_true")
     arguments = parser.parse_args()
     name = arguments.name
-    work = arguments.work
     recordings: tuple[Path, ...] = ()
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         if name == "shared-space-paper":
@@ -67,7 +66,7 @@ def main() -> None:
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
         bundle = name
         for number, part in enumerate(RECIPES[name]):
-            out = work / part.settings
+            out = arguments.work / part.settings
             settings = read_settings(Path(__file__).parent / "selectors" / f"{part.settings}.toml")
             request = TrainRequest(
                 part.families,
@@ -79,10 +78,9 @@ def main() -> None:
                 recordings=recordings,
                 goes_on=number > 0,
             )
-            if not (out / "selector.json").exists() and not train_with_progress(
-                request, settings, resume=arguments.resume and (request.folder / "checkpoint.pt").exists()
-            ):
-                raise SystemExit(130)
+            finished = arguments.resume and (out / "selector.json").exists()
+            if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
+                raise SystemExit(code)
             bundle = str(out)
     made = load_bundle(bundle)
     replace(made, name=name).save(arguments.out)

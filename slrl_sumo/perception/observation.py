@@ -37,8 +37,7 @@ def observe(
 
     With the `context` of the learned road users of the scene this is the preset `extended`: the route as numbers and as
     a line in the image, crossings and cycle lanes in their own colours; without it `paper`.
-    `state`: the preset of the vector, that of the bundle (see
-    `features.STATES`).
+    `state`: the preset of the vector, that of the bundle (see `features.STATES`).
     """
     world, rows = scene.world, scene.rows
     mine = None if context is None else context.take(rows)

@@ -1,7 +1,6 @@
 """The motion of road users in the last 2 s: kept in a simulation, looked up in a recording."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.scene.geometry import Floats
@@ -55,8 +54,3 @@ class PastMotion:
         self._time, self._past, self._now = world.time, past, (speed, yaw_rate)
         self._rows = {road_user: row for row, road_user in enumerate(world.ids[:n])}
         return past
-
-
-def no_past(n: int) -> NDArray[np.float64]:
-    """The past of `n` road users that stand, (n, PAST, 2)."""
-    return np.zeros((n, PAST, 2))

@@ -14,7 +14,7 @@ from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.supervised.windows import PAST, reversing
-from slrl_sumo.perception.past_motion import later, no_past, recorded_past
+from slrl_sumo.perception.past_motion import later, recorded_past, steady_past
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
@@ -138,7 +138,7 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | 
     recorded = np.stack(
         [recording.x, recording.y, recording.heading, recording.speed, recording.acceleration, recording.yaw_rate]
     )
-    past = no_past(users)
+    past = steady_past(np.zeros(users))
     errors, off_surface = np.zeros((users, steps)), np.zeros(users, np.int64)
     for step in range(steps):
         seen = np.flatnonzero((cast.appears <= step) & (step <= cast.leaves))
