@@ -4,11 +4,12 @@
     python -m benchmarks.prediction.measure recordings --fold D1:D2,D3
     python -m benchmarks.prediction.measure recordings --fold D1:D2,D3 --selector shared-space
 
-Prints mean errors over 6.4 s relative to those of constant velocity: of single predictions, and of the best of 20. A
-fold TRAIN:TEST names the recordings (files of the folder) by the beginnings of their names, with commas; those of TEST
-are never learned from, and without TRAIN all others are. SL is the prior of a bundle that is fitted to the fold, or of
-BUNDLE; SL+RL is the trained selector of BUNDLE (`--selector`). Both simulate all road users together; all predictions
-of a road user that has 2 s before and 6.4 s after it count, every 2 s.
+Prints mean errors over 6.4 s relative to those of constant velocity: of single predictions, and of the best of 20; and
+the realism score of the package's selectors. A fold TRAIN:TEST names the recordings (files of the folder) by the
+beginnings of their names, with commas; those of TEST are never learned from, and without TRAIN all others are. SL is
+the prior of a bundle that is fitted to the fold, or of BUNDLE; SL+RL is the trained selector of BUNDLE (`--selector`).
+Both simulate all road users together; all predictions of a road user that has 2 s before and 6.4 s after it count,
+every 2 s.
 """
 
 import argparse
@@ -32,13 +33,23 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.prediction.evaluate import BATCH, STARTS_EVERY
 from slrl_sumo.studies.prediction.rollout import STEPS, cast_of
+from slrl_sumo.studies.prediction.rollout_realism import realism_rows, recorded
 from slrl_sumo.studies.prediction.selector_rollouts import Rollouts, selector_rollouts
 from slrl_sumo.studies.prediction.selector_rollouts import joined as joined_rollouts
 
-PACKAGE = {"SL": "prior", "SL+RL": "greedy", "SL+RL sampled": "sampled", "one mode held": "mode-oracle"}
+PACKAGE = {
+    "constant velocity": "constant-velocity",
+    "SL": "prior",
+    "SL+RL": "greedy",
+    "SL+RL sampled": "sampled",
+    "one mode held": "mode-oracle",
+}
 """Selectors of the package by the name of their column."""
 
-UNTOLD = {("single", "constant velocity"), ("single", "one mode held"), ("best", "SL+RL")}
+UNTOLD = {
+    *(("single", "constant velocity"), ("single", "one mode held"), ("best", "SL+RL"), ("best", "constant velocity")),
+    ("realism", "one mode held"),
+}
 """Figures that say nothing: 1 by definition, in hindsight, and of one sample."""
 
 Row = dict[str, float]
@@ -120,20 +131,23 @@ def measured(
             single = np.concatenate([one.error[rows] for one, rows in every])[test.type == kind]
             best = np.concatenate([one.best_mean[rows] for one, rows in every])[test.type == kind, -1]
             row |= {f"single of {column}": float(single.mean()), f"best of {column}": float(best.mean())}
+            scores = np.concatenate([one.realism[rows] for one, rows in every])[test.type == kind]
+            [realism] = realism_rows(name, np.full(len(scores), kind, np.int8), scores)
+            row[f"realism of {column}"] = realism["score"]
     return table
 
 
 def simulated(recording: Trajectories, bundle: ModelBundle, names: Sequence[str], seed: int) -> dict[str, Rollouts]:
     """Rollouts of all road users of a recording, by selector, as `evaluate` has them."""
     starts = np.arange(recording.frames.start, recording.frames.stop, STARTS_EVERY)
-    ground = everywhere_road(recording.x, recording.y)
+    ground, truth = everywhere_road(recording.x, recording.y), recorded(recording)
     parts: dict[str, list[Rollouts]] = {name: [] for name in names}
     with one_thread():
         for first in range(0, len(starts), BATCH):
             here = starts[first : first + BATCH]
             cast = cast_of(recording, here, types=bundle.types)
             for name in names:
-                parts[name].append(selector_rollouts(recording, cast, here, name, bundle, ground, seed))
+                parts[name].append(selector_rollouts(truth, cast, here, name, bundle, ground, seed))
     return {name: joined_rollouts(some) for name, some in parts.items()}
 
 
@@ -155,16 +169,17 @@ def _figures(name: str, errors: Floats) -> Row:
 
 
 def print_rows(rows: dict[tuple[str, str], Row]) -> None:
-    """Two Markdown tables: errors of single predictions and of the best of 20, relative to constant velocity."""
-    columns = [*BASELINES, *PACKAGE]
-    for figure, title in (("single", "single prediction"), ("best", "best of 20")):
+    """Markdown tables: errors relative to constant velocity of single predictions and of the best of 20, and realism."""
+    columns = list(dict.fromkeys([*BASELINES, *PACKAGE]))
+    for figure, title in (("single", "single prediction"), ("best", "best of 20"), ("realism", "realism")):
         there = [name for name in columns if any(f"{figure} of {name}" in row for row in rows.values())]
         there = [name for name in there if (figure, name) not in UNTOLD]
         print(f"\n| {title} | type | windows | n | constant velocity (m) | {' | '.join(there)} |")
         print("|" + "---|" * (5 + len(there)))
         for (tests, kind), row in rows.items():
             still = row["single of constant velocity"]
-            cells = [f"{row[key] / still:.2f}" if (key := f"{figure} of {name}") in row else "-" for name in there]
+            unit = 1.0 if figure == "realism" else still
+            cells = [f"{row[key] / unit:.2f}" if (key := f"{figure} of {name}") in row else "-" for name in there]
             print(f"| {tests} | {kind} | {row['windows']:.0f} | {row['n']:.0f} | {still:.2f} | {' | '.join(cells)} |")
 
 

@@ -1,4 +1,14 @@
-"""Realism of simulated road users: a score modelled on the Waymo Open Sim Agents Challenge."""
+"""Realism of simulated road users: a score modelled on the Waymo Open Sim Agents Challenge.
+
+Montali et al. (2023), The Waymo Open Sim Agents Challenge, asks for each road user of a recorded scene how likely what
+it did is under the distribution of what it did in simulations from the same beginning, feature by feature, and takes a
+weighted mean. So does this: the score is conditional on the road user and its window of time. Distributions of all
+traffic together would rank traffic that flees from each other, or stands, above traffic that moves as recorded but
+errs. Scores are not comparable with those of the challenge: the likelihood is divided by that of what was recorded
+under itself, so that 1 can be reached; standing is a feature; the time to collision is that of boxes in the plane,
+towards any road user; and the mean over features is the geometric one, because in an arithmetic one all that does not
+happen to most road users (overlaps, conflicts, standing) makes up for motion that is impossible.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,62 +17,65 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.surfaces import SurfaceShapes
-from slrl_sumo.metrics.conflicts import boxes, velocities
-from slrl_sumo.metrics.neighbours import row_pairs
-from slrl_sumo.metrics.road_edge import edge_distance
-from slrl_sumo.metrics.surrogate_safety import box_distance, time_to_collision
+from slrl_sumo.metrics.realism_features import FEATURES, KNOWN, Feature, features
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
-LONGEST_TTC = 5.0
-"""s; longer ones, and none, count as this."""
-FARTHEST = 40.0
-"""m; neighbours farther away, and none, count as this far."""
-NEIGHBOURS = 6
-"""Number of road users, the nearest by their centres, among which the nearest box is searched."""
+WINDOW = 16
+"""Moments of a window: 6.4 s at intervals of 0.4 s."""
 SMOOTHING = 0.1
-"""Added to the count of each bin, so that values that were never simulated are unlikely, not impossible."""
+"""Share of each distribution that is spread evenly over all bins, so that what was never simulated is unlikely, not
+impossible; the same for one simulation as for many."""
+ALIKE = 20
+"""Windows of simulated traffic that began most like a window of the reference."""
+NEAR = 10.0
+"""m; for how alike situations are, road users farther away count as this far."""
 
-
-@dataclass(frozen=True)
-class Feature:
-    """What a feature is compared over: `bins` bins from `low` to `high` in `unit`, with a weight."""
-
-    group: str
-    """kinematic, interactive or map."""
-    unit: str
-    low: float
-    high: float
-    bins: int
-    weight: float
-
-
-FEATURES: Mapping[str, Feature] = {
-    "speed": Feature("kinematic", "m/s", 0.0, 25.0, 25, 0.05),
-    "acceleration": Feature("kinematic", "m/s²", -12.0, 12.0, 49, 0.05),
-    "yaw_rate": Feature("kinematic", "rad/s", -2.0, 2.0, 41, 0.05),
-    "yaw_acceleration": Feature("kinematic", "rad/s²", -4.0, 4.0, 41, 0.05),
-    "nearest": Feature("interactive", "m", -5.0, FARTHEST, 45, 0.10),
-    "overlap": Feature("interactive", "1", 0.0, 1.0, 2, 0.25),
-    "ttc": Feature("interactive", "s", 0.0, LONGEST_TTC, 10, 0.10),
-    "road_edge": Feature("map", "m", -10.0, 10.0, 40, 0.10),
-    "off_surface": Feature("map", "1", 0.0, 1.0, 2, 0.25),
-}
-"""Weights as in the challenge; bins finer, because cyclists and pedestrians move in the lowest of its bins."""
+Values = Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
 class Realism:
-    """Scores in (0, 1]; 1 where the simulated distribution is the reference's."""
+    """Scores in (0, 1], means over windows; 1 where what was simulated is what was recorded."""
 
     score: float
-    """Weighted mean over the features that were compared."""
+    """Of the weighted geometric mean over the features that were compared."""
     features: dict[str, float]
     """By feature."""
     groups: dict[str, float]
-    """Weighted means over kinematic, interactive and map features; without the map there are no map features."""
+    """The same over kinematic, interactive and map features; without the map there are no map features."""
+    windows: int
+    """Number of windows."""
+
+
+def window_scores(recorded: Values, simulated: Values, alike: Values | None = None) -> dict[str, Floats]:
+    """The likelihood ratio in (0, 1] of each of N windows, (N,), by feature.
+
+    `recorded` (N, WINDOW) and `simulated` (S, N, WINDOW), S simulations of each window, by names of FEATURES. The
+    distribution of a window is that of all its simulations and moments. Its likelihood is relative to that under
+    `alike` (S', N, WINDOW), recorded windows; without it, the recorded window itself: the most that any simulation can
+    reach.
+    """
+    found = {}
+    for name, values in recorded.items():
+        feature = FEATURES[name]
+        own = values[None] if alike is None else alike[name]
+        ours, best = (_log_likelihood(values, samples, feature) for samples in (simulated[name], own))
+        found[name] = np.exp(np.minimum(ours - best, 0.0))
+    return found
+
+
+def mean_realism(scores: Values) -> Realism:
+    """The mean over windows of their scores, (N,) by feature."""
+    groups = dict.fromkeys(FEATURES[name].group for name in scores)
+    return Realism(
+        score=_combined(scores),
+        features={name: float(values.mean()) for name, values in scores.items()},
+        groups={g: _combined({f: s for f, s in scores.items() if FEATURES[f].group == g}) for g in groups},
+        windows=len(next(iter(scores.values()))),
+    )
 
 
 def realism(
@@ -74,127 +87,85 @@ def realism(
     shapes: SurfaceShapes | None = None,
     reference_shapes: SurfaceShapes | None = None,
 ) -> dict[str, Realism]:
-    """The realism of simulated road users against a reference, by type name; types that one of them lacks are left out.
+    """The realism of simulated road users against others, by type name; types that one of them lacks are left out.
 
-    Montali et al. (2023), The Waymo Open Sim Agents Challenge, asks how likely what was recorded is under the
-    distribution of what was simulated, feature by feature (kinematic, interactive and map features; FEATURES), and
-    takes a weighted mean. So does this, with three differences: the distributions are those of all road users of a type
-    at all times, not of one road user in 32 rollouts of one scene; the likelihood is divided by that of the reference
-    under its own distribution, so that 1 can be reached: it is exp(-KL(reference || simulated)); and the time to
-    collision is that of boxes in the plane, towards any road user. The scores are not
-    comparable with those of the challenge.
+    For traffic that was not simulated from what was recorded (for that, see `window_scores`): each window of the
+    reference is compared with the ALIKE windows of simulated road users of its type that began most alike, by speed,
+    acceleration, yaw rate, distance to the nearest and to the edge of the surface. Its likelihood under them is divided
+    by that under the windows of the reference that began most alike, so that the same traffic has the score 1.
 
-    With `tracks` and `reference_tracks`, (T,), only those road users count; the others are still seen by them.
+    With `tracks` and `reference_tracks`, (T,), only those road users count; the others are still seen by them. Parked
+    ones and tracks shorter than WINDOW and the two moments before do not count.
 
     Map features need the ground, in m and in the coordinates of the tracks, of both: `shapes`, and `reference_shapes`
     where the reference was recorded somewhere else.
     """
     grounds = (None, None) if shapes is None else (shapes, reference_shapes or shapes)
-    own = _by_row(simulated, grounds[0])
+    own = features(simulated, grounds[0])
     # Two groups of one run share their features.
     same = reference is simulated and grounds[1] is grounds[0]
-    other = own if same else _by_row(reference, grounds[1])
-    ours, theirs = _by_type(simulated, own, tracks), _by_type(reference, other, reference_tracks)
+    other = own if same else features(reference, grounds[1])
     result = {}
-    for k, name in enumerate(TYPE_NAMES):
-        scores = {
-            feature: _likelihood(theirs[feature][k], ours[feature][k], FEATURES[feature])
-            for feature in ours
-            if len(ours[feature][k]) and len(theirs[feature][k])
-        }
-        if scores:
-            groups = dict.fromkeys(FEATURES[feature].group for feature in scores)
-            result[name] = Realism(
-                score=_mean(scores),
-                features=scores,
-                groups={g: _mean({f: s for f, s in scores.items() if FEATURES[f].group == g}) for g in groups},
+    for kind, name in enumerate(TYPE_NAMES):
+        ours, theirs = _windows(simulated, tracks, kind), _windows(reference, reference_tracks, kind)
+        if not (len(ours) and len(theirs)):
+            continue
+        place, scale = _situation(other, theirs)
+        there = place / scale
+        here = _situation(own, ours)[0] / scale
+        count = min(ALIKE, len(ours), len(theirs))
+        near, alike = (cKDTree(points).query(there, np.arange(1, count + 1))[1].T for points in (here, there))
+        result[name] = mean_realism(
+            window_scores(
+                _taken(other, theirs),
+                {feature: values[near] for feature, values in _taken(own, ours).items()},
+                {feature: values[alike] for feature, values in _taken(other, theirs).items()},
             )
+        )
     return result
 
 
-def features(
-    trajectories: Trajectories, shapes: SurfaceShapes | None, tracks: NDArray[np.bool_] | None = None
-) -> dict[str, tuple[Floats, ...]]:
-    """The features at all moments at which they are known, by name and RoadUserType, in the units of FEATURES."""
-    return _by_type(trajectories, _by_row(trajectories, shapes), tracks)
+def _windows(t: Trajectories, tracks: NDArray[np.bool_] | None, kind: int) -> Integers:
+    """First rows of the windows of one type, one after the other along each track."""
+    counted = (~t.parked if tracks is None else tracks & ~t.parked) & (t.type == kind)
+    ends = t.starts[1:]
+    since = t.frame - t.frame[t.starts[t.track]] - KNOWN
+    first = (since >= 0) & (since % WINDOW == 0) & counted[t.track]
+    return np.flatnonzero(first & (np.arange(len(t)) + WINDOW <= ends[t.track]))
 
 
-def _by_row(t: Trajectories, shapes: SurfaceShapes | None) -> dict[str, tuple[Floats, int]]:
-    """Features of each row, (R,), and from which row of a track on they are known."""
-    change = np.diff(t.yaw_rate, prepend=0.0) / t.dt
-    nearest = nearest_distance(t)
-    values = {
-        "speed": (t.speed, 1),
-        "acceleration": (t.acceleration, 2),
-        "yaw_rate": (t.yaw_rate, 1),
-        "yaw_acceleration": (change, 2),
-        "nearest": (nearest, 0),
-        "overlap": ((nearest <= 0.0).astype(np.float64), 0),
-        "ttc": (shortest_ttc(t), 1),
-    }
-    if shapes is not None:
-        edge = edge_distance(shapes=shapes, x=t.x, y=t.y, kind=t.type[t.track])
-        values |= {"road_edge": (edge, 0), "off_surface": ((edge > 0.0).astype(np.float64), 0)}
-    return values
+def _taken(values: Values, first: Integers) -> dict[str, Floats]:
+    rows = first[:, None] + np.arange(WINDOW)
+    return {name: one[rows] for name, one in values.items()}
 
 
-def _by_type(
-    t: Trajectories, values: dict[str, tuple[Floats, int]], tracks: NDArray[np.bool_] | None
-) -> dict[str, tuple[Floats, ...]]:
-    since = t.frame - t.frame[t.starts[t.track]]
-    counted = (~t.parked if tracks is None else tracks & ~t.parked)[t.track]
-    kind = t.type[t.track]
-    return {
-        name: tuple(v[counted & (kind == k) & (since >= known)] for k in range(len(TYPE_NAMES)))
-        for name, (v, known) in values.items()
-    }
+def _situation(values: Values, first: Integers) -> tuple[Floats, Floats]:
+    """Where windows begin, (N, quantities), and the spread of each quantity."""
+    columns = [values[name][first] for name in ("speed", "acceleration", "yaw_rate")]
+    columns.append(np.minimum(values["nearest"][first], NEAR))
+    if "road_edge" in values:
+        columns.append(values["road_edge"][first])
+    place = np.stack(columns, -1)
+    return place, np.maximum(place.std(0), 0.1)
 
 
-def nearest_distance(trajectories: Trajectories) -> Floats:
-    """Distance from box to box of the nearest other road user at the time, m, (R,), at most FARTHEST; negative in
-    overlap."""
-    t = trajectories
-    nearest = np.full(len(t), FARTHEST)
-    if not len(t):
-        return nearest
-    box = boxes(t)
-    apart = 4.0 * FARTHEST
-    points = np.column_stack([t.x, t.y, (t.frame - t.frame.min()) * apart])
-    count = min(NEIGHBOURS + 1, len(t))
-    _, index = cKDTree(points).query(points, k=count, distance_upper_bound=2.0 * FARTHEST)
-    index = np.asarray(index).reshape(len(t), count)
-    rows = np.arange(len(t))
-    for column in index.T:
-        some = np.flatnonzero((column < len(t)) & (column != rows))
-        nearest[some] = np.minimum(nearest[some], box_distance(a=box[some], b=box[column[some]]))
-    return nearest
+def _log_likelihood(recorded: Floats, samples: Floats, feature: Feature) -> Floats:
+    """Mean log-likelihood of the moments of each window (N, moments) under its samples (S, N, moments), (N,)."""
+    if feature.event:
+        recorded, samples = recorded.max(-1, keepdims=True), samples.max(-1, keepdims=True)
+    count = len(recorded)
+    cells = np.arange(count)[:, None] * feature.bins
+    held = np.bincount((cells + _bin(samples, feature)).ravel(), minlength=count * feature.bins)
+    share = held / (samples.shape[0] * samples.shape[2])
+    density = np.log((1.0 - SMOOTHING) * share + SMOOTHING / feature.bins)
+    return np.asarray(density[cells + _bin(recorded, feature)].mean(-1), np.float64)
 
 
-def shortest_ttc(trajectories: Trajectories) -> Floats:
-    """Shortest time to collision with any road user, s, (R,), at most LONGEST_TTC."""
-    t = trajectories
-    box, velocity = boxes(t), velocities(t)
-    shortest = np.full(len(t), LONGEST_TTC)
-    reach = 0.5 * np.hypot(box[:, 3], box[:, 4]) + LONGEST_TTC * np.hypot(velocity[:, 0], velocity[:, 1])
-    for i, j in row_pairs(x=t.x, y=t.y, frame=t.frame, reach=reach):
-        ttc = time_to_collision(a=box[i], b=box[j], velocity_a=velocity[i], velocity_b=velocity[j])
-        for rows in (i, j):
-            np.minimum.at(shortest, rows, ttc)
-    return shortest
+def _bin(values: Floats, feature: Feature) -> Integers:
+    place = (values - feature.low) / (feature.high - feature.low) * feature.bins
+    return np.clip(place, 0, feature.bins - 1).astype(np.int64)
 
 
-def _likelihood(reference: Floats, simulated: Floats, feature: Feature) -> float:
-    """exp(-KL(reference || simulated)) of smoothed histograms."""
-    edges = np.linspace(feature.low, feature.high, feature.bins + 1)
-    p, q = (_smoothed(values, edges) for values in (reference, simulated))
-    return float(np.exp(-(p * np.log(p / q)).sum()))
-
-
-def _smoothed(values: Floats, edges: Floats) -> Floats:
-    counts = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0] + SMOOTHING
-    return np.asarray(counts / counts.sum(), np.float64)
-
-
-def _mean(scores: Mapping[str, float]) -> float:
+def _combined(scores: Values) -> float:
     weights = np.array([FEATURES[feature].weight for feature in scores])
-    return float(np.average(np.array(list(scores.values())), weights=weights))
+    return float(np.exp(np.average(np.log(list(scores.values())), axis=0, weights=weights)).mean())

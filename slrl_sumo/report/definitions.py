@@ -59,12 +59,12 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     ),
     "realism": (
         "realism score",
-        "After the Waymo Open Sim Agents Challenge (Montali et al. 2023), from 0 to 1: the likelihood of the "
-        "reference's moments under the distribution of the learned road users, over their likelihood under their own; "
-        "exp(-KL divergence), weighted over the features. Kinematic: speed, acceleration, yaw rate "
-        "and its change. Interactive: distance to the nearest box, overlaps, TTC. Map: distance to the edge of the own "
-        "surface, and whether off it. It measures how similar two kinds of traffic are and is not comparable with "
-        "the challenge's scores.",
+        "After the Waymo Open Sim Agents Challenge (Montali et al. 2023), from 0 to 1: how likely what a road user of "
+        "the reference did in 6.4 s is among what the learned road users that began most alike did, over its "
+        "likelihood among the reference's own. Kinematic: speed, standing, acceleration, yaw rate and its change. "
+        "Interactive: distance to the nearest box, overlaps, TTC. Map: distance to the edge of the own surface, and whether off it. "
+        "Weighted geometric means. It measures how similar two kinds of traffic are and is not comparable with the "
+        "challenge's scores.",
     ),
     "queue": (
         "queue",

@@ -185,7 +185,10 @@ def test_what_is_not_there_has_no_section(tmp_path: Path) -> None:
     assert "section-motion" not in page
 
 
-def test_a_recording_takes_the_place_of_sumos_own(builder: RunRecorder, tmp_path: Path) -> None:
+def test_a_recording_takes_the_place_of_sumos_own() -> None:
+    builder = RunRecorder(STARTED)
+    for frame in range(1, 21):  # long enough for a window of realism
+        builder.add(decision(frame))
     recording = make_recording((4.0 * np.arange(30), 0.0, 0.0), length=4.0, width=2.0, source="a street")
     record = builder.build()
     found, own = reference_for(record, recording), reference_for(record, None)

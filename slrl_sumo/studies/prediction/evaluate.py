@@ -19,6 +19,7 @@ from slrl_sumo.studies.prediction.long_rollout import STEPS as DRIVE_STEPS
 from slrl_sumo.studies.prediction.long_rollout import LongRollout, long_rollout, long_rollout_figures
 from slrl_sumo.studies.prediction.predictors import prior_sampled
 from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Move, cast_of
+from slrl_sumo.studies.prediction.rollout_realism import realism_rows, recorded
 from slrl_sumo.studies.prediction.selector_rollouts import (
     POLICY_SELECTORS,
     SAMPLES,
@@ -62,10 +63,12 @@ def evaluate(
     `rows`: selector, type, step, ade_m (mean error over the steps so far), fde_m (error after this step), min_ade_m
     and min_fde_m (the same of the best of SAMPLES rollouts per road user; equal where there is one), n (road users
     behind it). A road user's steps count from its own entry. `bends`: the same at the last step, of road users in
-    bends. `reversing`: road users left out, in all rollouts together, because they are cars that reverse then.
-    `driving`: long rollouts of the prior over 64 steps (see slrl_sumo.studies.prediction.long_rollout).
-    `roadmap` is the ground, `surface` says where it comes from; with it there is `off_surface`: per selector and type
-    the share of steps that end off the own surface, also of what was recorded. Without it everything is road.
+    bends. `realism`: per selector and type the mean score, `groups` and `features` of road users that are simulated for
+    all steps (see slrl_sumo.metrics.realism), n. `reversing`: road users left out, in all rollouts together, because
+    they are cars that reverse then. `driving`: long rollouts of the prior over 64 steps (see
+    slrl_sumo.studies.prediction.long_rollout). `roadmap` is the ground, `surface` says where it comes from; with it
+    there is `off_surface`: per selector and type the share of steps that end off the own surface, also of what was
+    recorded. Without it everything is road.
     `selectors`: of selectors_of(bundle), which is the default. Types that the bundle has no models for are there as
     recorded; `notes` names them, and types at other speeds than the bundle was
     learned from.
@@ -90,6 +93,7 @@ def evaluate(
         starts = starts[present[np.searchsorted(present, starts)] <= starts + STEPS]
     parts: dict[str, list[Rollouts]] = {name: [] for name in selectors}
     ground = everywhere_road(recording.x, recording.y) if roadmap is None else roadmap
+    truth = recorded(recording, roadmap)
     drives: list[LongRollout] = []
     reversed_ = 0
     with one_thread():
@@ -98,7 +102,7 @@ def evaluate(
             cast = cast_of(recording, here, types=bundle.types)
             reversed_ += int(cast.reverses.sum())
             for name in selectors:
-                parts[name].append(selector_rollouts(recording, cast, here, name, bundle, ground, seed))
+                parts[name].append(selector_rollouts(truth, cast, here, name, bundle, ground, seed))
             if "prior" in selectors:
                 make = partial(_in_a_run, bundle, ground, here, seed)
                 drives.append(long_rollout(recording, here, make, bundle.types))
@@ -123,6 +127,7 @@ def evaluate(
         "rows": [row for name in selectors for row in _rows(name, parts[name])],
         "bends": [row for name in selectors for row in _bends(name, parts[name])],
         "off_surface": [] if roadmap is None else _off_surface(recording, parts, roadmap),
+        "realism": [row for name in selectors for row in _realism(name, parts[name])],
         "driving": long_rollout_figures("prior", drives, bundle) if drives else [],
     }
 
@@ -196,3 +201,8 @@ def _bends(name: str, parts: Sequence[Rollouts]) -> list[dict[str, Any]]:
     every = joined(parts)
     kinds = [kind for kind in range(len(TYPE_NAMES)) if (every.bend & (every.type == kind)).any()]
     return [_table(name, kind, STEPS, every, every.bend & (every.type == kind)) for kind in kinds]
+
+
+def _realism(name: str, parts: Sequence[Rollouts]) -> list[dict[str, Any]]:
+    every = joined(parts)
+    return realism_rows(name, every.type, every.realism)

@@ -12,6 +12,8 @@ from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.studies.prediction.plots import draw_errors
 
 COLUMNS = ("selector", "type", "step", "ade_m", "fde_m", "min_ade_m", "min_fde_m", "n")
+GROUPS = ("kinematic", "interactive", "map")
+"""Of features of the realism score."""
 
 
 def write_evaluation(result: dict[str, Any], folder: Path) -> None:
@@ -45,6 +47,16 @@ def print_evaluation(result: dict[str, Any]) -> None:
             print_table(table)
     for note in result["notes"]:
         print(f"note: {note}", file=sys.stderr)
+    if result["realism"]:
+        table = Table(title="realism: recorded motion among the simulated, 0 to 1", title_justify="left")
+        for heading in ("type", "selector"):
+            table.add_column(heading)
+        for heading in ("score", *GROUPS, "standing", "n"):
+            table.add_column(heading, justify="right")
+        for row in sorted(result["realism"], key=lambda row: str(row["type"])):
+            scores = (row["score"], *(row["groups"].get(group) for group in GROUPS), row["features"]["standing"])
+            table.add_row(row["type"], row["selector"], *(_cell(one, ".3f") for one in scores), str(row["n"]))
+        print_table(table)
     if result["driving"]:
         table = Table(title="long rollouts of the prior, 25.6 s", title_justify="left")
         table.add_column("type")

@@ -93,6 +93,9 @@ class Errors:
     """m to the true position after each interval since the road user's entry, (U, STEPS); 0 after `steps`."""
     off_surface: Integers
     """Intervals that ended off the own surface, (U,); 0 without a map."""
+    path: Floats
+    """x, y (m) and heading at the start and after each interval, (U, STEPS + 1, 3), also while it is there as recorded;
+    without meaning where it is not seen."""
 
 
 def cast_of(
@@ -140,10 +143,14 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | 
     )
     past = steady_past(np.zeros(users))
     errors, off_surface = np.zeros((users, steps)), np.zeros(users, np.int64)
-    for step in range(steps):
+    path = np.zeros((users, steps + 1, 3))
+    for step in range(steps + 1):
         seen = np.flatnonzero((cast.appears <= step) & (step <= cast.leaves))
         as_recorded = seen[step <= cast.enters[seen]]
         state[:, as_recorded] = recorded[:, cast.row[as_recorded] + step]
+        path[:, step] = state[:3].T
+        if step == steps:
+            break
         past[as_recorded] = recorded_past(recording, cast.row[as_recorded] + step)
         moving = (cast.enters[seen] <= step) & (step < cast.leaves[seen])
         world = _world(state[:, seen], kind[seen], length[seen], width[seen], moving)
@@ -161,7 +168,7 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | 
         errors[moved, step - cast.enters[moved]] = off
         if roadmap is not None:
             off_surface[moved] += ~OWN_SURFACE[kind[moved], roadmap.surface_at(then.x, then.y)]
-    return Errors(kind, np.maximum(cast.leaves - cast.enters, 0), errors, off_surface)
+    return Errors(kind, np.maximum(cast.leaves - cast.enters, 0), errors, off_surface, path)
 
 
 def _world(

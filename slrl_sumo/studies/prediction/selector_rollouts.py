@@ -17,9 +17,11 @@ from slrl_sumo.studies.prediction.predictors import (
     policy_chosen,
     prior_central,
     prior_ranked,
+    prior_sampled,
     step_oracle,
 )
 from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Errors, Move, rollout
+from slrl_sumo.studies.prediction.rollout_realism import Recorded, rollout_scores
 
 SELECTORS = ("constant-velocity", "prior", "step-oracle", "mode-oracle")
 POLICY_SELECTORS = ("greedy", "sampled")
@@ -51,6 +53,8 @@ class Rollouts:
     """m, the least of all samples' mean errors over the steps so far, (U, STEPS)."""
     off_surface: Integers
     """Intervals of the one prediction that ended off the own surface, (U,)."""
+    realism: Floats
+    """Scores of the distribution, (U, features) (see rollout_realism); of one prediction where there is no other."""
 
 
 def joined(parts: Sequence[Rollouts]) -> Rollouts:
@@ -60,62 +64,72 @@ def joined(parts: Sequence[Rollouts]) -> Rollouts:
 
 
 def selector_rollouts(
-    recording: Trajectories, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, ground: RoadMap, seed: int
+    truth: Recorded, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, ground: RoadMap, seed: int
 ) -> Rollouts:
     """Simulate the cast of the frames `starts` by the selector `name`, one of SELECTORS and POLICY_SELECTORS.
 
     The samples of the prior hold different modes, the most probable ones of the road user's first decision: 20 draws of
-    20 modes would hold about half of the modes. Samples of a policy choose anew in every decision, as in training; each
-    takes another twentieth of the distribution (`stratified`).
+    20 modes would hold about half of the modes. Its realism is that of draws as in a run. Samples of a policy choose
+    anew in every decision, as in training; each takes another twentieth of the distribution (`stratified`).
     """
+    recording = truth.recording
+    copies = _copies(cast, len(starts))
 
-    def many(make: Callable[[], Move]) -> Floats:
-        return rollout(recording, _copies(cast, len(starts)), make()).error.reshape(SAMPLES, len(cast), STEPS)
+    def many(make: Callable[[], Move]) -> tuple[Floats, Floats]:
+        """Errors (SAMPLES, U, STEPS) and paths (SAMPLES, U, STEPS + 1, 3)."""
+        found = rollout(recording, copies, make())
+        error, path = (values.reshape(SAMPLES, len(cast), *values.shape[1:]) for values in (found.error, found.path))
+        return error, path
 
     sample = np.repeat(np.arange(SAMPLES), len(cast))
     if name == "mode-oracle":
-        return _mode_oracle(recording, cast, bundle, ground)
-    if name == "constant-velocity":
-        one = rollout(recording, cast, constant_velocity, ground)
-        samples = one.error[None]
-    elif name == "step-oracle":
-        one = rollout(recording, cast, step_oracle(bundle, ground), ground)
-        samples = one.error[None]
-    elif name == "prior":
+        return _mode_oracle(truth, cast, bundle, ground)
+    if name == "prior":
         one = rollout(recording, cast, prior_central(bundle, ground), ground)
-        samples = many(partial(prior_ranked, bundle, ground, sample % bundle.config.modes))
-    elif name == "greedy":
-        one = rollout(recording, cast, policy_chosen(bundle, ground, None), ground)
-        samples = one.error[None]
-    else:
+        samples, _ = many(partial(prior_ranked, bundle, ground, sample % bundle.config.modes))
+        drawn = draws(cast, starts, seed, SAMPLES, STEPS).reshape(-1, STEPS, 2)
+        _, paths = many(partial(prior_sampled, bundle, ground, drawn))
+        return _rollouts(truth, cast, one, samples, paths)
+    if name == "sampled":
         # Draws have no central one: the one prediction is the first sample.
         first = draws(cast, starts, seed, 1, STEPS)[0, :, :, 0]
         one = rollout(recording, cast, policy_chosen(bundle, ground, first), ground)
         chosen = stratified(draws(cast, starts, seed, SAMPLES, STEPS)).reshape(-1, STEPS)
-        samples = many(partial(policy_chosen, bundle, ground, chosen))
-    return _rollouts(recording, cast, one, samples)
+        return _rollouts(truth, cast, one, *many(partial(policy_chosen, bundle, ground, chosen)))
+    alone: dict[str, Callable[[], Move]] = {
+        "constant-velocity": lambda: constant_velocity,
+        "step-oracle": lambda: step_oracle(bundle, ground),
+        "greedy": lambda: policy_chosen(bundle, ground, None),
+    }
+    one = rollout(recording, cast, alone[name](), ground)
+    return _rollouts(truth, cast, one, one.error[None], one.path[None])
 
 
-def _mode_oracle(recording: Trajectories, cast: Cast, bundle: ModelBundle, ground: RoadMap) -> Rollouts:
+def _mode_oracle(truth: Recorded, cast: Cast, bundle: ModelBundle, ground: RoadMap) -> Rollouts:
     """The rollouts of the one mode, held from the first decision to the last, whose mean error is the least."""
-    every = [rollout(recording, cast, held_mode(bundle, ground, mode), ground) for mode in range(bundle.config.modes)]
+    moves = [held_mode(bundle, ground, mode) for mode in range(bundle.config.modes)]
+    every = [rollout(truth.recording, cast, move, ground) for move in moves]
     samples = np.stack([one.error for one in every])
     best = so_far(samples)[:, np.arange(len(cast)), np.maximum(every[0].steps, 1) - 1].argmin(0)
     chosen = best, np.arange(len(cast))
-    one = replace(every[0], error=samples[chosen], off_surface=np.stack([other.off_surface for other in every])[chosen])
-    return _rollouts(recording, cast, one, samples)
+    off_surface, path = (
+        np.stack([getattr(other, what) for other in every])[chosen] for what in ("off_surface", "path")
+    )
+    one = replace(every[0], error=samples[chosen], off_surface=off_surface, path=path)
+    return _rollouts(truth, cast, one, samples, path[None])
 
 
-def _rollouts(recording: Trajectories, cast: Cast, one: Errors, samples: Floats) -> Rollouts:
+def _rollouts(truth: Recorded, cast: Cast, one: Errors, samples: Floats, paths: Floats) -> Rollouts:
     return Rollouts(
         type=one.type,
         row=cast.row + cast.enters,
         steps=one.steps,
-        bend=_bend(recording, cast, one),
+        bend=_bend(truth.recording, cast, one),
         error=one.error,
         best=samples.min(0),
         best_mean=so_far(samples).min(0),
         off_surface=one.off_surface,
+        realism=rollout_scores(truth, cast, paths),
     )
 
 

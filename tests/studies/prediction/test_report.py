@@ -24,6 +24,8 @@ def a_result() -> dict[str, object]:
     return {
         "recording": "made", "bundle": "b", "seed": 1, "starts": 3, "starts_every": 5, "samples": 20, "reversing": 2,
         "notes": [], "surface": "everything is road", "rows": rows, "bends": rows[-1:], "driving": [],
+        "realism": [{"selector": "prior", "type": "car", "score": 0.625, "n": 7, "groups": {"kinematic": 0.5},
+                     "features": {"speed": 0.25, "standing": 0.75}}],
         "off_surface": [{"selector": "recorded", "type": "car", "share": 0.125, "steps": 80}],
     }  # fmt: skip
 
@@ -41,6 +43,7 @@ def test_files_hold_the_contract(tmp_path: Path, capsys: pytest.CaptureFixture[s
     printed = capsys.readouterr().out
     assert "14.40" in printed  # the prior's error at the last step
     assert "everything is road" in printed
+    assert "0.625" in printed
     assert "12.5%" in printed
     assert "cars that reverse, 2 times" in printed
 
