@@ -169,7 +169,7 @@ def _figures(name: str, errors: Floats) -> Row:
 
 
 def print_rows(rows: dict[tuple[str, str], Row]) -> None:
-    """Markdown tables: errors relative to constant velocity of single predictions and of the best of 20, and realism."""
+    """Markdown tables: errors relative to constant velocity, of single predictions and the best of 20; realism."""
     columns = list(dict.fromkeys([*BASELINES, *PACKAGE]))
     for figure, title in (("single", "single prediction"), ("best", "best of 20"), ("realism", "realism")):
         there = [name for name in columns if any(f"{figure} of {name}" in row for row in rows.values())]

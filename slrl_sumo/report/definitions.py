@@ -62,9 +62,9 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "After the Waymo Open Sim Agents Challenge (Montali et al. 2023), from 0 to 1: how likely what a road user of "
         "the reference did in 6.4 s is among what the learned road users that began most alike did, over its "
         "likelihood among the reference's own. Kinematic: speed, standing, acceleration, yaw rate and its change. "
-        "Interactive: distance to the nearest box, overlaps, TTC. Map: distance to the edge of the own surface, and whether off it. "
-        "Weighted geometric means. It measures how similar two kinds of traffic are and is not comparable with the "
-        "challenge's scores.",
+        "Interactive: distance to the nearest box, overlaps, TTC. Map: distance to the edge of the own surface, and "
+        "whether off it. Weighted geometric means. It measures how similar two kinds of traffic are and is not "
+        "comparable with the challenge's scores.",
     ),
     "queue": (
         "queue",
