@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from slrl_sumo.agent import decide, driver
-from slrl_sumo.agent.selectors import PolicySelector
+from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.perception import observation
 from slrl_sumo.routing.routes import Routes
@@ -35,10 +35,9 @@ PIECES: dict[str, tuple[Any, str]] = {
     "  route context": (decide, "route_context"),
     "  observation": (decide, "observe"),
     "    images": (observation, "ego_images"),
-    "    features": (observation, "features"),
     "    route features": (observation, "route_features"),
     "  mode rollouts": (decide, "mode_rollouts"),
-    "  selector": (PolicySelector, "choose"),
+    "  selector": (RuleSelector, "choose"),
     "  motion": (driver, "advance"),
     "yielding": (Yielding, "apply"),
     "moves": (Population, "move"),
