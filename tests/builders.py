@@ -9,7 +9,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.models.bundle import BundleConfig, ModelBundle
+from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
 from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import STATES
@@ -172,8 +172,7 @@ def make_bundle(preset: str = "paper") -> ModelBundle:
         config=BundleConfig(preset=preset, features=STATES[preset], displacement_hidden=(8, 6), prior_hidden=(10, 8)),
         mode_centres=random.normal(0.0, 10.0, (3, 20, 2)),
         mode_counts=random.integers(1, 100, (3, 20)),
-        displacement=displacement.requires_grad_(False),
-        prior=prior.requires_grad_(False),
+        weights=weights_of(displacement, prior),
         training={"seed": 7, "types": {"car": {"windows": 12}}},
         card="# Model bundle `random`\n\nNo data was used for these weights, süß.\n",
     )

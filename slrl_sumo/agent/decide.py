@@ -17,7 +17,7 @@ from slrl_sumo.agent.constraints import Constraints, cap_speed, stand_still
 from slrl_sumo.agent.deadlock import DeadlockTimer, force_progress
 from slrl_sumo.agent.guard import guard
 from slrl_sumo.agent.path_smoothing import smooth_paths
-from slrl_sumo.agent.selectors import Mask, Modes, Selector
+from slrl_sumo.agent.selection import Mask, Modes, Selector
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle

@@ -11,7 +11,7 @@ from slrl_sumo.agent.decide import Agent, Changed, Situation, consider, decide
 from slrl_sumo.agent.lane_driver import LaneDriver
 from slrl_sumo.agent.path_smoothing import too_sharp
 from slrl_sumo.agent.rule_selector import RuleSelector
-from slrl_sumo.agent.selectors import Modes, PolicySelector, PriorSelector, Selector
+from slrl_sumo.agent.selection import Modes, Selector
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
@@ -33,6 +33,9 @@ SELECTORS = ("prior", "rule", "greedy", "sampled", "lane")
 """`prior`: the bundle's mode classifier; `rule`: the mode of the least cost, without learning; `greedy` and `sampled`:
 the most probable mode of its trained policy, or one sampled from it; `lane`: the baseline that follows lanes, without
 models."""
+
+TRAINED = ("greedy", "sampled")
+"""Those that need the bundle's trained policy."""
 
 GUARDED = "+guard"
 """Suffix of a selector's name in tables where it runs with the guard."""
@@ -206,11 +209,13 @@ def usual_selector(bundle: ModelBundle) -> str:
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:
     """The selector `prior`, `rule`, `greedy` or `sampled`. Raises InputError where the bundle has no trained policy."""
+    if name == "rule":
+        return RuleSelector()
+    from slrl_sumo.agent.selectors import PolicySelector, PriorSelector  # PyTorch takes its time
+
     uniform = np.random.default_rng(seed).random
     if name == "prior":
         return PriorSelector(bundle, uniform)
-    if name == "rule":
-        return RuleSelector()
     return PolicySelector(bundle, uniform if name == "sampled" else None)
 
 

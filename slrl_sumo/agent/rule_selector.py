@@ -5,9 +5,9 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 
 from slrl_sumo.agent.mode_cost import CostWeights, cost_on_route, cost_without_route
-from slrl_sumo.agent.selectors import Mask, Modes
+from slrl_sumo.agent.selection import Mask, Modes
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
-from slrl_sumo.models.displacement import SPEED
+from slrl_sumo.models.motion_models import SPEED
 from slrl_sumo.perception.observation import Observation
 
 SLOWEST = 0.5

@@ -13,7 +13,7 @@ from slrl_sumo.lookahead.off_surface import off_surface
 from slrl_sumo.lookahead.precedence import precedence
 from slrl_sumo.lookahead.route_fit import RouteFit, route_fit
 from slrl_sumo.lookahead.steering import steering_residual
-from slrl_sumo.models.bundle import ModelBundle, tensors
+from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import Capability
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.route_context import RouteContext
@@ -76,8 +76,7 @@ def mode_rollouts(
     a collision does not depend on how they turn in the next moment. `off_route` also gives `collision_off_route`.
     With `steering`, modes are corrected by lookahead.steering.
     """
-    motions = bundle.displacement.motion_all(*tensors(observation))
-    acceleration, yaw_rate = (motion.double().numpy() for motion in motions)
+    acceleration, yaw_rate = bundle.motions(observation)
     if scene.group is None:
         return _judged(bundle, scene, acceleration, yaw_rate, context, capability, off_route, steering)
     collision, outside, speed, turn = (np.empty_like(acceleration) for _ in range(4))

@@ -40,7 +40,10 @@ def off_surface(
 def _places(x: Floats, y: Floats, checked: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """The first `checked` (n,) of `x` and `y` (n, STEPS, modes), laid end to end."""
     modes, k = x.shape[2], 0
-    all_x, all_y = np.empty(checked.sum() * modes), np.empty(checked.sum() * modes)
+    many = 0
+    for steps in checked:
+        many += steps * modes
+    all_x, all_y = np.empty(many), np.empty(many)
     for i in range(len(checked)):
         for step in range(checked[i]):
             for mode in range(modes):
@@ -73,7 +76,9 @@ def _on_route(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats]:
     """For the places that are `outside`, of road users with a path: which place, which road user, and the point of its
     path after the same distance."""
-    most, last, modes = np.count_nonzero(outside), path_x.shape[1] - 1, distance.shape[2]
+    most, last, modes = 0, path_x.shape[1] - 1, distance.shape[2]
+    for one in outside:  # numba takes 1 s to compile np.count_nonzero
+        most += one
     place, user, x, y = np.empty(most, np.intp), np.empty(most, np.intp), np.empty(most), np.empty(most)
     k = found = 0
     for i in range(len(rows)):

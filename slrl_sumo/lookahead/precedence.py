@@ -56,5 +56,11 @@ def goes_first(ego: int, other: int, order: Precedence) -> bool:
 @compiled
 def _among(codes: NDArray[np.int64], code: int) -> bool:
     """Whether sorted `codes` contain `code`."""
-    place = np.searchsorted(codes, code)
-    return bool(place < len(codes) and codes[place] == code)
+    low, high = 0, len(codes)
+    while low < high:
+        middle = (low + high) // 2
+        if codes[middle] < code:
+            low = middle + 1
+        else:
+            high = middle
+    return bool(low < len(codes) and codes[low] == code)

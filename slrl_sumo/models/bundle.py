@@ -12,26 +12,34 @@ import json
 import os
 import tempfile
 from dataclasses import asdict, dataclass
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save
-from torch import Tensor
+from safetensors.numpy import load_file, save
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json, read_text
 from slrl_sumo.models.bundle_folder import NOTICE, check_replaceable, find_bundle
-from slrl_sumo.models.displacement import MODES, DisplacementModels
-from slrl_sumo.models.policy import Policy, read_policy, write_policy
-from slrl_sumo.models.prior import Prior
+from slrl_sumo.models.motion_models import MODES, MotionModels, Weights, motion_models, motions
 from slrl_sumo.perception.features import FEATURES, STATES
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+
+if TYPE_CHECKING:  # PyTorch takes longer to import than the rest of a start: only what needs it does so
+    from torch import Tensor
+
+    from slrl_sumo.models.displacement import DisplacementModels
+    from slrl_sumo.models.policy import Policy
+    from slrl_sumo.models.prior import Prior
+
+Network = TypeVar("Network", "DisplacementModels", "Prior")
+_Kind = tuple[tuple[int, ...], np.dtype[Any]]
 
 FORMAT_VERSION = 1
 BOUNDS = {
@@ -104,14 +112,14 @@ class ModelBundle:
     relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.goals)."""
     mode_counts: NDArray[np.int64]
     """(3, modes): windows of each type and mode in training; 0 for types that the bundle has no models for."""
-    displacement: DisplacementModels
-    prior: Prior
+    weights: Weights
+    """Of the displacement models and the prior, by the names in the file (see `weights_of`)."""
     training: dict[str, Any]
     """How it was made and what was measured, plain JSON values."""
     card: str
     """Text of the model card (Markdown)."""
-    policy: Policy | None = None
-    """The trained selector, if any."""
+    policy: "Policy | None" = None
+    """The trained selector, if there is one and it was read."""
     policy_training: dict[str, Any] | None = None
     """How that was trained, plain JSON values."""
 
@@ -124,21 +132,47 @@ class ModelBundle:
         """Names of those of `types` (3,) that it has no models for, for messages; empty where it has all."""
         return " and ".join(TYPE_NAMES[k] for k in np.flatnonzero(types & ~self.types))
 
-    @property
+    @cached_property
+    def models(self) -> MotionModels:
+        """The displacement models, for decisions."""
+        return motion_models(self.weights, "displacement.")
+
+    @cached_property
+    def displacement(self) -> "DisplacementModels":
+        """The displacement models in PyTorch, for training; on the same memory as `models`."""
+        from slrl_sumo.models.displacement import DisplacementModels
+
+        made = DisplacementModels(self.config.modes, self.config.displacement_hidden, len(self.config.features))
+        return _with_weights(made, self.weights, "displacement.")
+
+    @cached_property
+    def prior(self) -> "Prior":
+        """The prior in PyTorch."""
+        from slrl_sumo.models.prior import Prior
+
+        made = Prior(self.config.modes, self.config.prior_hidden, len(self.config.features))
+        return _with_weights(made, self.weights, "prior.")
+
+    @cached_property
     def max_speed(self) -> Floats:
         """Highest speed of each type, (3,) m/s."""
-        return self.displacement.max_speed.double().numpy()
+        return np.asarray(self.models.max_speed, np.float64)
 
-    @property
+    @cached_property
     def max_curvature(self) -> Floats:
         """Largest curvature of the turns of each type, (3,) 1/m."""
-        return self.displacement.max_curvature.double().numpy()
+        return np.asarray(self.models.max_curvature, np.float64)
+
+    def motions(self, observation: Observation) -> tuple[Floats, Floats]:
+        """Acceleration (m/s²) and yaw rate (rad/s), each (n, modes), of the observed road users in all modes."""
+        acceleration, yaw_rate = motions(self.models, observation.vector, observation.type.astype(np.int64))
+        return acceleration.astype(np.float64), yaw_rate.astype(np.float64)
 
     def motion(self, observation: Observation, modes: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Acceleration (m/s²) and yaw rate (rad/s), each (n,), of the observed road users in `modes` (n,)."""
-        with torch.inference_mode():
-            acceleration, yaw_rate = self.displacement.motion(*tensors(observation), torch.from_numpy(modes))
-            return acceleration.double().numpy(), yaw_rate.double().numpy()
+        acceleration, yaw_rate = self.motions(observation)
+        each = np.arange(len(modes))
+        return acceleration[each, modes], yaw_rate[each, modes]
 
     def save(self, folder: str | Path) -> None:
         """Write the bundle as `folder`, all of it or nothing, in place of a bundle that is there.
@@ -165,10 +199,7 @@ class ModelBundle:
             raise InputError(f"cannot write bundle {target}: {error.strerror}; name another folder") from error
 
     def _write(self, folder: Path) -> None:
-        state = {f"displacement.{k}": v for k, v in self.displacement.state_dict().items()}
-        state |= {f"prior.{k}": v for k, v in self.prior.state_dict().items()}
-        state["mode_centres"] = torch.from_numpy(self.mode_centres)
-        state["mode_counts"] = torch.from_numpy(self.mode_counts)
+        state = {**self.weights, "mode_centres": self.mode_centres, "mode_counts": self.mode_counts}
         config = {"name": self.name, **asdict(self.config)}
         (folder / "config.json").write_text(json.dumps(config, indent=2) + "\n", encoding="utf-8")
         (folder / "training.json").write_text(json.dumps(self.training, indent=2) + "\n", encoding="utf-8")
@@ -176,20 +207,39 @@ class ModelBundle:
         if self.training.get("notice"):
             (folder / NOTICE).write_text(str(self.training["notice"]).strip() + "\n", encoding="utf-8")
         # Not save_file: that makes a file which only its owner may read.
-        (folder / "weights.safetensors").write_bytes(save({k: v.contiguous() for k, v in state.items()}))
+        (folder / "weights.safetensors").write_bytes(save({k: np.ascontiguousarray(v) for k, v in state.items()}))
         if self.policy is not None:
+            from slrl_sumo.models.policy import write_policy
+
             write_policy(folder, self.policy, self.policy_training or {})
 
 
-def tensors(observation: Observation) -> tuple[Tensor, Tensor]:
-    """Vector (n, columns) float32 and type (n,) int64 of an observation, as the models take them."""
+def weights_of(displacement: "DisplacementModels", prior: "Prior") -> Weights:
+    """The weights of models in PyTorch for a bundle, on the same memory."""
+    named = (("displacement.", displacement), ("prior.", prior))
+    return {prefix + k: v.detach().numpy() for prefix, module in named for k, v in module.state_dict().items()}
+
+
+def _with_weights(made: Network, weights: Weights, prefix: str) -> Network:
+    import torch
+
+    mine = {k.removeprefix(prefix): torch.from_numpy(v) for k, v in weights.items() if k.startswith(prefix)}
+    made.load_state_dict(mine, assign=True)
+    return made.requires_grad_(False).eval()
+
+
+def tensors(observation: Observation) -> "tuple[Tensor, Tensor]":
+    """Vector (n, columns) float32 and type (n,) int64 of an observation, as networks in PyTorch take them."""
+    import torch
+
     return torch.from_numpy(observation.vector), torch.from_numpy(observation.type.astype(np.int64))
 
 
-def load_bundle(name_or_folder: str | Path) -> ModelBundle:
+def load_bundle(name_or_folder: str | Path, *, policy: bool = True) -> ModelBundle:
     """Read a bundle: one that comes with the package, by name, or a folder.
 
-    A string without a slash is searched among the shipped bundles first. Raises InputError where there is no such
+    A string without a slash is searched among the shipped bundles first. Without `policy` its trained selector is not
+    read, and PyTorch is not imported. Raises InputError where there is no such
     bundle, or where it is damaged, of another format version or for other features.
     """
     folder = find_bundle(name_or_folder)
@@ -197,22 +247,21 @@ def load_bundle(name_or_folder: str | Path) -> ModelBundle:
     bundle_name = values.pop("name", None)
     config = BundleConfig.read(values, folder)
     state = _read_weights(folder, config)
-    displacement = DisplacementModels(config.modes, config.displacement_hidden, len(config.features))
-    prior = Prior(config.modes, config.prior_hidden, len(config.features))
-    policy = read_policy(folder, config.modes)
-    displacement.load_state_dict({k.removeprefix("displacement."): v for k, v in state.items() if k[0] == "d"})
-    prior.load_state_dict({k.removeprefix("prior."): v for k, v in state.items() if k[0] == "p"})
+    trained = None
+    if policy:
+        from slrl_sumo.models.policy import read_policy
+
+        trained = read_policy(folder, config.modes)
     return ModelBundle(
         name=str(bundle_name),
         config=config,
-        mode_centres=state["mode_centres"].numpy(),
-        mode_counts=state["mode_counts"].numpy(),
-        displacement=displacement.requires_grad_(False).eval(),
-        prior=prior.requires_grad_(False).eval(),
+        mode_centres=state.pop("mode_centres"),
+        mode_counts=state.pop("mode_counts"),
+        weights=state,
         training=_read_json(folder / "training.json"),
         card=_read_card(folder / "MODEL_CARD.md"),
-        policy=policy[0] if policy else None,
-        policy_training=policy[1] if policy else None,
+        policy=trained[0] if trained else None,
+        policy_training=trained[1] if trained else None,
     )
 
 
@@ -235,31 +284,48 @@ def _read_json(file: Path) -> dict[str, Any]:
     return values
 
 
-def _read_weights(folder: Path, config: BundleConfig) -> dict[str, Tensor]:
+def _read_weights(folder: Path, config: BundleConfig) -> dict[str, NDArray[Any]]:
     """All tensors of the bundle, checked: the expected names, shapes and kinds, and finite and possible values."""
-    types = len(RoadUserType)
-    # On the meta device nothing is allocated: a configuration can ask for gigabytes that the file does not have.
-    with torch.device("meta"):
-        displacement = DisplacementModels(config.modes, config.displacement_hidden, len(config.features))
-        prior = Prior(config.modes, config.prior_hidden, len(config.features))
-    expected = {f"displacement.{k}": v for k, v in displacement.state_dict().items()}
-    expected |= {f"prior.{k}": v for k, v in prior.state_dict().items()}
-    expected["mode_centres"] = torch.zeros(types, config.modes, 2, dtype=torch.float64)
-    expected["mode_counts"] = torch.zeros(types, config.modes, dtype=torch.int64)
+    expected = _expected(config)
     damaged = f"bundle {folder}: weights.safetensors is damaged"
     try:
-        state: dict[str, Tensor] = load_file(folder / "weights.safetensors")
-    except (OSError, SafetensorError) as error:
+        state: dict[str, NDArray[Any]] = load_file(folder / "weights.safetensors")
+    except (OSError, SafetensorError, KeyError) as error:
         raise InputError(f"{damaged} ({error}); copy the bundle again") from error
     for key in sorted(set(expected) | set(state)):
         if key not in expected or key not in state:
             raise InputError(f"{damaged} ({key} {'missing' if key in expected else 'unknown'}); copy the bundle again")
         value, wanted = state[key], expected[key]
-        if value.shape != wanted.shape or value.dtype != wanted.dtype:
-            found, due = (f"{tuple(v.shape)} {v.dtype}" for v in (value, wanted))
+        if (value.shape, value.dtype) != wanted:
+            found, due = f"{value.shape} {value.dtype}", f"{wanted[0]} {wanted[1]}"
             raise InputError(f"{damaged} ({key} is {found} instead of {due}); copy the bundle again")
-        if not bool(torch.isfinite(value).all()):
+        if not np.isfinite(value).all():
             raise InputError(f"{damaged} ({key} is not finite); copy the bundle again")
-        if key in BOUNDS and float(value.abs().max()) > BOUNDS[key]:
+        if key in BOUNDS and float(np.abs(value).max()) > BOUNDS[key]:
             raise InputError(f"{damaged} ({key} is above {BOUNDS[key]:g}); copy the bundle again")
     return state
+
+
+def _expected(config: BundleConfig) -> dict[str, _Kind]:
+    """Shape and kind of each tensor of a bundle, by name; nothing is allocated: a configuration can ask for gigabytes
+    that the file does not have."""
+    types, inputs, single = len(RoadUserType), len(config.features), np.dtype(np.float32)
+    shapes: dict[str, tuple[int, ...]] = {}
+    for name, members, hidden, outputs in (
+        ("displacement", config.modes, config.displacement_hidden, 2),
+        ("prior", 1, config.prior_hidden, config.modes),
+    ):
+        for layer, (a, b) in enumerate(pairwise((inputs, *hidden, outputs))):
+            shapes[f"{name}.networks.weight.{layer}"] = types, members, a, b
+            shapes[f"{name}.networks.bias.{layer}"] = types, members, 1, b
+        shapes[f"{name}.networks.mean"] = shapes[f"{name}.networks.scale"] = types, inputs
+    for bounds in ("acceleration_bounds", "yaw_rate_bounds"):
+        shapes[f"displacement.{bounds}"] = types, 2
+    for limit in ("max_curvature", "max_speed"):
+        shapes[f"displacement.{limit}"] = (types,)
+    expected: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {
+        name: (shape, single) for name, shape in shapes.items()
+    }
+    expected["mode_centres"] = (types, config.modes, 2), np.dtype(np.float64)
+    expected["mode_counts"] = (types, config.modes), np.dtype(np.int64)
+    return expected

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import read_json
 
 SHIPPED = Path(__file__).parent.parent / "bundles"
 FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
@@ -32,6 +33,18 @@ def find_bundle(name_or_folder: str | Path) -> Path:
     if missing:
         raise InputError(f"bundle {folder}: {', '.join(missing)} missing; give a folder that `slrl-sumo fit` made")
     return folder
+
+
+def policy_preset(name_or_folder: str | Path) -> str | None:
+    """The observation that the trained selector of a bundle reads; None where the bundle has none. What is damaged is
+    "paper" as well: reading the selector says how."""
+    file = find_bundle(name_or_folder) / POLICY_FILES[0]
+    if not file.with_name(POLICY_FILES[1]).is_file() and not file.is_file():
+        return None
+    try:
+        return str(read_json(file).get("preset", "paper"))
+    except (OSError, ValueError, AttributeError):
+        return "paper"
 
 
 def check_replaceable(folder: Path) -> None:

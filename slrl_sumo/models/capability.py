@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.motion_models import motions
 from slrl_sumo.perception.features import FEATURES, PAST_SPEED
 from slrl_sumo.perception.past_motion import PAST
 from slrl_sumo.scene.advance import halting
@@ -73,14 +73,13 @@ def _motions(
     bundle: ModelBundle, kind: RoadUserType, speed: Floats, acceleration: Floats, others: int
 ) -> tuple[Floats, Floats]:
     """Accelerations (m/s²) and yaw rates (rad/s) of all modes, (speeds, modes), for road users of one type."""
-    vector = torch.zeros(len(speed), len(bundle.config.features))
-    vector[:, 0], vector[:, 1] = torch.from_numpy(speed), torch.from_numpy(acceleration)
+    vector = np.zeros((len(speed), len(bundle.config.features)), np.float32)
+    vector[:, 0], vector[:, 1] = speed, acceleration
     vector[:, FEATURES.index(kind.name.lower())] = 1.0
     vector[:, [FEATURES.index("vru_20"), FEATURES.index("other_20")]] = others
     if bundle.config.preset == "history":  # straight ahead until now
         for ago in range(PAST):
             before = np.maximum(speed - acceleration * (ago + 1) * DECISION_INTERVAL, 0.0)
-            vector[:, PAST_SPEED + ago] = torch.from_numpy(before)
-    with torch.inference_mode():
-        motions = bundle.displacement.motion_all(vector, torch.full((len(speed),), int(kind)))
-    return motions[0].double().numpy(), motions[1].double().numpy()
+            vector[:, PAST_SPEED + ago] = before
+    found = motions(bundle.models, vector, np.full(len(speed), int(kind)))
+    return found[0].astype(np.float64), found[1].astype(np.float64)

@@ -1,21 +1,14 @@
 """Displacement models: what a road user of one type and mode does in the next decision interval."""
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from slrl_sumo.models.motion_models import MODES, SPEED, motion_models, motions
 from slrl_sumo.models.stacked_networks import StackedNetworks
 from slrl_sumo.perception.features import FEATURES
-from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-MODES = 20
-"""Modes per road user type (paper, section 3.2)."""
-
-SPEED = FEATURES.index("speed")
-
-Singles = NDArray[np.float32]
+__all__ = ["MODES", "SPEED", "DisplacementModels", "displacement", "new_speed"]
 
 
 def new_speed(speed: Tensor, acceleration: Tensor, max_speed: Tensor) -> Tensor:
@@ -77,18 +70,8 @@ class DisplacementModels(nn.Module):
 
         For decisions, not for training: without gradients, on the processor.
         """
-        with torch.inference_mode():
-            raw = self.networks.forward_all(vector, kind).numpy()
-        acceleration, yaw_rate = _bounded_motion(
-            np.tanh(raw),
-            np.ascontiguousarray(vector[:, SPEED].numpy()),
-            kind.numpy(),
-            self.acceleration_bounds.numpy(),
-            self.yaw_rate_bounds.numpy(),
-            self.max_curvature.numpy(),
-            self.max_speed.numpy(),
-            DECISION_INTERVAL,
-        )
+        weights = {name: tensor.detach().numpy() for name, tensor in self.state_dict().items()}
+        acceleration, yaw_rate = motions(motion_models(weights), vector.numpy(), kind.numpy())
         return torch.from_numpy(acceleration), torch.from_numpy(yaw_rate)
 
     def _bounded(self, raw: Tensor, speed: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
@@ -106,30 +89,3 @@ def _within(raw: Tensor, bounds: Tensor) -> Tensor:
     """tanh of `raw` (n, m) scaled so that -1, 0 and 1 become the lowest bound, 0 and the highest; bounds (..., 2)."""
     unit = torch.tanh(raw)
     return torch.where(unit > 0, unit * bounds[..., 1], -unit * bounds[..., 0])
-
-
-@compiled
-def _bounded_motion(
-    unit: Singles,
-    speed: Singles,
-    kind: NDArray[np.int64],
-    acceleration_bounds: Singles,
-    yaw_rate_bounds: Singles,
-    max_curvature: Singles,
-    max_speed: Singles,
-    dt: float,
-) -> tuple[Singles, Singles]:
-    """What `_bounded` does, from -1 to 1 in `unit` (n, modes, 2) on, for all modes of road users at `speed` (n,)."""
-    n, modes, _ = unit.shape
-    acceleration, yaw_rate = np.empty((n, modes), np.float32), np.empty((n, modes), np.float32)
-    for i in range(n):
-        one = kind[i]
-        low, high = acceleration_bounds[one, 0], acceleration_bounds[one, 1]
-        right, left = yaw_rate_bounds[one, 0], yaw_rate_bounds[one, 1]
-        for mode in range(modes):
-            up, turn = unit[i, mode, 0], unit[i, mode, 1]
-            felt = up * high if up > 0.0 else -up * low
-            most = max_curvature[one] * min(max(speed[i] + felt * dt, 0.0), max_speed[one])
-            acceleration[i, mode] = felt
-            yaw_rate[i, mode] = turn * min(left, most) if turn > 0.0 else -turn * max(right, -most)
-    return acceleration, yaw_rate

@@ -6,11 +6,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from slrl_sumo.models.motion_models import LIMIT
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.scene.types import RoadUserType
-
-LIMIT = 5.0
-"""Standard deviations beyond which an input counts as this far out: the networks know nothing farther away."""
 
 
 class StackedNetworks(nn.Module):

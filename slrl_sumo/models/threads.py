@@ -1,14 +1,20 @@
 """How many threads torch computes with."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-
-import torch
 
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch computes in one thread meanwhile: the models are so small that more threads only wait for each other."""
+    """Torch computes in one thread meanwhile: the models are so small that more threads only wait for each other.
+
+    Where torch is not imported, it stays so.
+    """
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

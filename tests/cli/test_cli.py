@@ -62,6 +62,18 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
+def test_a_run_by_rule_imports_no_torch() -> None:
+    program = (
+        "import sys\n"
+        "from slrl_sumo.simulation.run import run\n"
+        "from slrl_sumo.simulation.settings import RunSettings\n"
+        "for event in run(RunSettings(scenario='intersection', agents=4, steps=2)): pass\n"
+        "print('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout.strip()) == (0, "False"), done.stderr
+
+
 def test_help_names_the_commands_and_version_is_the_packages(cli: Cli) -> None:
     import slrl_sumo
 

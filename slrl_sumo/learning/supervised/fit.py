@@ -22,7 +22,7 @@ from slrl_sumo.learning.supervised.network_training import (
     train_prior,
 )
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
-from slrl_sumo.models.bundle import BundleConfig, ModelBundle
+from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.models.stacked_networks import StackedNetworks
@@ -183,8 +183,7 @@ def _fit(
         config=config,
         mode_centres=centres,
         mode_counts=counts,
-        displacement=models.requires_grad_(False).eval(),
-        prior=prior.requires_grad_(False).eval(),
+        weights=weights_of(models, prior),
         training=training,
         card=model_card(name, training),
     )

@@ -31,8 +31,7 @@ def step_oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
 
     def move(moment: Moment) -> Motion:
         observation = _observed(bundle, moment, ground)
-        motions = bundle.displacement.motion_all(*tensors(observation))
-        acceleration, yaw_rate = (z.double().numpy() for z in motions)
+        acceleration, yaw_rate = bundle.motions(observation)
         top = bundle.max_speed[observation.type]
         world, rows = moment.world, moment.rows
         # As `advance` moves them.
