@@ -15,7 +15,7 @@ from torch.nn.functional import cross_entropy
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.learning.supervised.goals import HORIZONS, modes_of, trained_ranges
-from slrl_sumo.learning.supervised.network_training import nearest_modes
+from slrl_sumo.learning.supervised.network_training import mode_errors
 from slrl_sumo.learning.supervised.windows import FUTURE, windows
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, policy_logits
@@ -62,7 +62,7 @@ def demonstrations(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundl
     every = windows([recording], stride, bundle.config.preset, max(horizon, FUTURE))
     every = every.take(bundle.types[every.type])
     if modes_by == "paths":
-        mode = nearest_modes(bundle.displacement, every, horizon)
+        mode = mode_errors(bundle.displacement, every, horizon).argmin(-1)
     else:
         mode = modes_of(every, modes_by, bundle.mode_centres, trained_ranges(bundle.training))
     image = np.zeros((len(every), EGO_ROWS, EGO_COLS, 3), np.uint8)

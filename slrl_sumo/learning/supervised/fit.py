@@ -16,7 +16,8 @@ from slrl_sumo.learning.supervised.model_card import model_card
 from slrl_sumo.learning.supervised.modes import cluster
 from slrl_sumo.learning.supervised.network_training import (
     HEADING,
-    nearest_modes,
+    mode_errors,
+    responsibilities,
     rolled,
     train_displacement,
     train_prior,
@@ -141,10 +142,13 @@ def _fit(
         _set_normalisation(networks, train, types)
         if preset != "paper":  # `turned` makes it noise
             networks.scale[:, HEADING] = 0.0
+    company = [column for column, name in enumerate(STATES[preset]) if name.startswith(COMPANY)]
+    if modes == "paths":
+        # Numbers and places of others tell recordings apart, and what is learned from them holds there only.
+        models.networks.scale[:, company] = prior.networks.scale[:, company] = 0.0
     if modes == "accelerations":
         # What such a mode does must not depend on company: in a queue the hardest mode braked at 2.3 instead of 4 m/s²,
         # because recorded cars brake less hard there, and cars that came to its end at 16 m/s could not stop.
-        company = [column for column, name in enumerate(STATES[preset]) if name.startswith(COMPANY)]
         models.networks.scale[:, company] = 0.0
     generator = torch.Generator().manual_seed(seed)
     mode = train_displacement(
@@ -152,7 +156,9 @@ def _fit(
     )
     if modes == "paths":
         centres, counts = _of_modes(goal, train.type, mode, centres)
-    train_prior(prior, train, mode, epochs, generator)
+    # Of modes side by side several predict a path nearly as well; which one is the best says little.
+    likely = responsibilities(mode_errors(models, train, horizon), train.type) if modes == "paths" else mode
+    train_prior(prior, train, likely, epochs, generator)
 
     training: dict[str, Any] = {
         "recordings": [{"source": r.source, "licence": r.licence, "tracks": len(r.ids)} for r in recordings],
@@ -285,7 +291,7 @@ def _measured(
     test, train = every.take(held_out & mine), every.take(~held_out & mine)
     by_path = modes == "paths"
     true = torch.from_numpy(
-        nearest_modes(models, test, HORIZONS[modes]) if by_path else modes_of(test, modes, centres, known)
+        mode_errors(models, test, HORIZONS[modes]).argmin(-1) if by_path else modes_of(test, modes, centres, known)
     )
     vector, kind = torch.from_numpy(test.vector), torch.from_numpy(test.type)
     target = torch.from_numpy(test.displacement).float()

@@ -14,6 +14,7 @@ from slrl_sumo.learning.supervised.windows import FUTURE, Windows
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, new_speed
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES, NEAR_FIRST, PAST_SPEED, PAST_YAW_RATE, YAW_RATE
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 LEARNING_RATE = 3e-3
@@ -134,22 +135,32 @@ def train_displacement(
     some = _some(train.type * models.networks.members + mode, np.random.default_rng(0))
     part = train.take(some)
     _train_paths(models, part, mode[some], epochs, "winners", generator, forget, horizon, True, shared)
-    return nearest_modes(models, train, horizon)
+    return np.asarray(mode_errors(models, train, horizon).argmin(-1), np.int64)
 
 
 @torch.inference_mode()
-def nearest_modes(models: DisplacementModels, every: Windows, horizon: int) -> Longs:
-    """The mode of each window, (N,), whose rollout over `horizon` intervals has the least mean error."""
+def mode_errors(models: DisplacementModels, every: Windows, horizon: int) -> Floats:
+    """Mean error of each mode's rollout over `horizon` intervals, m, (N, modes)."""
     modes = torch.arange(models.networks.members)
-    result = np.zeros(len(every), np.int64)
+    result = np.zeros((len(every), len(modes)))
     for t in RoadUserType:
         for rows in np.array_split(mine := np.flatnonzero(every.type == t), -(-len(mine) // AT_ONCE) or 1):
             if len(rows):
                 vector = torch.from_numpy(every.vector[rows]).expand(len(modes), -1, -1)
                 path = rolled(models, vector, torch.full_like(modes, int(t)), modes, horizon)[0]
                 target = torch.from_numpy(every.path[rows, :horizon]).float()
-                result[rows] = (path - target).norm(dim=-1).mean(-1).argmin(0).numpy()
+                result[rows] = (path - target).norm(dim=-1).mean(-1).T.numpy()
     return result
+
+
+def responsibilities(errors: Floats, kind: Longs) -> Floats:
+    """How likely each mode was that of a window, (N, modes), by its error (N, modes) in the unit of the type `kind`
+    (N,): the mean error of the best mode."""
+    unit = np.ones(len(errors))
+    for t in np.unique(kind):
+        unit[kind == t] = max(errors[kind == t].min(-1).mean(), 1e-6)
+    likely = np.exp((errors.min(-1, keepdims=True) - errors) / unit[:, None])
+    return np.asarray(likely / likely.sum(-1, keepdims=True), np.float64)
 
 
 def rolled(
@@ -227,7 +238,7 @@ def _train_paths(
     optimizer = torch.optim.Adam(models.parameters())
     for epoch in _epochs(epochs, what, optimizer):
         if winner_takes_all and epoch % ASSIGN_EVERY == 0:
-            mode = nearest_modes(models, train, horizon)
+            mode = mode_errors(models, train, horizon).argmin(-1)
             group, chosen = train.type * models.networks.members + mode, torch.from_numpy(mode)
         some = _some(group, random)
         for rows in _batches(group[some], 64, 120, random):
@@ -265,13 +276,16 @@ def _huber(error: Tensor) -> Tensor:
     return functional.smooth_l1_loss(error, torch.zeros_like(error))
 
 
-def train_prior(prior: Prior, train: Windows, mode: Longs, epochs: int, generator: torch.Generator) -> None:
-    """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,).
+def train_prior(prior: Prior, train: Windows, mode: Longs | Floats, epochs: int, generator: torch.Generator) -> None:
+    """Train the mode classifiers of all types at once, with cross-entropy against the modes (N,), or their
+    probabilities (N, modes).
 
     The weights have a Gaussian prior (PRIOR_PENALTY), which regularises types with few windows more strongly.
     """
     prior.networks.initialise(generator)
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
+    if chosen.dim() > 1:
+        chosen = chosen.float()
     random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
     optimizer = torch.optim.Adam(prior.parameters())
     for _ in _epochs(epochs, "prior", optimizer):
@@ -279,7 +293,7 @@ def train_prior(prior: Prior, train: Windows, mode: Longs, epochs: int, generato
             t = kind[rows[:, 0]]
             logits = prior.networks(turned(vector[rows], generator), t, torch.zeros_like(t))
             size = torch.stack([weight.square().sum() for weight in prior.networks.weight]).sum()
-            error = functional.cross_entropy(logits.flatten(0, 1), chosen[rows].flatten())
+            error = functional.cross_entropy(logits.flatten(0, 1), chosen[rows].flatten(0, 1))
             error = error + PRIOR_PENALTY / len(train) * size
             optimizer.zero_grad()
             torch.autograd.backward(error)

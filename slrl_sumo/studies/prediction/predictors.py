@@ -61,21 +61,29 @@ def held_mode(bundle: ModelBundle, ground: RoadMap, mode: int) -> Move:
     return move
 
 
-def prior_ranked(bundle: ModelBundle, ground: RoadMap, rank: NDArray[np.int64]) -> Move:
+class PriorRanked:
     """Each road user holds the mode that has the rank `rank` (U,), by member of the cast, in the prior's probabilities
     of its first decision; 0 is the most probable one."""
-    held = np.full(len(rank), -1)
 
-    def move(moment: Moment) -> Motion:
-        observation, users = _observed(bundle, moment, ground), moment.users
-        new = np.flatnonzero(held[users] < 0)
-        vector, kind = (values[new] for values in tensors(observation))
+    def __init__(self, bundle: ModelBundle, ground: RoadMap, rank: NDArray[np.int64]) -> None:
+        self._bundle, self._ground, self._rank = bundle, ground, rank
+        self._held = np.full(len(rank), -1)
+        self.probability = np.ones(len(rank))
+        """Of the held modes, (U,); 1 for road users that were never moved."""
+
+    def __call__(self, moment: Moment) -> Motion:
+        """Hold the modes (see Move)."""
+        observation, users = _observed(self._bundle, moment, self._ground), moment.users
+        rows = np.flatnonzero(self._held[users] < 0)
+        new = users[rows]
+        vector, kind = (values[rows] for values in tensors(observation))
         with torch.inference_mode():
-            order = bundle.prior.logits(vector, kind).argsort(stable=True, descending=True).numpy()
-        held[users[new]] = order[np.arange(len(new)), rank[users[new]]]
-        return *bundle.motion(observation, held[users]), bundle.max_speed[observation.type]
-
-    return move
+            probability = torch.softmax(self._bundle.prior.logits(vector, kind).double(), -1)
+            sorted_, order = probability.sort(stable=True, descending=True)
+        chosen = np.arange(len(new)), self._rank[new]
+        self._held[new], self.probability[new] = order.numpy()[chosen], sorted_.numpy()[chosen]
+        held = self._held[users]
+        return *self._bundle.motion(observation, held), self._bundle.max_speed[observation.type]
 
 
 def prior_sampled(bundle: ModelBundle, ground: RoadMap, draws: Floats) -> Move:

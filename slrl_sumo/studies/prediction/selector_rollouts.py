@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.studies.prediction.central_path import central_path
 from slrl_sumo.studies.prediction.predictors import (
+    PriorRanked,
     constant_velocity,
     held_mode,
     policy_chosen,
     prior_central,
-    prior_ranked,
     prior_sampled,
     step_oracle,
 )
@@ -69,8 +71,10 @@ def selector_rollouts(
     """Simulate the cast of the frames `starts` by the selector `name`, one of SELECTORS and POLICY_SELECTORS.
 
     The samples of the prior hold different modes, the most probable ones of the road user's first decision: 20 draws of
-    20 modes would hold about half of the modes. Its realism is that of draws as in a run. Samples of a policy choose
-    anew in every decision, as in training; each takes another twentieth of the distribution (`stratified`).
+    20 modes would hold about half of the modes. Its one prediction is the most central mode at each step; where modes
+    are whole paths (`fit --modes paths`), which are not chosen anew at each step, the most central path of the samples.
+    Its realism is that of draws as in a run. Samples of a policy choose anew in every decision, as in training; each
+    takes another twentieth of the distribution (`stratified`).
     """
     recording = truth.recording
     copies = _copies(cast, len(starts))
@@ -85,8 +89,12 @@ def selector_rollouts(
     if name == "mode-oracle":
         return _mode_oracle(truth, cast, bundle, ground)
     if name == "prior":
-        one = rollout(recording, cast, prior_central(bundle, ground), ground)
-        samples, _ = many(partial(prior_ranked, bundle, ground, sample % bundle.config.modes))
+        ranked = PriorRanked(bundle, ground, sample % bundle.config.modes)
+        samples, held = many(lambda: ranked)
+        if bundle.training.get("modes_by") == "paths":
+            one = _central(recording, cast, held, ranked.probability.reshape(SAMPLES, -1), ground)
+        else:
+            one = rollout(recording, cast, prior_central(bundle, ground), ground)
         drawn = draws(cast, starts, seed, SAMPLES, STEPS).reshape(-1, STEPS, 2)
         _, paths = many(partial(prior_sampled, bundle, ground, drawn))
         return _rollouts(truth, cast, one, samples, paths)
@@ -117,6 +125,21 @@ def _mode_oracle(truth: Recorded, cast: Cast, bundle: ModelBundle, ground: RoadM
     )
     one = replace(every[0], error=samples[chosen], off_surface=off_surface, path=path)
     return _rollouts(truth, cast, one, samples, path[None])
+
+
+def _central(recording: Trajectories, cast: Cast, paths: Floats, probability: Floats, ground: RoadMap) -> Errors:
+    """The central path of rollouts `paths` (S, U, STEPS + 1, 3) with `probability` (S, U)."""
+    path = paths[0].copy()
+    path[..., :2] = central_path(paths[..., :2], probability)
+    steps = np.maximum(cast.leaves - cast.enters, 0)
+    user, step = np.nonzero(np.arange(STEPS) < steps[:, None])
+    after = cast.enters[user] + step + 1
+    row, (x, y) = cast.row[user] + after, path[user, after, :2].T
+    error, off_surface = np.zeros((len(cast), STEPS)), np.zeros(len(cast), np.int64)
+    error[user, step] = np.hypot(x - recording.x[row], y - recording.y[row])
+    kind = recording.type[cast.track]
+    np.add.at(off_surface, user, ~OWN_SURFACE[kind[user], ground.surface_at(x, y)])
+    return Errors(kind, steps, error, off_surface, path)
 
 
 def _rollouts(truth: Recorded, cast: Cast, one: Errors, samples: Floats, paths: Floats) -> Rollouts:

@@ -8,7 +8,7 @@ from builders import make_bundle, make_recording
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.learning.supervised.fit import fit
-from slrl_sumo.learning.supervised.network_training import HEADING, nearest_modes, rolled
+from slrl_sumo.learning.supervised.network_training import HEADING, mode_errors, responsibilities, rolled
 from slrl_sumo.learning.supervised.windows import mirrored, windows
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.features import PAST_SPEED, PAST_YAW_RATE, STATES, YAW_RATE
@@ -66,7 +66,7 @@ def test_each_mode_learns_what_it_predicts_best(walkers: Trajectories, learned: 
     record = learned.training
     assert (record["modes_by"], learned.config.preset) == ("paths", "history")
     every = windows([walkers], 1, "history", STEPS)
-    mode = nearest_modes(learned.displacement, every, STEPS)
+    mode = mode_errors(learned.displacement, every, STEPS).argmin(-1)
     assert len(np.unique(mode)) > 5
     clusters = fit([walkers], name="clusters", seed=1, epochs=6)
 
@@ -80,6 +80,25 @@ def test_each_mode_learns_what_it_predicts_best(walkers: Trajectories, learned: 
 
     with torch.inference_mode():
         assert best(learned) < best(clusters)
+
+
+def test_modes_that_predict_a_path_nearly_as_well_share_it() -> None:
+    errors = np.array([[1.0, 1.0, 3.0], [3.0, 5.0, 3.0], [0.5, 0.1, 0.1]])
+    found = responsibilities(errors, np.array([0, 0, 2]))
+    likely = np.exp([0.0, 0.0, -1.0])  # in units of 2 m, the mean of the best of the first two
+    assert found[0] == pytest.approx(likely / likely.sum())
+    assert found[1] == pytest.approx(np.exp([0.0, -1.0, 0.0]) / (2.0 + np.exp(-1.0)))
+    assert found[2] == pytest.approx(np.exp([-4.0, 0.0, 0.0]) / (2.0 + np.exp(-4.0)))
+
+
+def test_paths_do_not_depend_on_company(learned: ModelBundle) -> None:
+    # What a few recordings tell of company holds there only.
+    names = STATES["history"]
+    company = [k for k, name in enumerate(names) if name.startswith(("vru_", "other_", "near_"))]
+    own = [k for k, name in enumerate(names) if name.startswith(("speed", "yaw_rate"))]
+    for networks in (learned.prior.networks, learned.displacement.networks):
+        assert (networks.scale[2, company] == 0.0).all()
+        assert (networks.scale[2, own] > 0.0).all()
 
 
 def test_a_bundle_that_reads_the_past_is_saved_and_read(

@@ -18,10 +18,10 @@ from slrl_sumo.perception.observation import Observation
 from slrl_sumo.studies.prediction.evaluate import evaluate
 from slrl_sumo.studies.prediction.long_rollout import long_rollout
 from slrl_sumo.studies.prediction.predictors import (
+    PriorRanked,
     constant_velocity,
     held_mode,
     policy_chosen,
-    prior_ranked,
     prior_sampled,
     step_oracle,
 )
@@ -169,7 +169,7 @@ def test_samples_of_the_prior_hold_different_modes_and_include_the_best_one(bund
     cast = cast_of(made, np.arange(2, 12))
     held = np.stack([rollout(made, cast, held_mode(bundle, NOWHERE, mode)).error for mode in range(20)])
     ranked = np.stack(
-        [rollout(made, cast, prior_ranked(bundle, NOWHERE, np.full(len(cast), rank))).error for rank in range(20)]
+        [rollout(made, cast, PriorRanked(bundle, NOWHERE, np.full(len(cast), rank))).error for rank in range(20)]
     )
     assert (np.abs(np.sort(held, 0) - np.sort(ranked, 0)) < 1e-3).all()  # every mode, each once
     rows = {(row["selector"], row["type"]): row for row in evaluate(made, bundle)["rows"] if row["step"] == STEPS}
@@ -228,7 +228,7 @@ def test_the_best_of_all_samples_is_kept_for_each_road_user(
 
         return move
 
-    monkeypatch.setattr("slrl_sumo.studies.prediction.selector_rollouts.prior_ranked", made_up)
+    monkeypatch.setattr("slrl_sumo.studies.prediction.selector_rollouts.PriorRanked", made_up)
     rows = evaluate(made, bundle, selectors=["prior"], starts_every=5)["rows"]
     assert max(row["min_ade_m"] for row in rows) < 1e-9
     assert max(row["min_fde_m"] for row in rows) < 1e-9
