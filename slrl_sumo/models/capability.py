@@ -56,9 +56,13 @@ def _stopping(bundle: ModelBundle, kind: RoadUserType) -> Floats:
     speed, past = STOPPING.copy(), np.zeros(len(STOPPING))
     distance = np.zeros(len(STOPPING))
     for _ in range(MAX_DECISIONS):
-        hardest = np.median(
-            [_motions(bundle, kind, speed, past, others)[0].min(axis=1) for others in NEIGHBOURS], axis=0
-        )
+        # Those that stand are all alike; the first one stands from the beginning.
+        still = (speed == 0.0) & (past == 0.0)
+        going = np.flatnonzero(~still | (np.arange(len(still)) == still.argmax()))
+        each = [_motions(bundle, kind, speed[going], past[going], others)[0].min(axis=1) for others in NEIGHBOURS]
+        hardest = np.empty(len(speed))
+        hardest[going] = np.median(each, axis=0)
+        hardest[still] = hardest[still.argmax()]
         hardest = halting(speed, hardest, DECISION_INTERVAL)
         after = np.maximum(speed + hardest * DECISION_INTERVAL, 0.0)
         past, speed = (after - speed) / DECISION_INTERVAL, after

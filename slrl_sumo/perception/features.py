@@ -115,7 +115,8 @@ def _table(
     """`own`: speed, acceleration and heading of `rows`, (len(rows), 3); `order`: all road users by scene, then by x."""
     table = np.zeros((len(rows), 2 + 3 + 1 + 2 * len(RADII)), np.float32)
     place = np.empty(len(order), np.intp)
-    place[order] = np.arange(len(order))
+    for k in range(len(order)):  # not place[order]: see scene.compiled
+        place[order[k]] = k
     for i in range(len(rows)):
         ego = rows[i]
         table[i, 0], table[i, 1], table[i, 5] = own[i, 0], own[i, 1], own[i, 2]
@@ -148,7 +149,8 @@ def _nearest(
     """Columns of the NEAREST road users within NEAR of each of `rows`, (len(rows), 4 * NEAREST); `order` as above."""
     table = np.zeros((len(rows), 4 * NEAREST))
     place = np.empty(len(order), np.intp)
-    place[order] = np.arange(len(order))
+    for k in range(len(order)):
+        place[order[k]] = k
     for i in range(len(rows)):
         ego = rows[i]
         at = np.full(NEAREST, NEAR)

@@ -18,6 +18,7 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _KERNELS: list[Any] = []
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _LANGUAGE = f"py{sys.version_info.major}{sys.version_info.minor}{getattr(sys, 'abiflags', '')}"
 
 
@@ -27,10 +28,13 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     It may call compiled functions of any module and use their constants: numbers, arrays, tuples and enumerations are
     constants of the machine code. Arguments may be NamedTuples of arrays. The cache, next to the module or in the
     user's cache folder, is valid for one `fingerprint`: whatever the machine code is made of. Divisions by zero give
-    inf or nan as in numpy. There are no bounds checks, so indices must be right: NUMBA_BOUNDSCHECK=1 adds them. With
-    NUMBA_DISABLE_JIT=1 the function runs as Python, for debugging.
+    inf or nan as in numpy. Other threads run meanwhile. There are no bounds checks, so indices must be right:
+    NUMBA_BOUNDSCHECK=1 adds them. With NUMBA_DISABLE_JIT=1 the function runs as Python, for debugging.
+
+    Plain loops compile fastest: for `a[i] = b` and `a[rows] = b` with arrays, and for np.count_nonzero, numba also
+    compiles the messages on wrong shapes and axes, which takes 1 to 5 s.
     """
-    kernel: Any = numba.njit(error_model="numpy")(function)
+    kernel: Any = numba.njit(**_OPTIONS)(function)
     if kernel is not function:  # not NUMBA_DISABLE_JIT
         with suppress(RuntimeError):  # neither the package nor the user has a writable folder
             kernel._cache = _Cache(function)
@@ -45,7 +49,7 @@ def fingerprint(function: FunctionType) -> str:
 
     Comments, docstrings and line numbers do not count. TypeError for modules other than numpy and math.
     """
-    parts: list[object] = [numba.config.BOUNDSCHECK]  # type: ignore[attr-defined]
+    parts: list[object] = [numba.config.BOUNDSCHECK, _OPTIONS]  # type: ignore[attr-defined]
     _add_function(function, parts, set())
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 

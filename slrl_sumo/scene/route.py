@@ -206,8 +206,10 @@ def _beside(
         middle_x, middle_y = xs[POINTS // 2], ys[POINTS // 2]
         within, longest = WITHIN * spacing[row], LONGEST * spacing[row]
         smooth = _smooth(xs, ys, longest)
+        x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
         for k in range(FEW):
             few_x[k], few_y[k] = xs[k * APART], ys[k * APART]
+            x0, x1, y0, y1 = min(x0, few_x[k]), max(x1, few_x[k]), min(y0, few_y[k]), max(y1, few_y[k])
         for j in range(begin[i], len(x)):
             px, py, one = x[j], y[j], order[j]
             if px - middle_x > within:
@@ -218,6 +220,8 @@ def _beside(
             if smooth:
                 # Largest distance from a point: outside a turn, beyond the end of the path, plus half the stride.
                 gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * longest
+                if px < x0 - far or px > x1 + far or py < y0 - far or py > y1 + far:
+                    continue  # outside of the box around these points
                 for k in range(FEW):
                     dx, dy = px - few_x[k], py - few_y[k]
                     gap = min(gap, dx * dx + dy * dy)
