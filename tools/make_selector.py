@@ -7,7 +7,7 @@
 
 The first two know their routes (preset `extended`). The bundle's models (tools/make_*_bundle.py) stay as they are.
 Settings: tools/selectors/. Checkpoints and logs lie in --work; --resume goes on from there. `intersection` takes a
-quarter of an hour on 16 cores, and half an hour more on two; the others ten minutes each on two free cores.
+quarter of an hour on 16 cores; the others ten minutes each on two free cores.
 """
 
 import argparse
@@ -23,25 +23,19 @@ from slrl_sumo.models.bundle import load_bundle
 
 
 @dataclass(frozen=True)
-class Part:
-    """A part of a recipe: one training. Its settings: tools/selectors/SETTINGS.toml."""
+class Recipe:
+    """How a selector is trained; its settings are in tools/selectors/NAME.toml."""
 
-    settings: str
     families: str
     steps: int
     workers: int = 2
 
 
-EVERYWHERE = "town,town,random,roundabout,shared-space,motorway"
 RECIPES = {
-    # The second part goes on from the selector of the first one.
-    "intersection": (
-        Part("intersection", EVERYWHERE, 24_000_000, 32),
-        Part("intersection-refined", EVERYWHERE, 4_000_000, 4),
-    ),
-    "shared-space": (Part("shared-space", "shared-space", 1_000_000),),
-    "intersection-paper": (Part("intersection-paper", "intersection,random", 1_500_000),),
-    "shared-space-paper": (Part("shared-space-paper", "shared-space", 1_500_000),),
+    "intersection": Recipe("town,town,random,roundabout,intersection,shared-space,motorway", 20_000_000, 32),
+    "shared-space": Recipe("shared-space", 1_000_000),
+    "intersection-paper": Recipe("intersection,random", 1_500_000),
+    "shared-space-paper": Recipe("shared-space", 1_500_000),
 }
 
 
@@ -64,25 +58,20 @@ def main() -> None:
                 parser.error("shared-space-paper imitates HC D1: give --hc PATH/TO/hc")
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
-        bundle = name
-        for number, part in enumerate(RECIPES[name]):
-            out = arguments.work / part.settings
-            settings = read_settings(Path(__file__).parent / "selectors" / f"{part.settings}.toml")
-            request = TrainRequest(
-                part.families,
-                bundle,
-                out,
-                arguments.steps or part.steps,
-                workers=part.workers,
-                seed=arguments.seed,
-                recordings=recordings,
-                goes_on=number > 0,
-            )
-            finished = arguments.resume and (out / "selector.json").exists()
-            if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
-                raise SystemExit(code)
-            bundle = str(out)
-    made = load_bundle(bundle)
+        recipe, out = RECIPES[name], arguments.work / name
+        settings = read_settings(Path(__file__).parent / "selectors" / f"{name}.toml")
+        request = TrainRequest(
+            recipe.families,
+            name,
+            out,
+            arguments.steps or recipe.steps,
+            workers=recipe.workers,
+            seed=arguments.seed,
+            recordings=recordings,
+        )
+        if code := train_with_progress(request, settings, resume=arguments.resume):
+            raise SystemExit(code)
+    made = load_bundle(str(out))
     replace(made, name=name).save(arguments.out)
 
 

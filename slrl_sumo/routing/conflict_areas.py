@@ -39,27 +39,33 @@ class ConflictAreas:
         self._points: dict[str, Floats] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
 
+    def add_line(self, name: str, line: Floats) -> None:
+        """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""
+        if name not in self._points:
+            self._points[name] = _sampled(line)
+
     def between(self, lane: str, other: str, apart: float) -> ConflictArea | None:
         """The conflict area of a lane with another one for vehicles that touch where their centre lines are less than
         `apart` m from each other; None where both lanes can be used at once."""
         steps = math.ceil(apart / STEP - 1e-6)
         key = (lane, other, steps)
         if key not in self._areas:
-            self._areas[key] = area = _area(self._sampled(lane), self._sampled(other), steps * STEP)
+            self._areas[key] = area = _area(self._points_of(lane), self._points_of(other), steps * STEP)
             self._areas[other, lane, steps] = None if area is None else ConflictArea(*area[2:], *area[:2])
         return self._areas[key]
 
-    def _sampled(self, lane: str) -> Floats:
+    def _points_of(self, lane: str) -> Floats:
         """x, y and m along a lane, (points, 3), every SPACING m."""
         points = self._points.get(lane)
         if points is None:
-            shape = self._graph.lanes[lane].shape
-            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
-            s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
-            points = self._points[lane] = np.stack(
-                [np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1]), s], axis=1
-            )
+            points = self._points[lane] = _sampled(self._graph.lanes[lane].shape)
         return points
+
+
+def _sampled(shape: Floats) -> Floats:
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
+    s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
+    return np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1]), s], axis=1)
 
 
 def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea | None:

@@ -24,6 +24,8 @@ BRAKING = 2.0
 """m/s²: a vehicle that would have to brake harder to stop reserves its way."""
 COMMITTED = 3.0
 """m before its line at which a vehicle reserves its way at the latest."""
+ACCELERATION = 1.2
+"""m/s² with which vehicles are expected to leave a junction."""
 UNUSED = 3.0
 """s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
 
@@ -49,7 +51,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Occupant:
-    """A vehicle that is in a junction, or has reserved its way through it."""
+    """A vehicle that is in a junction, or has reserved its way through it, or a pedestrian on a crossing."""
 
     pieces: tuple[Piece, ...]
     speed: float
@@ -68,6 +70,8 @@ class Occupant:
     """Its signal at the next waiting position is red."""
     halts: bool = False
     """It has passed a waiting position, and SUMO may still stop it for those that enter: it has to be gone first."""
+    acceleration: float = ACCELERATION
+    """m/s² that is expected of it."""
 
     @property
     def half_width(self) -> float:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas
+from slrl_sumo.routing.crossing_occupants import CrossingOccupants
 from slrl_sumo.routing.junction_occupants import (
     UNUSED,
     BackgroundOccupants,
@@ -28,8 +29,8 @@ STANDING = 1.0
 """m/s: a slower vehicle in a conflict area is not expected to leave it in time."""
 GAP = 0.5
 """s between two vehicles in a conflict area."""
-ACCELERATION = 1.2
-"""m/s² with which vehicles are expected to leave a junction."""
+SLOWEST = 0.1
+"""m/s: one that stands will start."""
 HARD = 3.0
 """m/s²: a vehicle that would have to brake harder to stop no longer yields."""
 IN_WAY = 10.0
@@ -37,7 +38,7 @@ IN_WAY = 10.0
 
 
 class JunctionReservations:
-    """Reservations of the learned vehicles, and the places of all others. Call `renew` after each SUMO step."""
+    """Reservations of the learned vehicles, and the places of all others, pedestrians on crossings among them. Call `renew` after each SUMO step."""
 
     def __init__(
         self,
@@ -50,6 +51,7 @@ class JunctionReservations:
         self._graph, self._learned, self._right_of_way = graph, learned, right_of_way
         self._areas = ConflictAreas(graph)
         self._background = BackgroundOccupants(api, graph, learned, right_of_way)
+        self._on_foot = CrossingOccupants(api, graph, self._areas)
         self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
         """The junctions in which each vehicle holds something."""
@@ -59,6 +61,7 @@ class JunctionReservations:
         """Forget what was read of SUMO's last step, and reservations that were not renewed since; `world`: all road
         users now."""
         self._background.renew(world)
+        self._on_foot.renew(world)
         for holders in self._held.values():
             for vehicle in [name for name, one in holders.items() if one.time < self._time - 1e-6]:
                 del holders[vehicle]
@@ -135,7 +138,7 @@ class JunctionReservations:
 
     def _occupants(self, junction: str, vehicle: str) -> Mapping[str, Occupant]:
         """All occupants of a junction but this vehicle."""
-        found = {**self._background.of(junction), **self._held.get(junction, {})}
+        found = {**self._background.of(junction), **self._on_foot.of(junction), **self._held.get(junction, {})}
         found.pop(vehicle, None)
         return found
 
@@ -175,11 +178,8 @@ class JunctionReservations:
                 elif their_enter > 0.0 and (_is_idle(other, mine) or (priority and other.yields)):
                     continue  # it goes on after this one, which may be what stops it
                 elif not (
-                    _before(mine.speed, leave, other.speed, their_enter)
-                    or (
-                        (not other.halts and other.speed >= STANDING)
-                        and _before(other.speed, their_leave, max(mine.speed, 0.1), enter)
-                    )
+                    _before(mine, leave, other, their_enter)
+                    or ((not other.halts and other.speed >= STANDING) and _before(other, their_leave, mine, enter))
                 ):
                     yield enter
 
@@ -190,10 +190,10 @@ def _is_idle(one: Occupant, other: Occupant) -> bool:
     return one.idle and not (other.idle and one.entered < other.entered)
 
 
-def _before(speed: float, leave: float, other: float, enter: float) -> bool:
-    """Whether a vehicle leaves a conflict area before another one enters it; distances in m, speeds in m/s."""
-    gone = time_to_cover(leave, speed, ACCELERATION)
-    return enter > 0.0 and gone + GAP < time_to_cover(enter, other, ACCELERATION)
+def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:
+    """Whether a road user leaves a conflict area before another one enters it; distances in m."""
+    gone = time_to_cover(leave, one.speed, one.acceleration)
+    return enter > 0.0 and gone + GAP < time_to_cover(enter, max(other.speed, SLOWEST), other.acceleration)
 
 
 def _stops(track: VehicleTrack, stop_line: float) -> tuple[float, float]:

@@ -301,17 +301,18 @@ class VehicleTracker:
         return wish
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
-        """Rows of the other vehicles near a track that are changing to a lane."""
+        """Rows of the other vehicles near a track that are changing to a lane, or come to it out of a junction."""
         near = np.flatnonzero(np.hypot(world.x - track.x, world.y - track.y) < SIGHT)
         others = [(row, self._vehicles.get(world.ids[row])) for row in near.tolist()]
-        return [
-            row
-            for row, other in others
-            if other is not None
-            and other is not track
-            and other.path.lanes[0] == lane
-            and abs(other.lateral_offset) > CHANGING
-        ]
+        return [row for row, other in others if other is not None and other is not track and _enters(other, lane)]
+
+
+def _enters(track: VehicleTrack, lane: str) -> bool:
+    """Whether a vehicle is changing to a lane, or is in the junction from which its path leads there."""
+    lanes, here = track.path.lanes, track.path.lane_at(track.s)
+    if not lanes[here].startswith(":"):
+        return lanes[0] == lane and abs(track.lateral_offset) > CHANGING
+    return next((name for name in lanes[here:] if not name.startswith(":")), None) == lane
 
 
 def _seed(road_user: str) -> str:

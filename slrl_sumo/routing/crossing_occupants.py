@@ -1,0 +1,155 @@
+"""Pedestrians on the crossings of junctions, whom vehicles must not cut off, as occupants of these junctions."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.routing.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junction_occupants import UNUSED, Occupant, Piece, Size
+from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.links import read_links
+from slrl_sumo.sumo.network import is_walking_area
+
+BEFORE = 1.0
+"""m before a crossing from which a pedestrian that walks towards it is about to step on it."""
+BESIDE = 0.5
+"""m beside a crossing at which pedestrians still cross there."""
+TOWARDS = 0.5
+"""Least cosine between the headings of a pedestrian and of the crossing that it is about to step on."""
+WALKING = 0.3
+"""m/s."""
+STRIP = 1.0
+"""m: pedestrians in strips of this width cross on the same line."""
+SPACING = 1.0
+"""m between the points of crossings in the search tree."""
+STEADY = 0.01
+"""m/s²: pedestrians keep their speed."""
+
+
+@dataclass(frozen=True)
+class _Crossing:
+    lane: str
+    begin: Floats
+    """x and y of the end that its lane begins at, m."""
+    along: Floats
+    """Its direction, a unit vector."""
+    length: float
+    half_width: float
+    entered_from: str
+    """The walking area with the link to it."""
+
+    def line(self, strip: int, *, forward: bool) -> Floats:
+        """The line of a strip in the direction of walking, (2, 2)."""
+        aside = strip * STRIP * np.array([-self.along[1], self.along[0]])
+        ends = np.stack([self.begin + aside, self.begin + self.length * self.along + aside])
+        return ends if forward else ends[::-1]
+
+
+class _Walker(NamedTuple):
+    crossing: _Crossing
+    line: str
+    passed: float
+    """m along the line in the direction of walking."""
+
+
+class CrossingOccupants:
+    """The pedestrians on crossings, learned ones and those of the background. Call `renew` once per decision."""
+
+    def __init__(self, api: SumoApi, graph: LaneGraph, areas: ConflictAreas) -> None:
+        """`areas`: gets the lines on which pedestrians cross."""
+        self._api, self._areas = api, areas
+        entered_from = {
+            target: lane
+            for lane in graph.lanes
+            if is_walking_area(lane)
+            for target, _ in graph.links(lane)
+            if graph.lanes[target].surface == Surface.CROSSING
+        }
+        self._crossings: list[_Crossing] = []
+        points: list[Floats] = []
+        for lane in graph.lanes.values():
+            if lane.surface != Surface.CROSSING or lane.id not in entered_from:
+                continue
+            begin, chord = lane.shape[0], lane.shape[-1] - lane.shape[0]
+            length = float(np.hypot(*chord))
+            if length < SPACING:
+                continue
+            self._crossings.append(
+                _Crossing(lane.id, begin, chord / length, length, 0.5 * lane.width, entered_from[lane.id])
+            )
+            share = np.linspace(0.0, 1.0, 1 + math.ceil(length / SPACING))
+            points.append(begin + share[:, None] * chord)
+        self._crossing_of_point = np.repeat(np.arange(len(points)), [len(p) for p in points])
+        self._tree = cKDTree(np.concatenate(points)) if points else None
+        self._reach = max((c.half_width for c in self._crossings), default=0.0) + BESIDE + BEFORE
+        self._standing_since: dict[str, float] = {}
+        self._found: dict[str, dict[str, Occupant]] = {}
+
+    def renew(self, world: WorldState) -> None:
+        """Find the pedestrians on crossings; `world`: all road users now."""
+        self._found = {}
+        walking = np.flatnonzero(world.type == RoadUserType.PEDESTRIAN)
+        if self._tree is None or not len(walking):
+            self._standing_since = {}
+            return
+        places = np.column_stack([world.x[walking], world.y[walking]])
+        _, nearest = self._tree.query(places, distance_upper_bound=self._reach)
+        standing: dict[str, float] = {}
+        states: dict[_Crossing, str] = {}
+        for k in np.flatnonzero(nearest < len(self._crossing_of_point)).tolist():
+            row = int(walking[k])
+            walker = self._walker(self._crossings[self._crossing_of_point[nearest[k]]], world, row)
+            if walker is None:
+                continue
+            name, speed, crossing = world.ids[row], world.speed.item(row), walker.crossing
+            if speed < WALKING:
+                standing[name] = self._standing_since.get(name, world.time)
+            state = self._state(crossing)
+            if walker.passed < 0.0 and state in "rum":
+                continue  # it has to wait
+            occupant = Occupant(
+                (Piece(walker.line, -walker.passed),),
+                speed,
+                Size(world.length.item(row), world.width.item(row)),
+                math.inf,
+                world.time,
+                yields=state == "m",
+                idle=world.time - standing.get(name, world.time) > UNUSED,
+                acceleration=STEADY,
+            )
+            self._found.setdefault(junction_of(crossing.lane), {})[name] = occupant
+        self._standing_since = standing
+
+    def of(self, junction: str) -> dict[str, Occupant]:
+        """The pedestrians on the crossings of a junction by id, and those that are about to step on one of these."""
+        return self._found.get(junction, {})
+
+    def _walker(self, crossing: _Crossing, world: WorldState, row: int) -> _Walker | None:
+        """A pedestrian on a crossing, or about to step on it."""
+        dx, dy = world.x[row] - crossing.begin[0], world.y[row] - crossing.begin[1]
+        c, s = crossing.along
+        along, aside = float(c * dx + s * dy), float(c * dy - s * dx)
+        if abs(aside) > crossing.half_width + BESIDE or not -BEFORE < along < crossing.length + BEFORE:
+            return None
+        towards = math.cos(world.heading[row]) * c + math.sin(world.heading[row]) * s
+        forward = bool(towards >= 0.0)
+        passed = along if forward else crossing.length - along
+        if passed >= crossing.length or (passed < 0.0 and (abs(towards) < TOWARDS or world.speed[row] < WALKING)):
+            return None
+        strip = round(aside / STRIP)
+        line = f"{crossing.lane}/{strip}/{'forward' if forward else 'backward'}"
+        self._areas.add_line(line, crossing.line(strip, forward=forward))
+        return _Walker(crossing, line, passed)
+
+    def _state(self, crossing: _Crossing) -> str:
+        """SUMO's letter for the link to a crossing."""
+        links = read_links(self._api, crossing.entered_from)
+        return next((link.state for link in links if link.target == crossing.lane), "m")
