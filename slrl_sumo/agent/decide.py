@@ -18,6 +18,7 @@ from slrl_sumo.agent.deadlock import DeadlockTimer, force_progress
 from slrl_sumo.agent.guard import guard
 from slrl_sumo.agent.path_smoothing import smooth_paths
 from slrl_sumo.agent.selection import Mask, Modes, Selector
+from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle
@@ -42,6 +43,8 @@ class Agent:
     selector: Selector
     constraints: Constraints = field(default_factory=Constraints)
     deadlock: DeadlockTimer = field(default_factory=DeadlockTimer)
+    threads: RowThreads = ONE
+    """Over which road users are distributed; the decisions are the same for any number."""
 
     @cached_property
     def capability(self) -> Capability:
@@ -95,14 +98,25 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
     seen = context if selector.preset == "extended" else None
     observation = observe(scene, with_image=selector.needs_image, context=seen, state=bundle.config.preset)
     if context is None:
-        rollouts = mode_rollouts(bundle, observation, scene) if selector.needs_rollouts else None
+        rollouts = mode_rollouts(bundle, observation, scene, threads=agent.threads) if selector.needs_rollouts else None
         return Situation(scene, observation, None, rollouts, {}, changed)
     # Constraints judge modes along the routes, also where the selector knows no routes.
     guarded = agent.constraints.guard
     steers = agent.constraints.steering_residual and seen is not None
-    judged = mode_rollouts(bundle, observation, scene, context, agent.capability, off_route=guarded, steering=steers)
+    judged = mode_rollouts(
+        bundle,
+        observation,
+        scene,
+        context,
+        agent.capability,
+        off_route=guarded,
+        steering=steers,
+        threads=agent.threads,
+    )
     masks = {} if last_look else _masks(scene, agent, context, judged)
-    rollouts = mode_rollouts(bundle, observation, scene) if selector.needs_rollouts and seen is None else judged
+    rollouts = judged
+    if selector.needs_rollouts and seen is None:
+        rollouts = mode_rollouts(bundle, observation, scene, threads=agent.threads)
     return Situation(scene, observation, context, rollouts, masks, changed)
 
 
@@ -111,9 +125,9 @@ def _context(scene: Scene, agent: Agent) -> tuple[RouteContext | None, Changed]:
     if scene.route is None:
         return None, {}
     if not agent.constraints.path_smoothing:
-        return route_context(scene.route, scene.world), {}
+        return route_context(scene.route, scene.world, agent.threads), {}
     route, smoothed = smooth_paths(scene.route, scene.world, agent.capability)
-    return route_context(route, scene.world), {"path_smoothing": smoothed[scene.rows]}
+    return route_context(route, scene.world, agent.threads), {"path_smoothing": smoothed[scene.rows]}
 
 
 def _masks(scene: Scene, agent: Agent, context: RouteContext, judged: ModeRollouts) -> dict[str, Mask]:

@@ -15,6 +15,7 @@ from slrl_sumo.agent.selection import Modes, Selector
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.jobs.row_threads import RowThreads
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.past_motion import PastMotion
@@ -228,8 +229,10 @@ def make_driver(
     *,
     constraints: Constraints | None = None,
     stopwatch: Stopwatch | None = None,
+    threads: int = 1,
 ) -> Driver:
-    """The driver of one of SELECTORS, in a simulation seen through `api`; a `stopwatch` measures its parts.
+    """The driver of one of SELECTORS, in a simulation seen through `api`; a `stopwatch` measures its parts. Road
+    users are distributed over so many `threads`.
 
     Raises InputError for any other name, and for a guard of `lane`, which has no modes.
     """
@@ -244,4 +247,4 @@ def make_driver(
         raise unknown_selector(selector)
     chooser = make_selector(selector, bundle, seed)
     routes = Routes(api, network) if constraints.guard or chooser.preset == "extended" else None
-    return ModelDriver(Agent(bundle, chooser, constraints), routes, stopwatch=stopwatch)
+    return ModelDriver(Agent(bundle, chooser, constraints, threads=RowThreads(threads)), routes, stopwatch=stopwatch)

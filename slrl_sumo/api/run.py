@@ -63,6 +63,7 @@ def run(
     seed: int = 1,
     step_length: float | None = None,
     background_yields: bool = True,
+    threads: int = 1,
     sumo_outputs: bool = False,
     sumo_options: str = "",
     gui: bool = False,
@@ -86,6 +87,7 @@ def run(
     `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the
     scenario's end, or, where it has none, until its road users have left.
     `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles brake for learned road users.
+    `threads`: over which the road users of a decision are distributed; the results are the same for any number.
     `sumo_outputs`: whether the scenario writes its own outputs. `sumo_options`: options for SUMO itself.
     `gui`: whether SUMO opens the window of sumo-gui.
 
@@ -113,6 +115,7 @@ def run(
         seed=seed,
         step_length=step_length,
         background_yields=background_yields,
+        threads=threads,
         sumo_outputs=sumo_outputs,
         sumo_options=sumo_options,
         gui=gui,

@@ -45,6 +45,7 @@ class Simulation:
         seed: int = 1,
         step_length: float | None = None,
         background_yields: bool = True,
+        threads: int = 1,
         sumo_outputs: bool = False,
         sumo_options: str = "",
     ) -> None:
@@ -63,6 +64,7 @@ class Simulation:
             seed=seed,
             step_length=step_length,
             background_yields=background_yields,
+            threads=threads,
             sumo_outputs=sumo_outputs,
             sumo_options=sumo_options,
         )

@@ -74,6 +74,9 @@ def run(
     background_yields: Annotated[
         bool, typer.Option("--yield/--no-yield", help="Whether background vehicles brake for learned road users.")
     ] = True,
+    threads: Annotated[
+        int, typer.Option(help="Threads of each decision, for many road users on free cores; results are the same.")
+    ] = 1,
     sumo_outputs: Annotated[
         bool, typer.Option("--sumo-outputs", help="Let the scenario write its own output files.")
     ] = False,
@@ -108,6 +111,7 @@ def run(
         seed=seed,
         step_length=step_length,
         background_yields=background_yields,
+        threads=threads,
         sumo_outputs=sumo_outputs,
         sumo_options=sumo_options,
         gui=gui,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -93,6 +94,8 @@ class Tiles:
         self._owner = np.full(len(self._squares), MISSING, np.int64)
         """Square in each slot."""
         self._now = 0
+        self._lock = Lock()
+        """Squares are painted, and dropped, while points are looked up."""
 
     @property
     def resident_bytes(self) -> int:
@@ -105,9 +108,10 @@ class Tiles:
         found = np.zeros(len(x), np.uint8)
         pending = np.ones(len(x), np.bool_)
         x, y = np.ascontiguousarray(x, np.float64), np.ascontiguousarray(y, np.float64)
-        self._now += 1
-        while (square := _look_up(x, y, found, pending, self._state())) != MISSING:
-            self._paint(square)
+        with self._lock:
+            self._now += 1
+            while (square := _look_up(x, y, found, pending, self._state())) != MISSING:
+                self._paint(square)
         return found
 
     def views(self, x: Floats, y: Floats, heading: Floats, begin: tuple[float, float], step: float, out: Ids) -> None:

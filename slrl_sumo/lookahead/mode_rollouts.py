@@ -1,13 +1,15 @@
 """All modes of road users, rolled out for the next seconds and judged."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.collision import MARGIN, Others, collision_scores
-from slrl_sumo.lookahead.forecast import bring_to_paths, forecast_boxes, path_following
+from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
 from slrl_sumo.lookahead.precedence import precedence
@@ -19,6 +21,7 @@ from slrl_sumo.perception.observation import Observation
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 
@@ -68,28 +71,68 @@ def mode_rollouts(
     *,
     off_route: bool = False,
     steering: bool = False,
+    threads: RowThreads = ONE,
 ) -> ModeRollouts:
     """Roll out all modes of the deciding road users of `scene`, which made the `observation`.
 
     Each road user alone follows a mode as `advance` would move it; all others keep speed and yaw rate. With `context`
     (and what the models can do, `capability`) vehicles that have a route follow it at the speeds of the mode, so that
     a collision does not depend on how they turn in the next moment. `off_route` also gives `collision_off_route`.
-    With `steering`, modes are corrected by lookahead.steering.
+    With `steering`, modes are corrected by lookahead.steering. The road users are distributed over `threads`.
     """
-    acceleration, yaw_rate = bundle.motions(observation)
-    if scene.group is None:
-        return _judged(bundle, scene, acceleration, yaw_rate, context, capability, off_route, steering)
-    collision, outside, speed, turn = (np.empty_like(acceleration) for _ in range(4))
-    for part, places in scene.groups():
-        one = _judged(bundle, part, acceleration[places], yaw_rate[places])
-        collision[places], outside[places] = one.collision, one.off_surface
-        speed[places], turn[places] = one.speed, one.turn
-    return ModeRollouts(acceleration, yaw_rate, collision, outside, speed, turn)
+    if scene.group is not None:
+        acceleration, yaw_rate = bundle.motions(observation.vector, observation.type)
+        collision, outside, speed, turn = (np.empty_like(acceleration) for _ in range(4))
+        for part, places in scene.groups():
+            one = _judged(bundle, part, _expected(part.world, None), acceleration[places], yaw_rate[places])
+            collision[places], outside[places] = one.collision, one.off_surface
+            speed[places], turn[places] = one.speed, one.turn
+        return ModeRollouts(acceleration, yaw_rate, collision, outside, speed, turn)
+    expected = _expected(scene.world, context)
+
+    def judged(some: slice) -> ModeRollouts:
+        motions = bundle.motions(observation.vector[some], observation.type[some])
+        part = replace(scene, rows=scene.rows[some])
+        return _judged(bundle, part, expected, *motions, context, capability, off_route, steering)
+
+    return joined(threads.each(judged, len(scene)))
+
+
+def joined(parts: list[ModeRollouts]) -> ModeRollouts:
+    """The rollouts of road users of which each of the `parts` has some, in this order."""
+    if len(parts) == 1:
+        return parts[0]
+    together: dict[str, Any] = {}
+    for field in fields(ModeRollouts):
+        values = [getattr(part, field.name) for part in parts]
+        if isinstance(values[0], RouteFit):
+            together[field.name] = RouteFit(*map(np.concatenate, zip(*values, strict=True)))
+        else:
+            together[field.name] = None if values[0] is None else np.concatenate(values)
+    return ModeRollouts(**together)
+
+
+class _Expected(NamedTuple):
+    """What is expected of all road users of a world, whatever is judged."""
+
+    following: PathFollowing
+    others: Others
+
+
+def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
+    following = path_following(context, world)
+    # A vehicle that keeps to its path cannot step aside, as pedestrians do.
+    margin = np.full_like(MARGIN, MARGIN.max()) if context is None else MARGIN
+    going = forecast_boxes(world, following, margin)
+    # Without routes there is no order, and none waits.
+    yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
+    return _Expected(following, Others(going, yielding, precedence(context, following, len(world))))
 
 
 def _judged(
     bundle: ModelBundle,
     scene: Scene,
+    expected: _Expected,
     acceleration: Floats,
     yaw_rate: Floats,
     context: RouteContext | None = None,
@@ -108,15 +151,9 @@ def _judged(
     route = None if context is None else context.route
     outside = off_surface(paths, users.type, scene.road_map, rows, route)
     fit, excused = None, np.zeros(len(users), np.bool_)
-    following = path_following(context, world)
-    # A vehicle that keeps to its path cannot step aside, as pedestrians do.
-    margin = np.full_like(MARGIN, MARGIN.max()) if context is None else MARGIN
+    following, others = expected
     if context is not None and capability is not None:
         fit, excused = route_fit(context, capability, users, rows, paths, yaw_rate), following.follows[rows]
-    going = forecast_boxes(world, following, margin)
-    # Without routes there is no order, and none waits.
-    yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
-    others = Others(going, yielding, precedence(context, following, len(world)))
     direct = collision_scores(paths, excused, others, world, rows) if off_route else None
     if context is not None:
         bring_to_paths(paths, following, rows)

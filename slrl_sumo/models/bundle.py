@@ -163,14 +163,15 @@ class ModelBundle:
         """Largest curvature of the turns of each type, (3,) 1/m."""
         return np.asarray(self.models.max_curvature, np.float64)
 
-    def motions(self, observation: Observation) -> tuple[Floats, Floats]:
-        """Acceleration (m/s²) and yaw rate (rad/s), each (n, modes), of the observed road users in all modes."""
-        acceleration, yaw_rate = motions(self.models, observation.vector, observation.type.astype(np.int64))
+    def motions(self, vector: NDArray[np.float32], kind: NDArray[np.int8]) -> tuple[Floats, Floats]:
+        """Acceleration (m/s²) and yaw rate (rad/s), each (n, modes), of road users of the types `kind` with the feature
+        vectors `vector` (n, columns) in all modes."""
+        acceleration, yaw_rate = motions(self.models, vector, kind.astype(np.int64))
         return acceleration.astype(np.float64), yaw_rate.astype(np.float64)
 
     def motion(self, observation: Observation, modes: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Acceleration (m/s²) and yaw rate (rad/s), each (n,), of the observed road users in `modes` (n,)."""
-        acceleration, yaw_rate = self.motions(observation)
+        acceleration, yaw_rate = self.motions(observation.vector, observation.type)
         each = np.arange(len(modes))
         return acceleration[each, modes], yaw_rate[each, modes]
 

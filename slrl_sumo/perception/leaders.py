@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import AHEAD, SPACING, RouteAhead, beside, on_path
@@ -71,14 +72,19 @@ def way_code(ego: int, other: int, users: int) -> int:
     return ego * users + other
 
 
-def leaders(route: RouteAhead, world: WorldState) -> Leaders:
+def leaders(route: RouteAhead, world: WorldState, threads: RowThreads = ONE) -> Leaders:
     """The nearest road user on the path of each of the n road users of `route`, the first ones of `world`."""
     n = len(route)
     if len(world) < 2:
         return Leaders(np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.zeros(0, np.int64))
     room, reach = SIDE_GAP[world.type] + 0.5 * world.width, 0.5 * np.hypot(world.length, world.width)
-    follower, other = beside(route, room, world.x, world.y, reach)
-    pairs = _Pairs(follower, other, *on_path(route, world.x[other, None], world.y[other, None], follower))
+
+    def paired(some: slice) -> _Pairs:
+        follower, other = beside(route, room, world.x, world.y, reach, some)
+        return _Pairs(follower, other, *on_path(route, world.x[other, None], world.y[other, None], follower))
+
+    parts = threads.each(paired, n)
+    pairs = parts[0] if len(parts) == 1 else _Pairs(*map(np.concatenate, zip(*parts, strict=True)))
     users = _Users(world.type, world.heading, world.speed, world.length, world.width)
     gap, speed, row, in_way = _leaders(n, pairs, users, route.spacing)
     return Leaders(gap, speed, row, np.sort(in_way))

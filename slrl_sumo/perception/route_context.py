@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.perception.leaders import Leaders, leaders
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
@@ -50,11 +51,11 @@ class RouteContext:
         return RouteContext(self.route.take(rows), in_way=self.in_way, **arrays)
 
 
-def route_context(route: RouteAhead, world: WorldState) -> RouteContext:
+def route_context(route: RouteAhead, world: WorldState, threads: RowThreads = ONE) -> RouteContext:
     """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
     n = len(route)
     _, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
-    found = leaders(route, world)
+    found = leaders(route, world, threads)
     stop, follow = stop_distances(route, world, found)
     return RouteContext(
         route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, stop, follow, found.in_way

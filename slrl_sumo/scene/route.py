@@ -103,15 +103,16 @@ def on_path(
 
 
 def beside(
-    route: RouteAhead, room: Floats, x: Floats, y: Floats, reach: Floats
+    route: RouteAhead, room: Floats, x: Floats, y: Floats, reach: Floats, some: slice = slice(None)
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pairs (p,) of a path and a road user that may be on it: row of the path, and row of the road user.
 
     Positions (m,), in m, are those of road users; the first n are the owners of the paths, which are not paired with
     their own. A road user is found if its lateral offset, as in `on_path`, is at most `room` (n,) plus `reach` (m,), if
-    it is at most `reach` beyond the ends of the path, and within WITHIN of its middle (at the usual spacing).
+    it is at most `reach` beyond the ends of the path, and within WITHIN of its middle (at the usual spacing). `some`:
+    only these paths, with the pairs that they have among all.
     """
-    rows = np.flatnonzero(route.known)
+    rows = np.flatnonzero(route.known[some]) + (some.start or 0)
     # From west to east, so that road users near a path are neighbours in this order.
     order = np.argsort(x)
     begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN * route.spacing[rows])

@@ -109,6 +109,7 @@ def attach(
     without: Sequence[str] = (),
     seed: int = 1,
     background_yields: bool = True,
+    threads: int = 1,
 ) -> Attached:
     """Put learned road users into a simulation that is already running; call it in a with statement.
 
@@ -138,6 +139,7 @@ def attach(
         without=constraint_names(without),
         seed=seed,
         background_yields=background_yields,
+        threads=threads,
     )
     with one_thread():
         models = load_models(settings)

@@ -55,6 +55,7 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         simulation.network,
         settings.seed,
         constraints=constraints_of(settings.guard, settings.without),
+        threads=settings.threads,
     )
     loop = CoSimulation(simulation, driver, takeover=takeover, yielding=settings.background_yields)
     if takeover is not None and (fast := len(fast_lanes(simulation.network, driver.max_speed))):

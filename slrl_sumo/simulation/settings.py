@@ -53,6 +53,8 @@ class LearnedSettings:
     """Of the places, the draw of the takeover and the choices, 0 to 2147483647."""
     background_yields: bool = True
     """Whether SUMO's vehicles brake for learned road users."""
+    threads: int = 1
+    """Over which the road users of a decision are distributed; the results are the same for any number."""
 
     def __post_init__(self) -> None:
         check_type("bundle", self.bundle, (str, Path), "the name or the folder of a bundle")
@@ -76,6 +78,7 @@ class LearnedSettings:
         if self.agents is not None:
             check_whole_number("agents", self.agents, 1, MOST_AGENTS)
         check_whole_number("seed", self.seed, 0, 2**31 - 1)
+        check_whole_number("threads", self.threads, 1, 1024)
         if self.mix is not None:
             parse_mix(self.mix)
         if self.takeover is not None:
@@ -137,9 +140,8 @@ class RunSettings(LearnedSettings):
         for name in ("mix", "takeover"):
             if values[name] is not None:
                 values[name] = shares_text(values[name])
-        values |= {
-            name: operator.index(values[name]) for name in ("agents", "steps", "seed") if values[name] is not None
-        }
+        numbers = ("agents", "steps", "seed", "threads")
+        values |= {name: operator.index(values[name]) for name in numbers if values[name] is not None}
         texts = {name: str(values[name]) for name in ("scenario", "bundle", "region") if values[name] is not None}
         return {**values, **texts, "scenario": self.where, "without": list(self.without)}
 

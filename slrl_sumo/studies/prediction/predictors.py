@@ -31,7 +31,7 @@ def step_oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
 
     def move(moment: Moment) -> Motion:
         observation = _observed(bundle, moment, ground)
-        acceleration, yaw_rate = bundle.motions(observation)
+        acceleration, yaw_rate = bundle.motions(observation.vector, observation.type)
         top = bundle.max_speed[observation.type]
         world, rows = moment.world, moment.rows
         # As `advance` moves them.
