@@ -1,6 +1,7 @@
 """Where the lanes inside a junction cross or join each other."""
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ SPACING = 0.5
 """m between the points of lanes that are compared."""
 
 
+@lru_cache(1_000)
 def half_width(length: float, width: float) -> float:
     """m to either side of its lane's centre line that a vehicle of this size needs in a junction."""
     return 0.5 * width + SWING * min(length, LONG)

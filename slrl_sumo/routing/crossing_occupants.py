@@ -101,9 +101,9 @@ class CrossingOccupants:
             self._standing_since = {}
             return
         places = np.column_stack([world.x[walking], world.y[walking]])
-        _, nearest = self._tree.query(places, distance_upper_bound=self._reach)
+        nearest = np.asarray(self._tree.query(places, distance_upper_bound=self._reach)[1])
         standing: dict[str, float] = {}
-        states: dict[_Crossing, str] = {}
+        states: dict[str, str] = {}
         for k in np.flatnonzero(nearest < len(self._crossing_of_point)).tolist():
             row = int(walking[k])
             walker = self._walker(self._crossings[self._crossing_of_point[nearest[k]]], world, row)
@@ -112,7 +112,10 @@ class CrossingOccupants:
             name, speed, crossing = world.ids[row], world.speed.item(row), walker.crossing
             if speed < WALKING:
                 standing[name] = self._standing_since.get(name, world.time)
-            state = self._state(crossing)
+            # A question to SUMO for each crossing, not for each pedestrian there.
+            if crossing.lane not in states:
+                states[crossing.lane] = self._state(crossing)
+            state = states[crossing.lane]
             if walker.passed < 0.0 and state in "rum":
                 continue  # it has to wait
             occupant = Occupant(

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from slrl_sumo.routing.conflict_areas import half_width
@@ -41,16 +40,14 @@ USUAL = Size(5.0, 1.8)
 """Of vehicles that are not in the world: those that have just departed."""
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """A lane on a vehicle's way: m from the vehicle's front to its begin, negative where the front is on it."""
 
     lane: str
     ahead: float
 
 
-@dataclass(frozen=True)
-class Occupant:
+class Occupant(NamedTuple):
     """A vehicle that is in a junction, or has reserved its way through it, or a pedestrian on a crossing."""
 
     pieces: tuple[Piece, ...]

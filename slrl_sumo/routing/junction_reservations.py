@@ -6,8 +6,7 @@ Inside, a vehicle waits only for those that entered before it, so that vehicles 
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas
 from slrl_sumo.routing.crossing_occupants import CrossingOccupants
@@ -36,9 +35,16 @@ HARD = 3.0
 IN_WAY = 10.0
 """m ahead of a vehicle within which another one on its path goes first, whatever the order."""
 
+_Shared = tuple[float, float, float, float]
+"""m from the front of a vehicle to the begin of a conflict area, and until its rear has left it; the same of the other
+road user."""
+
 
 class JunctionReservations:
-    """Reservations of the learned vehicles, and the places of all others, pedestrians on crossings among them. Call `renew` after each SUMO step."""
+    """Reservations of the learned vehicles, and the places of all others, pedestrians on crossings among them.
+
+    Call `renew` after each SUMO step.
+    """
 
     def __init__(
         self,
@@ -86,12 +92,14 @@ class JunctionReservations:
         )
         junction = junction_of(pieces[0].lane)
         waits = math.inf
-        for name, other in self._occupants(junction, vehicle).items():
+        for name, other in self._occupants(junction, vehicle):
             theirs = self._learned(name)
-            earlier = theirs is None or (theirs.entered, name) < (track.entered, vehicle)
-            if earlier and not self._in_way(track, size, theirs):
+            if theirs is not None and (theirs.entered, name) >= (track.entered, vehicle):
+                continue
+            areas = self._shared(mine, other)
+            if areas and not self._in_way(track, size, theirs):
                 # An area in which it is already has to be cleared, whatever the order.
-                met = self._meets(mine, other, priority=False, pauses=False)
+                met = _meets(mine, other, areas, until, priority=False, pauses=False)
                 waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
         self._hold(vehicle, junction, mine)
         # What it cannot stop for any more is left to the collisions of its modes.
@@ -120,27 +128,34 @@ class JunctionReservations:
         idle = track.standing_time > UNUSED
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
         others = [
-            other
-            for name, other in self._occupants(junction, vehicle).items()
-            if not self._in_way(track, size, self._learned(name))
+            (other, areas)
+            for name, other in self._occupants(junction, vehicle)
+            if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
         ]
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
-            mine = replace(mine, until=until)
-            meets = (self._meets(mine, other, priority=priority, pauses=until < exits) for other in others)
-            if too_late or all(next(one, None) is None for one in meets):
+            free = too_late or not any(
+                next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
+                for other, areas in others
+            )
+            if free:
                 if too_late or distance <= reserves_from(track.speed):
                     # With the lanes that it is on, where it waits inside the junction.
                     held = tuple(pieces_of(track, track.s - size.length)) if track.entry else pieces
-                    self._hold(vehicle, junction, replace(mine, pieces=held))
+                    self._hold(vehicle, junction, mine._replace(pieces=held, until=until))
                 return True
         return False
 
-    def _occupants(self, junction: str, vehicle: str) -> Mapping[str, Occupant]:
-        """All occupants of a junction but this vehicle."""
-        found = {**self._background.of(junction), **self._on_foot.of(junction), **self._held.get(junction, {})}
-        found.pop(vehicle, None)
-        return found
+    def _occupants(self, junction: str, vehicle: str) -> Iterator[tuple[str, Occupant]]:
+        """All occupants of a junction but this vehicle, by id."""
+        held, on_foot = self._held.get(junction, {}), self._on_foot.of(junction)
+        for name, one in self._background.of(junction).items():
+            if name != vehicle and name not in held and name not in on_foot:
+                yield name, one
+        yield from on_foot.items()
+        for name, one in held.items():
+            if name != vehicle:
+                yield name, one
 
     def _hold(self, vehicle: str, junction: str, occupant: Occupant) -> None:
         self._held.setdefault(junction, {})[vehicle] = occupant
@@ -153,35 +168,45 @@ class JunctionReservations:
         s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
         return other.s < s and distance < size.width
 
-    def _meets(self, mine: Occupant, other: Occupant, *, priority: bool, pauses: bool) -> Iterator[float]:
-        """m from the front of a vehicle to each conflict area in which it meets an occupant on the way to the end of
-        its reservation."""
+    def _shared(self, mine: Occupant, other: Occupant) -> list[_Shared]:
+        """The conflict areas that a vehicle shares with an occupant, and that neither of the two has left; none with a
+        leader or follower."""
         if self._graph.origin(mine.pieces[0].lane) == self._graph.origin(other.pieces[0].lane):
-            return  # a leader or follower
-        apart = mine.half_width + other.half_width
+            return []
+        shared, apart = [], mine.half_width + other.half_width
         for piece in mine.pieces:
             for theirs in other.pieces:
                 area = self._areas.between(piece.lane, theirs.lane, apart)
                 if area is None:
                     continue
-                enter, leave = piece.ahead + area.begin, piece.ahead + area.end + mine.size.length
-                their_enter = theirs.ahead + area.other_begin
+                leave = piece.ahead + area.end + mine.size.length
                 their_leave = theirs.ahead + area.other_end + other.size.length
-                if leave <= 0.0 or their_leave <= 0.0 or enter > mine.until:
-                    continue  # one of them has passed, or the area is beyond the waiting position
-                if their_enter > other.until:
-                    # It will come there later. Then the way must be free; and with equal rights one outside the
-                    # junction does not go before one that waits inside, else it would wait for ever.
-                    first = not priority and not other.closed and other.entered < mine.entered == math.inf
-                    if first or (pauses and leave > mine.until):
-                        yield enter
-                elif their_enter > 0.0 and (_is_idle(other, mine) or (priority and other.yields)):
-                    continue  # it goes on after this one, which may be what stops it
-                elif not (
-                    _before(mine, leave, other, their_enter)
-                    or ((not other.halts and other.speed >= STANDING) and _before(other, their_leave, mine, enter))
-                ):
-                    yield enter
+                if leave > 0.0 and their_leave > 0.0:
+                    shared.append((piece.ahead + area.begin, leave, theirs.ahead + area.other_begin, their_leave))
+        return shared
+
+
+def _meets(
+    mine: Occupant, other: Occupant, areas: list[_Shared], until: float, *, priority: bool, pauses: bool
+) -> Iterator[float]:
+    """m from the front of a vehicle to each of the shared `areas` in which it meets an occupant, if its reservation
+    ends after `until` (m)."""
+    for enter, leave, their_enter, their_leave in areas:
+        if enter > until:
+            continue  # beyond the waiting position
+        if their_enter > other.until:
+            # It will come there later. Then the way must be free; and with equal rights one outside the junction
+            # does not go before one that waits inside, else it would wait for ever.
+            first = not priority and not other.closed and other.entered < mine.entered == math.inf
+            if first or (pauses and leave > until):
+                yield enter
+        elif their_enter > 0.0 and (_is_idle(other, mine) or (priority and other.yields)):
+            continue  # it goes on after this one, which may be what stops it
+        elif not (
+            _before(mine, leave, other, their_enter)
+            or ((not other.halts and other.speed >= STANDING) and _before(other, their_leave, mine, enter))
+        ):
+            yield enter
 
 
 def _is_idle(one: Occupant, other: Occupant) -> bool:

@@ -1,4 +1,4 @@
-"""Pedestrians on crossings keep vehicles out of the junction, in the scenarios `crosswalk` (bench) and `intersection`."""
+"""Pedestrians on crossings keep vehicles out of the junction, in `crosswalk` (bench) and `intersection`."""
 
 import math
 from collections.abc import Iterator
