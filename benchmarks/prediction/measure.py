@@ -7,7 +7,8 @@
 Prints mean errors over 6.4 s relative to those of constant velocity: of single predictions, and of the best of 20; and
 the realism score of the package's selectors. A fold TRAIN:TEST names the recordings (files of the folder) by the
 beginnings of their names, with commas; those of TEST are never learned from, and without TRAIN all others are. SL is
-the prior of a bundle that is fitted to the fold, or of BUNDLE; SL+RL is the trained selector of BUNDLE (`--selector`).
+the prior of a bundle that is fitted to the fold, or of BUNDLE; SL+RL is the trained selector of BUNDLE (`--selector`),
+whose single prediction is the most central mode at each step, as that of SL; greedily it is the most probable one.
 Both simulate all road users together; all predictions of a road user that has 2 s before and 6.4 s after it count,
 every 2 s.
 """
@@ -40,15 +41,15 @@ from slrl_sumo.studies.prediction.selector_rollouts import joined as joined_roll
 PACKAGE = {
     "constant velocity": "constant-velocity",
     "SL": "prior",
-    "SL+RL": "greedy",
-    "SL+RL sampled": "sampled",
+    "SL+RL": "sampled",
+    "SL+RL greedy": "greedy",
     "one mode held": "mode-oracle",
 }
 """Selectors of the package by the name of their column."""
 
 UNTOLD = {
-    *(("single", "constant velocity"), ("single", "one mode held"), ("best", "SL+RL"), ("best", "constant velocity")),
-    ("realism", "one mode held"),
+    *(("single", "constant velocity"), ("single", "one mode held"), ("realism", "one mode held")),
+    *(("best", "constant velocity"), ("best", "SL+RL greedy")),
 }
 """Figures that say nothing: 1 by definition, in hindsight, and of one sample."""
 

@@ -84,16 +84,18 @@ class PriorSelector:
 class PolicySelector:
     """Chooses modes by the bundle's trained policy, which reads the image (paper, section 3.4).
 
-    With `uniform` each mode is sampled anew in every call, as in training. Otherwise the most probable mode is taken.
-    Raises InputError where the bundle has no trained policy.
+    With `uniform` each mode is sampled anew in every call, as in training. Otherwise the most probable mode is taken,
+    or, for predictions (`middle`), the most central one, as by PriorSelector. Raises InputError where the bundle has no
+    trained policy.
     """
 
-    def __init__(self, bundle: ModelBundle, uniform: Uniform | None = None) -> None:
+    def __init__(self, bundle: ModelBundle, uniform: Uniform | None = None, *, middle: bool = False) -> None:
         if bundle.policy is None:
             raise InputError(
                 f"bundle {bundle.name}: it has no trained selector; use `selector='prior'`, or train one with "
                 "`slrl-sumo train`"
             )
+        self._bundle, self._middle = bundle, middle
         self._policy, self._prior = bundle.policy, bundle.prior
         config = bundle.policy.config
         self.needs_image, self.needs_rollouts, self.preset = config.image, config.lookahead, config.preset
@@ -117,6 +119,9 @@ class PolicySelector:
             ahead, route = self._inputs(observation, rollouts)
             free = choice_logits(self._policy, self._prior, vector, image, kind, ahead, route)
             every = [free, *(masked(free, torch.from_numpy(mask)) for mask in masks)]
+        if self._middle:
+            masked_by = zip(every, (None, *masks), strict=True)
+            return [central(self._bundle, logits.double().exp(), kind, mask) for logits, mask in masked_by]
         if self._uniform is None:
             return [np.asarray(logits.argmax(-1).numpy(), np.int64) for logits in every]
         draw = self._uniform((len(observation),))

@@ -30,6 +30,7 @@ Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
 HEADING = FEATURES.index("heading")
 SPEED = FEATURES.index("speed")
+KNOWN = ROUTE_FEATURES.index("known")
 ROLLOUT_SCALES = {"collision": 2.0, "off_surface": 1.0, "speed": 0.2, "turn": 1.0}
 """Fields of the mode rollouts that a policy reads, and the factors that bring them to order 1."""
 ROUTE_FIT_SCALES = {
@@ -83,7 +84,12 @@ class Policy(nn.Module):
     The logits are the network's own, which begin at zero, usually plus those of the prior: then the policy is the
     supervised baseline before any training. The absolute heading is not read, so that a rotated network gives the same
     choices.
+
+    without_route: (3, 2) by type, how much the heads and the scorers count for road users whose route is not known, in
+        the preset `extended`, which learns with routes alone; see slrl_sumo.learning.supervised.without_route.
     """
+
+    without_route: Tensor
 
     def __init__(self, config: PolicyConfig) -> None:
         super().__init__()
@@ -97,6 +103,8 @@ class Policy(nn.Module):
         self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.lookahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
+        # In the record of the training, because weights are those of the training.
+        self.register_buffer("without_route", torch.ones(types, 2), persistent=False)
 
     def forward(
         self,
@@ -115,7 +123,7 @@ class Policy(nn.Module):
         """
         seen = self._seen(vector, image, route)
         types = _Types(kind)
-        return self._correction(seen, vector, types, rollouts), types.each(self.critics, seen)[:, 0]
+        return self._correction(seen, vector, kind, types, rollouts, route), types.each(self.critics, seen)[:, 0]
 
     def correction(
         self,
@@ -126,7 +134,13 @@ class Policy(nn.Module):
         route: Tensor | None = None,
     ) -> Tensor:
         """The first result of `forward` alone."""
-        return self._correction(self._seen(vector, image, route), vector, _Types(kind), rollouts)
+        return self._correction(self._seen(vector, image, route), vector, kind, _Types(kind), rollouts, route)
+
+    def parts(
+        self, vector: Tensor, image: Tensor | None, kind: Tensor, rollouts: Tensor | None, route: Tensor | None
+    ) -> tuple[Tensor, Tensor]:
+        """The own logits of the heads and of the scorers, (n, modes) each, before `without_route`."""
+        return self._parts(self._seen(vector, image, route), vector, _Types(kind), rollouts)
 
     def _seen(self, vector: Tensor, image: Tensor | None, route: Tensor | None) -> Tensor:
         """Output of the trunk for n observations, (n, hidden)."""
@@ -145,12 +159,28 @@ class Policy(nn.Module):
         features: Tensor = self.encoder(image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0))
         return features
 
-    def _correction(self, seen: Tensor, vector: Tensor, types: "_Types", rollouts: Tensor | None) -> Tensor:
-        correction = types.each(self.actors, seen)
+    def _correction(
+        self,
+        seen: Tensor,
+        vector: Tensor,
+        kind: Tensor,
+        types: "_Types",
+        rollouts: Tensor | None,
+        route: Tensor | None,
+    ) -> Tensor:
+        heads, scorers = self._parts(seen, vector, types, rollouts)
+        if not self.config.route_columns:
+            return heads + scorers
+        assert route is not None
+        share = torch.where(route[:, KNOWN, None] > 0.0, 1.0, self.without_route[kind])
+        return share[:, :1] * heads + share[:, 1:] * scorers
+
+    def _parts(self, seen: Tensor, vector: Tensor, types: "_Types", rollouts: Tensor | None) -> tuple[Tensor, Tensor]:
+        heads = types.each(self.actors, seen)
         if not self.config.lookahead:
-            return correction
+            return heads, torch.zeros_like(heads)
         assert rollouts is not None
-        return correction + types.each(self.scorers, self._rated(rollouts, vector))[..., 0]
+        return heads, types.each(self.scorers, self._rated(rollouts, vector))[..., 0]
 
     def _rated(self, rollouts: Tensor, vector: Tensor) -> Tensor:
         """Inputs of the scorers: rollouts of order 1, and products that a layer cannot form, (n, modes, inputs)."""
@@ -199,10 +229,11 @@ def policy_logits(
     Modes where `mask` (n, modes) is False are excluded. With `explore` that share of choices is drawn uniformly from
     the modes that are allowed.
 
-    The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen.
+    The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen (not
+    where the correction counts less than wholly, see Policy.without_route).
     """
     correction, value = policy(vector, image, kind, rollouts, route)
-    logits = _corrected(policy, prior, vector, kind, correction)
+    logits = _corrected(policy, prior, vector, kind, correction, route)
     if mask is not None:
         logits = masked(logits, mask)
     if explore:
@@ -228,14 +259,21 @@ def choice_logits(
     route: Tensor | None = None,
 ) -> Tensor:
     """The log probabilities of `policy_logits` alone, without values."""
-    return _corrected(policy, prior, vector, kind, policy.correction(vector, image, kind, rollouts, route))
+    return _corrected(policy, prior, vector, kind, policy.correction(vector, image, kind, rollouts, route), route)
 
 
-def _corrected(policy: Policy, prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor) -> Tensor:
+def _corrected(
+    policy: Policy, prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor, route: Tensor | None
+) -> Tensor:
     if not policy.config.prior_logits:
         return torch.log_softmax(correction, -1)
     with torch.no_grad():
-        known = torch.log_softmax(prior.logits(vector, kind), -1).clamp_min(-4.0)
+        known = torch.log_softmax(prior.logits(vector, kind), -1)
+        # Training can find modes that the prior has never seen; where it has taught nothing, they would only be noise.
+        least = known.new_full((len(known), 1), -4.0)
+        if route is not None:
+            least[(route[:, KNOWN] == 0.0) & (policy.without_route[kind] < 1.0).any(-1)] = -torch.inf
+        known = torch.maximum(known, least)
     return torch.log_softmax(known + correction, -1)
 
 
@@ -334,9 +372,11 @@ def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | Non
             Policy(config).load_state_dict(state, assign=True)
         policy = Policy(config)
         policy.load_state_dict(state)
+        if "without_route" in training:
+            policy.without_route.copy_(torch.tensor(training["without_route"], dtype=torch.float32))
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RuntimeError, SafetensorError) as error:
         reason = " ".join(str(getattr(error, "strerror", None) or error).split())[:300]
         raise InputError(f"{damaged} ({reason}); copy the bundle again, or train it anew") from error
-    if not all(bool(torch.isfinite(value).all()) for value in state.values()):
+    if not all(bool(torch.isfinite(value).all()) for value in (*state.values(), policy.without_route)):
         raise InputError(f"{damaged} (weights that are not finite); copy the bundle again, or train it anew")
     return policy.requires_grad_(False).eval(), training

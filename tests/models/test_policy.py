@@ -187,6 +187,25 @@ def test_an_extended_selector_reads_the_route_and_does_without_one(
         selector.choose(looked, None)
 
 
+def test_without_a_route_corrections_count_by_their_shares(
+    bundle: ModelBundle, seen: Observation, extended: Policy
+) -> None:
+    _disturb(extended)
+    vector, image, kind, ahead, route = _everything(_on_route(seen))
+    route[:, 0] = torch.arange(len(route)) % 2  # every other one has a route
+    before = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
+    extended.without_route.zero_()
+    after = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
+    torch.testing.assert_close(after[1::2], before[1::2])
+    # Nothing but the prior is left, its improbable modes included.
+    known = torch.log_softmax(bundle.prior.logits(vector, kind), -1)
+    torch.testing.assert_close(after[::2], known[::2])
+    heads, scorers = extended.parts(vector, image, kind, ahead, route)
+    extended.without_route.copy_(torch.tensor([[0.25, 0.5]] * 3))
+    some = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
+    torch.testing.assert_close(some[::2], torch.log_softmax(known + 0.25 * heads + 0.5 * scorers, -1)[::2])
+
+
 def test_masked_modes_have_no_probability_and_leave_the_others_in_proportion(
     bundle: ModelBundle, seen: Observation, policy: Policy
 ) -> None:

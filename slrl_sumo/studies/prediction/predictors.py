@@ -94,6 +94,11 @@ def prior_sampled(bundle: ModelBundle, ground: RoadMap, draws: Floats) -> Move:
     return _decided(bundle, ground, lambda uniform: PriorSelector(bundle, uniform), draws)
 
 
+def policy_central(bundle: ModelBundle, ground: RoadMap) -> Move:
+    """The trained policy's single prediction: at each step its most central mode, as that of the prior."""
+    return _decided(bundle, ground, lambda uniform: PolicySelector(bundle, middle=True), np.zeros((0, 0)))
+
+
 def policy_chosen(bundle: ModelBundle, ground: RoadMap, draws: Floats | None) -> Move:
     """Modes of the trained policy, which sees the ground, as in a run (see PolicySelector).
 

@@ -17,6 +17,7 @@ from slrl_sumo.studies.prediction.predictors import (
     PriorRanked,
     constant_velocity,
     held_mode,
+    policy_central,
     policy_chosen,
     prior_central,
     prior_sampled,
@@ -73,8 +74,9 @@ def selector_rollouts(
     The samples of the prior hold different modes, the most probable ones of the road user's first decision: 20 draws of
     20 modes would hold about half of the modes. Its one prediction is the most central mode at each step; where modes
     are whole paths (`fit --modes paths`), which are not chosen anew at each step, the most central path of the samples.
-    Its realism is that of draws as in a run. Samples of a policy choose anew in every decision, as in training; each
-    takes another twentieth of the distribution (`stratified`).
+    Its realism is that of draws as in a run. The one prediction of `sampled` is the most central mode at each step,
+    too; `greedy` takes the most probable one, as in a run. Samples of a policy choose anew in every decision, as in
+    training; each takes another twentieth of the distribution (`stratified`).
     """
     recording = truth.recording
     copies = _copies(cast, len(starts))
@@ -99,9 +101,7 @@ def selector_rollouts(
         _, paths = many(partial(prior_sampled, bundle, ground, drawn))
         return _rollouts(truth, cast, one, samples, paths)
     if name == "sampled":
-        # Draws have no central one: the one prediction is the first sample.
-        first = draws(cast, starts, seed, 1, STEPS)[0, :, :, 0]
-        one = rollout(recording, cast, policy_chosen(bundle, ground, first), ground)
+        one = rollout(recording, cast, policy_central(bundle, ground), ground)
         chosen = stratified(draws(cast, starts, seed, SAMPLES, STEPS)).reshape(-1, STEPS)
         return _rollouts(truth, cast, one, *many(partial(policy_chosen, bundle, ground, chosen)))
     alone: dict[str, Callable[[], Move]] = {

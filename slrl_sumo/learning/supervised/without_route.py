@@ -1,0 +1,114 @@
+"""How much of a trained policy counts where no route is known: as much as recordings bear out.
+
+A policy of the preset `extended` learns in simulations, where every road user has a route. Without one, as on
+recordings, its scorers still weigh what modes lead to as if all of them fitted the route alike, and drive standing cars
+off. Recordings say by how much heads and scorers make the recorded modes likelier, per type.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn.functional import cross_entropy
+
+from slrl_sumo.agent.decide import Agent, consider
+from slrl_sumo.agent.selection import GivenModes
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.mask import everywhere_road
+from slrl_sumo.learning.supervised.goals import HORIZONS, modes_of, trained_ranges
+from slrl_sumo.learning.supervised.windows import FUTURE, windows
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.models.threads import one_thread
+from slrl_sumo.perception.past_motion import recorded_past
+from slrl_sumo.perception.scene import Scene
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
+
+STRIDE = 2
+"""Every such frame of the recordings is used: 0.8 s."""
+PENALTY = 10.0
+"""Of the squared shares, in nats: of a type with few windows they stay near 0, the prior."""
+ROUNDS = 200
+CHANCE = 10.0
+"""Nats by which the shares must raise the likelihood, or they are 0: two numbers gain that much by chance, because
+successive windows of a road user are nearly the same."""
+
+
+def calibrated(bundle: ModelBundle, recordings: Sequence[Trajectories]) -> ModelBundle:
+    """The bundle with a policy that counts without a route as much as the recordings bear out.
+
+    The shares, from 0 to 1 by type for heads and scorers, maximise the likelihood of the recorded modes under
+    prior + share x correction. The prior has learned from these recordings, so the shares are rather too small than too
+    large. Raises InputError where the bundle has no policy of the preset `extended`.
+    """
+    if bundle.policy is None or not bundle.policy.config.route_columns:
+        raise InputError(f"bundle {bundle.name}: it has no trained selector that reads routes")
+    with one_thread():
+        parts = [_parts(bundle, bundle.policy, recording) for recording in recordings]
+    kind, mode, known, heads, scorers = (torch.cat(some) for some in zip(*parts, strict=True))
+    found = torch.zeros(len(RoadUserType), 2)
+    for t in RoadUserType:
+        mine = kind == t
+        if mine.any():
+            found[t] = shares(known[mine], torch.stack([heads[mine], scorers[mine]]), mode[mine])
+    policy = Policy(bundle.policy.config)
+    policy.load_state_dict(bundle.policy.state_dict())
+    rounded = np.round(found.numpy().astype(np.float64), 3).tolist()
+    policy.without_route.copy_(torch.tensor(rounded))
+    training = {**(bundle.policy_training or {}), "without_route": rounded}
+    lines = ", ".join(f"{TYPE_NAMES[t]} {found[t, 0]:.2f} and {found[t, 1]:.2f}" for t in RoadUserType)
+    names = ", ".join(recording.source for recording in recordings)
+    card = (
+        f"{bundle.card}\nWithout a route its heads and scorers count by these shares, learned from {names}: {lines}.\n"
+    )
+    policy.requires_grad_(False).eval()
+    return replace(bundle, policy=policy, policy_training=training, card=card)
+
+
+def shares(known: Tensor, corrections: Tensor, mode: Tensor) -> Tensor:
+    """Shares (2,) of the `corrections` (2, n, modes) beside the log probabilities `known` (n, modes), for which the
+    modes (n,) are the likeliest; 0 where they are hardly likelier than by `known` alone."""
+    share = torch.full((2,), 0.1, requires_grad=True)
+    optimizer = torch.optim.Adam([share], lr=0.02)
+    for _ in range(ROUNDS):
+        logits = known + (share[:, None, None] * corrections).sum(0)
+        loss = cross_entropy(logits, mode, reduction="sum") + PENALTY * share.square().sum()
+        optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        optimizer.step()
+        with torch.no_grad():
+            share.clamp_(0.0, 1.0)
+    with torch.no_grad():
+        logits = known + (share[:, None, None] * corrections).sum(0)
+        alone, corrected = (float(cross_entropy(values, mode, reduction="sum")) for values in (known, logits))
+    return share.detach() if alone - corrected > CHANCE else torch.zeros(2)
+
+
+def _parts(bundle: ModelBundle, policy: Policy, recording: Trajectories) -> tuple[Tensor, ...]:
+    """Type, recorded mode, log probabilities of the prior, and logits of heads and scorers, of all windows."""
+    modes_by = str(bundle.training.get("modes_by", "kmeans"))
+    every = windows([recording], STRIDE, bundle.config.preset, max(HORIZONS.get(modes_by, FUTURE), FUTURE))
+    every = every.take(bundle.types[every.type])
+    mode = modes_of(every, modes_by, bundle.mode_centres, trained_ranges(bundle.training))
+    ground, agent = everywhere_road(recording.x, recording.y), Agent(bundle, GivenModes("extended"))
+    found: list[tuple[Tensor, ...]] = []
+    for frame in np.unique(every.frame).tolist():
+        here = np.flatnonzero(every.frame == frame)
+        rows = recording.rows_at(frame)
+        place = np.searchsorted(recording.track[rows], every.track[here])
+        scene = Scene(recording.world(frame), place, ground, past=recorded_past(recording, rows))
+        situation = consider(scene, agent, last_look=True)
+        observation, rollouts = situation.observation, situation.rollouts
+        assert observation.image is not None
+        assert rollouts is not None
+        vector, kind = torch.from_numpy(observation.vector), torch.from_numpy(observation.type).long()
+        ahead = torch.from_numpy(rollouts.columns(policy.config.rollout_features))
+        route = torch.zeros(len(here), policy.config.route_columns)
+        with torch.inference_mode():
+            corrections = policy.parts(vector, torch.from_numpy(observation.image), kind, ahead, route)
+            known = torch.log_softmax(bundle.prior.logits(vector, kind), -1)
+        found.append((kind, torch.from_numpy(mode[here]), known, *corrections))
+    return tuple(torch.cat(some).clone() for some in zip(*found, strict=True))

@@ -1,0 +1,57 @@
+"""What counts of a policy where no route is known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from builders import make_bundle, make_recording
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.learning.supervised.without_route import calibrated, shares
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.policy import Policy, PolicyConfig
+
+
+def test_a_correction_counts_as_much_as_it_makes_recorded_modes_likelier() -> None:
+    generator = torch.Generator().manual_seed(1)
+    n = 4000
+    useful, useless = (torch.randn(n, 20, generator=generator) for _ in range(2))
+    known = torch.log_softmax(torch.randn(n, 20, generator=generator), -1)
+    mode = torch.multinomial((known + 0.5 * useful).softmax(-1), 1, generator=generator)[:, 0]
+    found = shares(known, torch.stack([useful, useless]), mode)
+    assert found.tolist() == pytest.approx([0.5, 0.0], abs=0.06)
+    # What is likelier by chance does not count.
+    mode = torch.multinomial(known.exp(), 1, generator=generator)[:, 0]
+    assert shares(known, torch.stack([useful, useless]), mode).tolist() == [0.0, 0.0]
+
+
+def test_a_calibrated_bundle_keeps_its_shares(tmp_path: Path) -> None:
+    torch.manual_seed(3)
+    policy = Policy(PolicyConfig(preset="extended", channels=(4, 4), hidden=16, head=8))
+    with torch.no_grad():
+        for parameter in policy.parameters():
+            parameter += 0.3 * torch.randn(parameter.shape)
+    trained = replace(make_bundle(), policy=policy, policy_training={"steps": 1}, training={"modes_by": "kmeans"})
+    ways = [(0.5 * np.arange(30), 3.0 * k, 0.0) for k in range(3)]
+    made = make_recording(*ways, type=[0, 1, 2], source="by hand")
+    done = calibrated(trained, [made])
+    assert done.policy is not None
+    found = done.policy.without_route
+    assert ((found >= 0.0) & (found <= 1.0)).all()
+    assert (found != 1.0).any()
+    assert done.policy_training is not None
+    torch.testing.assert_close(torch.tensor(done.policy_training["without_route"]), found)
+    assert done.policy_training["steps"] == 1
+    assert "by hand" in done.card
+    assert policy.without_route.tolist() == [[1.0, 1.0]] * 3  # the given one is as it was
+    done.save(tmp_path / "again")
+    again = load_bundle(tmp_path / "again").policy
+    assert again is not None
+    assert torch.equal(again.without_route, found)
+
+
+def test_only_policies_that_read_routes_are_calibrated() -> None:
+    with pytest.raises(InputError, match="no trained selector that reads routes"):
+        calibrated(make_bundle(), [])
