@@ -32,6 +32,7 @@ STRIDE = 2
 PENALTY = 10.0
 """Of the squared shares, in nats: of a type with few windows they stay near 0, the prior."""
 ROUNDS = 200
+CARD = "\nWithout a route its heads and scorers count by shares learned from"
 CHANCE = 10.0
 """Nats by which the shares must raise the likelihood, or they are 0: two numbers gain that much by chance, because
 successive windows of a road user are nearly the same."""
@@ -61,9 +62,7 @@ def calibrated(bundle: ModelBundle, recordings: Sequence[Trajectories]) -> Model
     training = {**(bundle.policy_training or {}), "without_route": rounded}
     lines = ", ".join(f"{TYPE_NAMES[t]} {found[t, 0]:.2f} and {found[t, 1]:.2f}" for t in RoadUserType)
     names = ", ".join(recording.source for recording in recordings)
-    card = (
-        f"{bundle.card}\nWithout a route its heads and scorers count by these shares, learned from {names}: {lines}.\n"
-    )
+    card = bundle.card.split(CARD)[0] + f"{CARD} {names}: {lines}.\n"
     policy.requires_grad_(False).eval()
     return replace(bundle, policy=policy, policy_training=training, card=card)
 

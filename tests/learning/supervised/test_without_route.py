@@ -46,6 +46,7 @@ def test_a_calibrated_bundle_keeps_its_shares(tmp_path: Path) -> None:
     assert done.policy_training["steps"] == 1
     assert "by hand" in done.card
     assert policy.without_route.tolist() == [[1.0, 1.0]] * 3  # the given one is as it was
+    assert calibrated(done, [made]).card == done.card
     done.save(tmp_path / "again")
     again = load_bundle(tmp_path / "again").policy
     assert again is not None
