@@ -128,7 +128,7 @@ def evaluate(
         "bends": [row for name in selectors for row in _bends(name, parts[name])],
         "off_surface": [] if roadmap is None else _off_surface(recording, parts, roadmap),
         "realism": [row for name in selectors for row in _realism(name, parts[name])],
-        "driving": long_rollout_figures("prior", drives, bundle) if drives else [],
+        "driving": long_rollout_figures("prior", drives, bundle, truth) if drives else [],
     }
 
 

@@ -8,19 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
+from slrl_sumo.metrics.distributions import EDGES, jensen_shannon_distance
+from slrl_sumo.metrics.realism_features import nearest_distance
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.past_motion import later, recorded_past
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.studies.prediction.rollout import Cast, Moment, Move, cast_of
+from slrl_sumo.studies.prediction.rollout_realism import Recorded
 
 STEPS = 64
 """Intervals: 25.6 s, four times as long as a prediction."""
 
 SLOW = 0.3
 """m/s; slower road users should hardly turn."""
+
+NEAREST = np.linspace(-1.0, 20.0, 43)
+"""Borders of bins of the distance to the nearest, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +41,8 @@ class LongRollout:
     yaw_rate: Floats
     sideslip: Floats
     """rad between an interval's displacement and the heading after it, 0 where there was none, (U, STEPS)."""
+    nearest: Floats
+    """m from box to box of the nearest other road user after each interval, (U, STEPS) (metrics.realism_features)."""
     distance: Floats
     """m from the start to the end, (U,)."""
 
@@ -66,6 +74,7 @@ def long_rollout(
     every_row = np.arange(len(row))
     begin, move = world, make(cast)
     kept: list[Floats] = []
+    nearest: list[Floats] = []
     past = recorded_past(recording, row)
     for step in range(STEPS):
         # There is no recorded truth here; the present positions take its place.
@@ -74,14 +83,37 @@ def long_rollout(
         dx, dy = then.x - world.x, then.y - world.y
         slip = np.where(np.hypot(dx, dy) > 1e-6, np.abs(wrap_angle(np.arctan2(dy, dx) - then.heading)), 0.0)
         kept.append(np.stack([then.speed, then.acceleration, then.yaw_rate, slip]))
+        nearest.append(_nearest(then, cast.scene))
         past, world = later(past, world.speed, world.yaw_rate), then
     speed, acceleration, yaw_rate, sideslip = np.stack(kept, axis=-1)
     distance = np.hypot(world.x - begin.x, world.y - begin.y)
-    return LongRollout(world.type, speed, acceleration, yaw_rate, sideslip, distance)
+    return LongRollout(world.type, speed, acceleration, yaw_rate, sideslip, np.stack(nearest, axis=-1), distance)
 
 
-def long_rollout_figures(name: str, drives: Sequence[LongRollout], bundle: ModelBundle) -> list[dict[str, Any]]:
+def _nearest(world: WorldState, scene: Integers) -> Floats:
+    """Distance of the nearest other road user of the scene, (U,), m."""
+    n = len(world)
+    every = Trajectories(
+        track=np.arange(n),
+        frame=scene,
+        x=world.x,
+        y=world.y,
+        heading=world.heading,
+        ids=tuple(map(str, range(n))),
+        type=world.type,
+        length=world.length,
+        width=world.width,
+    )
+    return nearest_distance(every)
+
+
+def long_rollout_figures(
+    name: str, drives: Sequence[LongRollout], bundle: ModelBundle, truth: Recorded
+) -> list[dict[str, Any]]:
     """Per type: extremes of motion, and the share of steps within the 1st to 99th percentile of the training data.
+
+    `js`: Jensen-Shannon distances of the distributions of speed, acceleration, yaw rate and distance to the nearest,
+    over all steps, from those of the recording. `standing`, `recorded_standing`: shares of steps below STANDING_SPEED.
 
     `slow_yaw_rate_first` and `_last`: 99th percentile of the absolute yaw rate below SLOW, in the first and the last
     quarter of the steps: the second must not be the greater one by much. None where no road user was slow, or the
@@ -96,8 +128,11 @@ def long_rollout_figures(name: str, drives: Sequence[LongRollout], bundle: Model
             np.concatenate([getattr(drive, field)[chosen] for drive, chosen in mine])
             for field in ("speed", "acceleration", "yaw_rate", "sideslip")
         )
+        nearest = np.concatenate([drive.nearest[chosen] for drive, chosen in mine])
         slow = speed < SLOW
         quarter = STEPS // 4
+        simulated = {"speed": speed, "acceleration": acceleration, "yaw_rate": yaw_rate, "nearest": nearest}
+        true = {quantity: truth.of_type(quantity, kind) for quantity in (*simulated, "standing")}
         recorded = bundle.training.get("types", {}).get(type_name, {})
         rows.append(
             {
@@ -110,6 +145,16 @@ def long_rollout_figures(name: str, drives: Sequence[LongRollout], bundle: Model
                 "sideslip_p99_rad": float(np.percentile(sideslip, 99)),
                 "slow_yaw_rate_first_radps": _p99(np.abs(yaw_rate[:, :quarter])[slow[:, :quarter]]),
                 "slow_yaw_rate_last_radps": _p99(np.abs(yaw_rate[:, -quarter:])[slow[:, -quarter:]]),
+                "js": {
+                    quantity: jensen_shannon_distance(
+                        a=values.ravel(),
+                        b=true[quantity],
+                        edges=EDGES[quantity][kind] if quantity in EDGES else NEAREST,
+                    )
+                    for quantity, values in simulated.items()
+                },
+                "standing": float((speed < STANDING_SPEED).mean()),
+                "recorded_standing": float(true["standing"].mean()),
                 "speed_within": _share_within(speed, recorded.get("speed_percentiles_mps")),
                 "acceleration_within": _share_within(acceleration, recorded.get("acceleration_percentiles_mps2")),
             }

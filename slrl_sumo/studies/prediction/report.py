@@ -62,7 +62,9 @@ def print_evaluation(result: dict[str, Any]) -> None:
         table.add_column("type")
         for heading in ("yaw rate 99 % (rad/s)", "sideslip 99 % (rad)", "slow yaw rate, first / last quarter"):
             table.add_column(heading, justify="right")
-        for heading in ("speed within recorded", "acceleration within", "farthest (m)", "n"):
+        for heading in ("speed within recorded", "acceleration within", "farthest (m)"):
+            table.add_column(heading, justify="right")
+        for heading in ("JS distance: speed", "acceleration", "yaw rate", "nearest", "standing / recorded", "n"):
             table.add_column(heading, justify="right")
         for row in result["driving"]:
             table.add_row(
@@ -73,6 +75,8 @@ def print_evaluation(result: dict[str, Any]) -> None:
                 _cell(row["speed_within"], ".1%"),
                 _cell(row["acceleration_within"], ".1%"),
                 f"{row['farthest_m']:.0f}",
+                *(f"{row['js'][quantity]:.2f}" for quantity in ("speed", "acceleration", "yaw_rate", "nearest")),
+                f"{row['standing']:.1%} / {row['recorded_standing']:.1%}",
                 str(row["n"]),
             )
         print_table(table)

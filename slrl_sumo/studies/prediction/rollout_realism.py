@@ -26,6 +26,13 @@ class Recorded:
     shapes: SurfaceShapes | None
     """The ground, where it is known."""
 
+    def of_type(self, name: str, kind: int) -> Floats:
+        """A feature at all moments at which road users of a type, except parked ones, have all features."""
+        t = self.recording
+        since = t.frame - t.frame[t.starts[t.track]]
+        rows = (t.type[t.track] == kind) & ~t.parked[t.track] & (since >= KNOWN)
+        return np.asarray(self.features[name][rows], np.float64)
+
 
 def recorded(recording: Trajectories, roadmap: RoadMap | None = None) -> Recorded:
     """The features of a recording; map features with a map only."""

@@ -16,7 +16,7 @@ from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.studies.prediction.evaluate import evaluate
-from slrl_sumo.studies.prediction.long_rollout import long_rollout
+from slrl_sumo.studies.prediction.long_rollout import long_rollout, long_rollout_figures
 from slrl_sumo.studies.prediction.predictors import (
     PriorRanked,
     constant_velocity,
@@ -26,6 +26,7 @@ from slrl_sumo.studies.prediction.predictors import (
     step_oracle,
 )
 from slrl_sumo.studies.prediction.rollout import STEPS, Moment, Motion, cast_of, rollout
+from slrl_sumo.studies.prediction.rollout_realism import recorded
 from slrl_sumo.studies.prediction.selector_rollouts import SAMPLES, stratified
 
 Path = tuple[int, np.ndarray]
@@ -296,6 +297,7 @@ def test_a_long_rollout_moves_all_that_are_present(bundle: ModelBundle) -> None:
     np.testing.assert_array_equal(drive.type, [2, 1])  # the third comes later
     np.testing.assert_allclose(drive.distance, [64 * 0.4 * 2.0, 64 * 0.4 * 4.0])
     np.testing.assert_allclose(drive.sideslip, 0, atol=1e-9)
+    np.testing.assert_allclose(drive.nearest[0], drive.nearest[1])  # there are two
 
     def spin(moment: Moment) -> Motion:
         n = len(moment.rows)
@@ -305,6 +307,24 @@ def test_a_long_rollout_moves_all_that_are_present(bundle: ModelBundle) -> None:
     np.testing.assert_allclose(drive.speed[0, :3], [2.4, 2.8, 3.0])
     np.testing.assert_allclose(drive.yaw_rate, 0.5)
     np.testing.assert_allclose(drive.sideslip, 0.1)  # half of the turn of 0.2 rad
+
+
+def test_long_rollouts_are_compared_with_what_was_recorded(bundle: ModelBundle) -> None:
+    """Of three pedestrians two walk and one stands."""
+    made = recording([straight(90, 1.25), straight(90, 1.25, 2.0), straight(90, 0.0, 30)], [2, 2, 2])
+
+    def stand(moment: Moment) -> Motion:
+        n = len(moment.rows)
+        return np.full(n, -9.0), np.zeros(n), np.full(n, 3.0)
+
+    drives = {"straight": long_rollout(made, np.array([5]), lambda cast: constant_velocity)}
+    drives["stand"] = long_rollout(made, np.array([5]), lambda cast: stand)
+    truth = recorded(made)
+    [same], [stands] = (long_rollout_figures(name, [drive], bundle, truth) for name, drive in drives.items())
+    assert same["js"] == pytest.approx(dict.fromkeys(("speed", "acceleration", "yaw_rate", "nearest"), 0.0), abs=0.1)
+    assert same["standing"] == pytest.approx(same["recorded_standing"], abs=0.01) == pytest.approx(1 / 3, abs=0.01)
+    assert stands["standing"] == 1.0
+    assert stands["js"]["speed"] > 0.5
 
 
 def test_what_cannot_be_evaluated_is_refused(bundle: ModelBundle) -> None:
