@@ -30,6 +30,9 @@ def bench(
     cores: Annotated[
         str | None, typer.Option(help="Numbers of simulations side by side, e.g. 1,4. [default: 1 and all cores]")
     ] = None,
+    threads: Annotated[
+        str | None, typer.Option(help="Numbers of threads of each decision, e.g. 1,2. [default: 1]")
+    ] = None,
     steps: Annotated[int | None, typer.Option(help="Measured decisions of each measurement. [default: 60]")] = None,
     bundle: BundleName = DEFAULT_BUNDLE,
     selector: Annotated[str | None, typer.Option(help="As in `run`. [default: the bundle's usual one]")] = None,
@@ -77,6 +80,7 @@ def bench(
         "scenarios": scenarios,
         "agents": agents,
         "cores": cores,
+        "threads": threads,
         "steps": steps,
         "selector": selector,
         "mix": mix,
@@ -95,6 +99,8 @@ def bench(
         given["agents"] = numbers("agents", agents)
     if cores is not None:
         given["cores"] = numbers("cores", cores)
+    if threads is not None:
+        given["threads"] = numbers("threads", threads)
     from slrl_sumo.studies.bench.bench import BenchSettings, write_bench
 
     settings = BenchSettings(bundle=bundle, selector=selector, seed=seed, **given)

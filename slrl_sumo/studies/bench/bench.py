@@ -36,6 +36,8 @@ class BenchSettings:
     agents: tuple[int, ...] = (16, 64, 256, 1024)
     cores: tuple[int, ...] = ()
     """Numbers of simulations side by side; empty: one, and the number of cores of the machine."""
+    threads: tuple[int, ...] = (1,)
+    """Numbers of threads of each decision."""
     steps: int = 60
     """Decisions in each measurement, after the warm-up."""
     bundle: str = "intersection"
@@ -50,6 +52,8 @@ def workloads(settings: BenchSettings) -> list[Workload]:
         check_whole_number("agents", value, 1, 1_000_000)
     for value in settings.cores:
         check_whole_number("cores", value, 1, 1024)
+    for value in settings.threads:
+        check_whole_number("threads", value, 1, 1024)
     check_whole_number("steps", settings.steps, 1, 1_000_000)
     check_whole_number("seed", settings.seed, 0, 2**31 - 1)
     from slrl_sumo.simulation.shares import parse_mix
@@ -69,10 +73,12 @@ def workloads(settings: BenchSettings) -> list[Workload]:
             selector=settings.selector,
             steps=settings.steps,
             seed=settings.seed,
+            threads=threads,
         )
         for scenario in settings.scenarios
         for agents in settings.agents
         for count in cores
+        for threads in settings.threads
     ]
 
 
@@ -103,6 +109,7 @@ def _row(work: Workload, learned: "list[LearnedCost]", updates_per_s: list[float
         "scenario": work.scenario,
         "agents": work.agents,
         "cores": work.cores,
+        "threads": work.threads,
         "selector": learned[0].selector,
         "agent_steps_per_s": round(work.cores * work.agents / decision, 1),
         "ms_per_decision": round(1e3 * decision, 4),
@@ -180,13 +187,14 @@ def print_rows(rows: list[dict[str, Any]]) -> None:
         title_justify="left",
     )
     table.add_column("scenario", no_wrap=True)
-    for heading in ("agents", "cores", "agent-steps/s", "ms", *parts, "floor", "x floor", "x SUMO", "MiB"):
+    for heading in ("agents", "cores", "threads", "agent-steps/s", "ms", *parts, "floor", "x floor", "x SUMO", "MiB"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         table.add_row(
             row["scenario"],
             str(row["agents"]),
             str(row["cores"]),
+            str(row["threads"]),
             f"{row['agent_steps_per_s']:.0f}",
             f"{row['ms_per_decision']:.2f}",
             *(f"{row['parts_ms'][part]:.2f}" for part in parts),

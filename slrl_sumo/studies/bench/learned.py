@@ -9,16 +9,17 @@ from time import perf_counter
 
 import cv2
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.driver import make_driver, usual_selector
+from slrl_sumo.agent.driver import TRAINED, ModelDriver, make_driver
 from slrl_sumo.agent.stopwatch import PARTS, Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
+from slrl_sumo.models.bundle_folder import policy_preset
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, FINE
 from slrl_sumo.perception.observation import Observation, observe
 from slrl_sumo.perception.scene import Scene
@@ -59,15 +60,24 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
 
     Raises DoesNotFit if the scenario has no room, InputError if the workload is wrong, SumoError if SUMO fails.
     """
-    torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    bundle = load_bundle(work.bundle)
+    preset = policy_preset(work.bundle)
+    selector = work.selector or ("greedy" if preset == "paper" else "rule")
+    # PyTorch counts in the memory of a run that needs it.
+    bundle = load_bundle(work.bundle, policy=selector in TRAINED)
     stopwatch = Stopwatch()
     seconds: list[dict[str, float]] = []
     scenario = find_scenario(work.scenario)
     with SumoSession(scenario, seed=work.seed) as session, tempfile.TemporaryDirectory() as folder:
-        selector = work.selector or usual_selector(bundle)
-        driver = make_driver(selector, bundle, session.api, session.network, work.seed, stopwatch=stopwatch)
+        driver = make_driver(
+            selector,
+            bundle,
+            session.api,
+            session.network,
+            work.seed,
+            stopwatch=stopwatch,
+            threads=work.threads,
+        )
         simulation = CoSimulation(session, driver, stopwatch=stopwatch)
         counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config), bundle)
         try:
@@ -81,7 +91,8 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                 if number == WARM_UP:
                     yield
                 stopwatch.take()
-                decision = simulation.decide()
+                with one_thread():
+                    decision = simulation.decide()
                 for step in decision.steps:
                     writer.write(step.time, step.world, step.places)
                 tally.add(decision)
@@ -89,7 +100,8 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                 if number >= WARM_UP:
                     seconds.append(stopwatch.take())
         memory = peak_memory_mib()
-        floor_s = _floor(session, simulation, bundle, work.steps)
+        sees = isinstance(driver, ModelDriver) and driver.agent.selector.needs_image
+        floor_s = _floor(session, simulation, bundle, work.steps, sees=sees)
     return LearnedCost(selector, session.substeps, typical(seconds), floor_s, memory)
 
 
@@ -102,8 +114,11 @@ def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
     return dict(zip(PARTS, table[middle].mean(axis=0).tolist(), strict=True))
 
 
-def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int) -> dict[str, float]:
-    """Seconds per decision of the calls that every implementation of the method needs."""
+def _floor(
+    session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int, *, sees: bool
+) -> dict[str, float]:
+    """Seconds per decision of the calls that every implementation of the method needs; of images where its selector
+    sees them."""
     learned = simulation.population.world
     observation = observe(Scene(simulation.world, np.arange(len(learned)), simulation.road_map))
     roadmap = simulation.road_map
@@ -112,8 +127,8 @@ def _floor(session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, 
     return {
         "moves": session.substeps * moves,
         "sumo": session.substeps * sumo_steps,
-        "crops": _seconds(lambda: _bare_crops(ground, learned.heading, roadmap.resolution)),
-        **_bare_models(bundle, observation),
+        **({"crops": _seconds(lambda: _bare_crops(ground, learned.heading, roadmap.resolution))} if sees else {}),
+        **_bare_models(bundle, observation, sees=sees),
     }
 
 
@@ -144,13 +159,16 @@ def _bare_crops(ground: NDArray[np.uint8], heading: Floats, resolution: float) -
         cv2.warpAffine(ground, matrix, crop.shape[::-1], dst=crop, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
 
 
-def _bare_models(bundle: ModelBundle, observation: Observation) -> dict[str, float]:
+def _bare_models(bundle: ModelBundle, observation: Observation, *, sees: bool) -> dict[str, float]:
     """Seconds of the displacement models of all modes and of the selector's image encoder."""
+    import torch
+
+    torch.set_num_threads(1)
     vector, kind = tensors(observation)
     networks = bundle.displacement.networks
     with torch.inference_mode():
         seconds = {"displacement": _seconds(lambda: networks.forward_all(vector, kind))}
-        if bundle.policy is not None and bundle.policy.config.image and observation.image is not None:
+        if sees and bundle.policy is not None and observation.image is not None:
             encoder = bundle.policy.encoder
             pixels = torch.from_numpy(observation.image).permute(0, 3, 1, 2).float().contiguous()
             seconds["encoder"] = _seconds(lambda: encoder(pixels))

@@ -20,7 +20,7 @@ class Workload:
     scenario: str
     agents: int
     cores: int
-    """Number of simulations side by side, each in one thread: more threads per simulation only wait for each other."""
+    """Number of simulations side by side."""
     mix: str
     bundle: str
     selector: str | None
@@ -28,6 +28,8 @@ class Workload:
     steps: int
     """Measured decisions."""
     seed: int
+    threads: int = 1
+    """Of each decision of each simulation."""
 
 
 class DoesNotFit(SlrlError):  # noqa: N818 (an outcome of a measurement, not a fault)
