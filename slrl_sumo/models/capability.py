@@ -1,14 +1,22 @@
 """What the models of a bundle can do: the curves that they can take and their stopping distances."""
 
+import hashlib
+import os
+import sys
+import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
+from slrl_sumo.models import motion_models
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.motion_models import motions
 from slrl_sumo.perception.features import FEATURES, PAST_SPEED
 from slrl_sumo.perception.past_motion import PAST
-from slrl_sumo.scene.advance import halting
+from slrl_sumo.scene import advance
+from slrl_sumo.scene.compiled import cache_folder
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
@@ -20,6 +28,8 @@ MAX_DECISIONS = 60
 """Decisions of a probed stop at most."""
 NEIGHBOURS = (0, 1, 3)
 """Numbers of other road users within 20 m that are probed: models turn differently in company."""
+MOST_FILES = 32
+"""Bundles of which the results are kept."""
 HARD_BRAKING = -1.5
 """m/s²: modes that brake harder do not count as a way through a curve."""
 
@@ -35,6 +45,39 @@ class Capability:
 
 
 def capability_of(bundle: ModelBundle) -> Capability:
+    """What the modes of a bundle can do: probed when it is first asked for on a machine, which takes half as long as
+    the rest of a start, then read from a file beside the machine code."""
+    folder = cache_folder()
+    if folder is None:
+        return probed(bundle)
+    file = folder / f"capability-{_stamp(bundle)}.npz"
+    try:
+        with np.load(file) as stored:
+            return Capability(stored["sharpest"], stored["stopping"])
+    except (OSError, ValueError, KeyError, BadZipFile):
+        found = probed(bundle)
+    with suppress(OSError):
+        older = sorted(folder.glob("capability-*.npz"), key=lambda one: one.stat().st_mtime)
+        for one in older[: 1 - MOST_FILES]:
+            one.unlink(missing_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=".capability-", suffix=".npz", delete=False) as new:
+            np.savez(new, sharpest=found.sharpest, stopping=found.stopping)
+        os.replace(new.name, file)
+    return found
+
+
+def _stamp(bundle: ModelBundle) -> str:
+    """Digest of what the result depends on: the models, and the code that probes them."""
+    digest = hashlib.sha256(bundle.config.preset.encode())
+    for module in (sys.modules[__name__], motion_models, advance):
+        digest.update(Path(str(module.__file__)).read_bytes())
+    for name in sorted(bundle.weights):
+        if name.startswith("displacement."):
+            digest.update(np.ascontiguousarray(bundle.weights[name]).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def probed(bundle: ModelBundle) -> Capability:
     """Probe all modes of a bundle; figures are medians over NEIGHBOURS."""
     sharpest = np.zeros((len(NEIGHBOURS), len(RoadUserType), 2, len(SPEEDS)))
     stopping = np.zeros((len(RoadUserType), len(STOPPING)))
@@ -63,7 +106,7 @@ def _stopping(bundle: ModelBundle, kind: RoadUserType) -> Floats:
         hardest = np.empty(len(speed))
         hardest[going] = np.median(each, axis=0)
         hardest[still] = hardest[still.argmax()]
-        hardest = halting(speed, hardest, DECISION_INTERVAL)
+        hardest = advance.halting(speed, hardest, DECISION_INTERVAL)
         after = np.maximum(speed + hardest * DECISION_INTERVAL, 0.0)
         past, speed = (after - speed) / DECISION_INTERVAL, after
         distance += speed * DECISION_INTERVAL
@@ -85,5 +128,5 @@ def _motions(
         for ago in range(PAST):
             before = np.maximum(speed - acceleration * (ago + 1) * DECISION_INTERVAL, 0.0)
             vector[:, PAST_SPEED + ago] = before
-    found = motions(bundle.models, vector, np.full(len(speed), int(kind)))
+    found = motion_models.motions(bundle.models, vector, np.full(len(speed), int(kind)))
     return found[0].astype(np.float64), found[1].astype(np.float64)

@@ -59,6 +59,13 @@ def first_time() -> bool:
     return bool(_KERNELS) and not any(isinstance(k._cache, _Cache) and k._cache.filled() for k in _KERNELS)
 
 
+def cache_folder() -> Path | None:
+    """Where the machine code of this package is kept, for what else is computed once per machine; None where nothing
+    can be kept."""
+    paths = (kernel.stats.cache_path for kernel in _KERNELS)
+    return next((Path(path) for path in paths if path is not None), None)
+
+
 def what_to_expect() -> str:
     """A note on the wait in the first decisions; "" where nothing has to be compiled."""
     if not first_time():

@@ -1,12 +1,14 @@
 """What models can do, against rolling them out by hand."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from builders import make_world
 
+from slrl_sumo.models import capability
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import MAX_DECISIONS, NEIGHBOURS, SPEEDS, STOPPING, Capability, capability_of
 from slrl_sumo.perception.features import FEATURES
@@ -83,3 +85,21 @@ def test_the_sharpest_curves_are_those_of_modes_that_do_not_brake_hard(
         # What is possible at some speed is so at any lower one.
         for i in (8, 20, 40, len(SPEEDS) - 1):
             assert usual.sharpest[kind, :, i] == pytest.approx(best[:, i:].max(axis=1), abs=1e-5)
+
+
+def test_what_was_probed_is_read_again(bundle: ModelBundle, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capability, "cache_folder", lambda: tmp_path)
+    first = capability.capability_of(bundle)
+    (file,) = tmp_path.iterdir()
+    monkeypatch.setattr(capability, "probed", lambda _: pytest.fail("it was probed again"))
+    again = capability.capability_of(bundle)
+    assert np.array_equal(first.sharpest, again.sharpest)
+    assert np.array_equal(first.stopping, again.stopping)
+    monkeypatch.undo()
+    monkeypatch.setattr(capability, "cache_folder", lambda: tmp_path)
+    file.write_bytes(b"damaged")
+    assert np.array_equal(capability.capability_of(bundle).stopping, first.stopping)
+    assert list(tmp_path.iterdir()) == [file]
+    other = replace(bundle, weights={k: v + (k == "displacement.max_curvature") for k, v in bundle.weights.items()})
+    assert not np.array_equal(capability.capability_of(other).sharpest, first.sharpest)
+    assert len(list(tmp_path.iterdir())) == 2
