@@ -9,8 +9,8 @@ The first two know their routes (preset `extended`). On recordings there are non
 `shared-space` counts there is learned from HC D1, and the recipe ends with an error where its prediction of D2 and D3
 has a higher mean error than the prior's, for any type; with --calibrate it does only that, with the selector that the
 bundle has. The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
-logs lie in --work; --resume goes on from there. `intersection` takes a quarter of an hour on 16 cores; the others
-ten minutes each on two free cores.
+logs lie in --work; --resume goes on from there. `intersection` takes a quarter of an hour on 16 cores,
+and half an hour more on two; the others ten minutes each on two free cores.
 """
 
 import argparse
@@ -31,19 +31,25 @@ from slrl_sumo.studies.prediction.rollout import STEPS
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """How a selector is trained; its settings are in tools/selectors/NAME.toml."""
+class Part:
+    """A part of a recipe: one training. Its settings: tools/selectors/SETTINGS.toml."""
 
+    settings: str
     families: str
     steps: int
     workers: int = 2
 
 
+EVERYWHERE = "town,town,random,roundabout,shared-space,motorway"
 RECIPES = {
-    "intersection": Recipe("town,town,random,roundabout,intersection,shared-space,motorway", 20_000_000, 32),
-    "shared-space": Recipe("shared-space", 1_000_000),
-    "intersection-paper": Recipe("intersection,random", 1_500_000),
-    "shared-space-paper": Recipe("shared-space", 1_500_000),
+    # The second part goes on from the selector of the first one.
+    "intersection": (
+        Part("intersection", EVERYWHERE, 24_000_000, 32),
+        Part("intersection-refined", EVERYWHERE, 4_000_000, 4),
+    ),
+    "shared-space": (Part("shared-space", "shared-space", 1_000_000),),
+    "intersection-paper": (Part("intersection-paper", "intersection,random", 1_500_000),),
+    "shared-space-paper": (Part("shared-space-paper", "shared-space", 1_500_000),),
 }
 
 
@@ -67,20 +73,25 @@ def main() -> None:
         if name == "shared-space-paper":
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
-        recipe, out = RECIPES[name], arguments.work / name
-        settings = read_settings(Path(__file__).parent / "selectors" / f"{name}.toml")
-        request = TrainRequest(
-            recipe.families,
-            name,
-            out,
-            arguments.steps or recipe.steps,
-            workers=recipe.workers,
-            seed=arguments.seed,
-            recordings=recordings,
-        )
-        if not arguments.calibrate and (code := train_with_progress(request, settings, resume=arguments.resume)):
-            raise SystemExit(code)
-    made = replace(load_bundle(name if arguments.calibrate else str(out)), name=name)
+        bundle = name
+        for number, part in enumerate(() if arguments.calibrate else RECIPES[name]):
+            out = arguments.work / part.settings
+            settings = read_settings(Path(__file__).parent / "selectors" / f"{part.settings}.toml")
+            request = TrainRequest(
+                part.families,
+                bundle,
+                out,
+                arguments.steps or part.steps,
+                workers=part.workers,
+                seed=arguments.seed,
+                recordings=recordings,
+                goes_on=number > 0,
+            )
+            finished = arguments.resume and (out / "selector.json").exists()
+            if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
+                raise SystemExit(code)
+            bundle = str(out)
+    made = replace(load_bundle(bundle), name=name)
     if name == "shared-space":
         train, *tests = (read_hc(arguments.hc / f"D{number}.csv") for number in (1, 2, 3))
         made = calibrated(made, [train])

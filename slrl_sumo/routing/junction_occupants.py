@@ -29,6 +29,10 @@ UNUSED = 3.0
 """s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
 
 
+SIDE_GAP = 0.1
+"""m beside a vehicle that waits inside a junction."""
+
+
 class Size(NamedTuple):
     """Of a vehicle, m."""
 
@@ -69,11 +73,15 @@ class Occupant(NamedTuple):
     """It has passed a waiting position, and SUMO may still stop it for those that enter: it has to be gone first."""
     acceleration: float = ACCELERATION
     """m/s² that is expected of it."""
+    swings: bool = True
+    """It needs room for its turn. Not so on the way to a waiting position of SUMO's: those that cross would wait for it
+    there, and it for them."""
 
-    @property
-    def half_width(self) -> float:
-        """See conflict_areas."""
-        return half_width(*self.size)
+    def apart(self, other: "Occupant") -> float:
+        """m between the centre lines of two lanes at which the two road users just do not touch."""
+        if self.swings and other.swings:
+            return half_width(*self.size) + half_width(*other.size)
+        return 0.5 * (self.size.width + other.size.width) + SIDE_GAP
 
 
 def reserves_from(speed: float) -> float:
@@ -156,7 +164,9 @@ class BackgroundOccupants:
                     continue  # since this decision
                 position = lane_position(self._api, vehicle)
                 until = length - position if goes_on else math.inf
-                found[vehicle] = self._occupant(vehicle, Piece(lane, -position), until, halts=waited)
+                found[vehicle] = self._occupant(
+                    vehicle, Piece(lane, -position), until, halts=waited, swings=not goes_on
+                )
         for lane in lanes.before:
             end = self._graph.lanes[lane].length
             for vehicle in on_lane.get(lane, ()):
@@ -197,11 +207,14 @@ class BackgroundOccupants:
             lanes = self._lanes[junction] = _Lanes(tuple(inside), tuple(dict.fromkeys(before)))
         return lanes
 
-    def _occupant(self, vehicle: str, piece: Piece, until: float, *, halts: bool = False) -> Occupant:
+    def _occupant(
+        self, vehicle: str, piece: Piece, until: float, *, halts: bool = False, swings: bool = True
+    ) -> Occupant:
         assert self._world is not None, "call renew first"
         idle = waiting_time(self._api, vehicle) > UNUSED
         speed, time = vehicle_speed(self._api, vehicle), self._world.time
-        return Occupant((piece,), speed, self._size(vehicle), until, time, yields=False, idle=idle, halts=halts)
+        size = self._size(vehicle)
+        return Occupant((piece,), speed, size, until, time, yields=False, idle=idle, halts=halts, swings=swings)
 
     def _size(self, vehicle: str) -> Size:
         assert self._world is not None, "call renew first"

@@ -173,7 +173,7 @@ class JunctionReservations:
         leader or follower."""
         if self._graph.origin(mine.pieces[0].lane) == self._graph.origin(other.pieces[0].lane):
             return []
-        shared, apart = [], mine.half_width + other.half_width
+        shared, apart = [], mine.apart(other)
         for piece in mine.pieces:
             for theirs in other.pieces:
                 area = self._areas.between(piece.lane, theirs.lane, apart)

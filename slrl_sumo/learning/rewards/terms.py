@@ -27,8 +27,6 @@ penalty (paper, r2)."""
 PENALTY[:, Surface.NONE] = 1.0
 PENALTY[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
 PENALTY[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
-IMPACT = 10.0
-"""m/s by which the penalty of a contact rises by 1."""
 HARD_ACCELERATION = 3.0
 """m/s²; uncomfortable, longitudinal or lateral."""
 HORIZON = 2.4
@@ -105,12 +103,9 @@ def alive(n: int) -> Floats:
     return np.ones(n)
 
 
-def contact(touching: NDArray[np.bool_], speed: Floats) -> Floats:
-    """For road users that have come into contact with another, from -0.5 at a stand over -1 at half of IMPACT to -2.
-
-    `speed` (n,) in m/s. With the same penalty at all speeds, cars that could not stop any more did not brake either.
-    """
-    return -np.where(touching, np.minimum(0.5 + speed / IMPACT, 2.0), 0.0)
+def contact(touching: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for road users that have come into contact with another, (n,)."""
+    return -touching.astype(np.float64)
 
 
 def lost(gone: NDArray[np.bool_]) -> Floats:

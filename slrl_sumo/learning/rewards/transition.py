@@ -67,7 +67,7 @@ class Transition:
             "off_surface": lambda: rewards.off_surface(learned.type, self.decision.surface),
             "moving": lambda: rewards.moving(learned.speed),
             "alive": lambda: rewards.alive(n),
-            "contact": lambda: rewards.contact(self.hit, learned.speed),
+            "contact": lambda: rewards.contact(self.hit),
             "lost": lambda: rewards.lost(self.lost),
             "danger": lambda: rewards.danger(self.world, n),
             "speed": lambda: rewards.speed_kept(learned.speed, self._desired),

@@ -81,7 +81,7 @@ def test_a_head_on_meeting_ends_in_contact_for_both(arena: Arena) -> None:
     arena.consider()
     outcome = arena.step(np.zeros(24, np.int64))
     assert outcome.terminated[[a, b]].all()
-    assert (outcome.terms["contact"][[a, b]] <= -0.5).all()
+    assert (outcome.terms["contact"][[a, b]] == -1).all()
 
 
 def test_realism_is_that_of_the_prior(arena: Arena) -> None:

@@ -77,7 +77,7 @@ def test_a_contact_ends_the_episode_and_the_road_user_goes_on_from_there(arena: 
     arena._look()
     outcome = arena.step(np.zeros(len(users), np.int64))
     assert outcome.terminated[a]
-    assert outcome.terms["contact"][a] <= -0.5
+    assert outcome.terms["contact"][a] == -1
     assert not outcome.gone[a]
     after = arena.simulation.population.world
     row = after.ids.index(users.ids[a])

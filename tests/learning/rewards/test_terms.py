@@ -55,11 +55,6 @@ def test_comfort_feels_acceleration_along_and_across() -> None:
     np.testing.assert_allclose(felt, [0, -0.25, -0.25, -1])
 
 
-def test_a_contact_costs_more_the_faster_the_road_user_is() -> None:
-    touching, speed = np.array([True, True, True, True, False]), np.array([0.0, 5.0, 15.0, 33.0, 15.0])
-    np.testing.assert_allclose(rewards.contact(touching, speed), [-0.5, -1.0, -2.0, -2.0, 0.0])
-
-
 def test_realism_is_the_log_probability_as_a_share_of_the_rarest() -> None:
     np.testing.assert_allclose(rewards.realism(np.array([0.0, -2.0, -8.0, -30.0])), [0, -0.25, -1, -1])
 

@@ -139,6 +139,7 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
     assert presets == {
         "intersection": "extended",
         "intersection-paper": "paper",
+        "intersection-refined": "extended",
         "shared-space": "extended",
         "shared-space-paper": "paper",
     }

@@ -1,0 +1,55 @@
+"""Vehicles that SUMO drives, as occupants of a junction: where they wait inside, others pass, as SUMO's do."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import libsumo
+import pytest
+
+from slrl_sumo.routing.conflict_areas import half_width
+from slrl_sumo.routing.junction_occupants import USUAL, Occupant
+from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.right_of_way import RightOfWay
+from slrl_sumo.studies.flow.junctions import left_turns
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from tests.builders import make_world
+from tests.routing.test_junction_reservations import track
+
+
+@pytest.fixture(scope="module")
+def waiting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[LaneGraph, str, str]]:
+    """The lanes, a vehicle of SUMO's that waits inside a junction for opposing traffic, and its lane."""
+    folder: Path = tmp_path_factory.mktemp("left-turns")
+    with SumoSession(find_scenario(str(left_turns(folder))), seed=1) as session:
+        graph = LaneGraph(libsumo, session.network)
+        while session.time < 120.0:
+            session.step()
+            for vehicle in libsumo.vehicle.getIDList():
+                lane = libsumo.vehicle.getLaneID(vehicle)
+                inside = lane.startswith(":") and any(via for _, via in graph.links(lane))
+                if inside and libsumo.vehicle.getWaitingTime(vehicle) > 1.0:
+                    yield graph, vehicle, lane
+                    return
+    pytest.fail("no vehicle waited inside the junction")
+
+
+def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[LaneGraph, str, str]) -> None:
+    graph, vehicle, lane = waiting
+    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
+    reservations.renew(make_world())
+    occupant = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
+    assert occupant.swings is False
+    start = graph.lanes[graph.origin(lane)].edge
+    opposite = {"in_n": "in_s", "in_s": "in_n", "in_e": "in_w", "in_w": "in_e"}[start]
+    oncoming = track(graph, opposite, start.replace("in", "out"), 10.0, 6.0)
+    line = oncoming.path.entries[0].stop_line
+    assert reservations.may_enter("car", oncoming, line, priority=True, size=USUAL)
+
+
+def test_vehicles_in_a_turn_swing_out() -> None:
+    turning = Occupant((), 5.0, USUAL, 0.0, 0.0, yields=False, idle=False)
+    stands = turning._replace(swings=False)
+    assert turning.apart(turning) == pytest.approx(2.0 * half_width(*USUAL))
+    assert turning.apart(stands) == stands.apart(turning) == pytest.approx(USUAL.width + 0.1)
