@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from slrl_sumo.agent.selectors import PolicySelector
+from slrl_sumo.agent.selectors import PolicySelector, central
 from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
@@ -204,6 +204,17 @@ def test_without_a_route_corrections_count_by_their_shares(
     extended.without_route.copy_(torch.tensor([[0.25, 0.5]] * 3))
     some = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
     torch.testing.assert_close(some[::2], torch.log_softmax(known + 0.25 * heads + 0.5 * scorers, -1)[::2])
+
+
+def test_a_prediction_takes_the_most_central_mode(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
+    _disturb(policy)
+    looked, trained = _with_images(seen), replace(bundle, policy=policy)
+    vector, image, kind = _arguments(looked)
+    probability = choice_logits(policy, bundle.prior, vector, image, kind).double().exp()
+    mask = np.random.default_rng(1).random(probability.shape) < 0.5
+    free, allowed = PolicySelector(trained, middle=True).choose(looked, None, masks=[mask])
+    np.testing.assert_array_equal(free, central(bundle, probability, kind))
+    assert mask[np.arange(len(allowed)), allowed].all()
 
 
 def test_masked_modes_have_no_probability_and_leave_the_others_in_proportion(
