@@ -33,9 +33,9 @@ class TripOutcome:
     terms: dict[str, Floats]
     """The terms of the reward with a weight, before weighting, by name."""
     terminated: NDArray[np.bool_]
-    """In contact with a road user anew, or off the route or the ground for good."""
+    """At the destination, in contact with a road user anew, or off the route or the ground for good."""
     truncated: NDArray[np.bool_]
-    """SUMO's again: at the destination, or for another reason."""
+    """SUMO's again for another reason."""
     gone: NDArray[np.bool_]
     """SUMO's again, whether truncated or terminated."""
     reached: NDArray[np.bool_]
@@ -130,7 +130,8 @@ class TripArena(OpenedSimulation):
         for row in np.flatnonzero(hit | lost | decision.left_surface):
             self._unclean.add(ids[row])
         clean = reached & ~_among(ids, self._unclean)
-        terminated = hit | lost
+        # Its last value cannot stand for the time after an arrival: it would be learned from itself alone, and diverges.
+        terminated = hit | lost | reached
         for user in ids:
             self._steps[user] += 1
         steps = np.array([self._steps[user] for user in ids], np.int64)

@@ -48,7 +48,7 @@ RAREST = -8.0
 @dataclass(frozen=True)
 class RewardWeights:
     """Weight of each term; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three; the last
-    five are for road users with a route (preset `extended`)."""
+    six are for road users with a route (preset `extended`)."""
 
     close: float = 1.0
     off_surface: float = 1.0
@@ -66,6 +66,9 @@ class RewardWeights:
     off_path: float = 1.0
     red: float = 10.0
     priority: float = 5.0
+    reached: float = 50.0
+    """What going on at the best would earn: `progress` of 1 for ever at a discount of 0.98. A trip would be worth less the
+    nearer its end otherwise, and road users would crawl."""
 
 
 TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
@@ -212,3 +215,8 @@ def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
 def passed(covered: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
     """Minus 1 for road users that crossed a `closed` line, (n,) each; m covered on the path, m from front to line."""
     return -(closed & (line > 0.0) & (covered > line)).astype(np.float64)
+
+
+def at_destination(reached: NDArray[np.bool_] | None, n: int) -> Floats:
+    """1 for those of n road users that have reached their destination, (n,); None where road users have no trips."""
+    return np.zeros(n) if reached is None else reached.astype(np.float64)

@@ -79,6 +79,7 @@ class Transition:
             "off_path": lambda: self._along["off_path"],
             "red": lambda: self._along["red"],
             "priority": lambda: self._along["priority"],
+            "reached": lambda: rewards.at_destination(self.reached, n),
         }
 
     @cached_property

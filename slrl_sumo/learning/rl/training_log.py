@@ -33,12 +33,13 @@ class EpisodeFigures:
         info restarted just before that step.
 
         `episode/return`: mean over the episodes that ended (NaN if none did); `episode/completed`: share of them
-        that ended by time, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
+        that ended by time or at the destination, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
         `motion/…`: mean speed (m/s) and share of time standing, per type; `trips/…`: see `_trips`.
         """
         active = batch.active.numpy()
         reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()
         ended = terminated | batch.truncated.numpy()
+        failed = terminated & ~np.stack([info.get("reached", np.zeros(len(reward[0]), np.bool_)) for info in infos])
         replaced = np.stack([info["replaced"] for info in infos])
         kind = np.stack([info["type"] for info in infos])
         speed = np.stack([info["speed_mps"] for info in infos])
@@ -48,7 +49,7 @@ class EpisodeFigures:
             self._return += reward[t]
             returns.append(self._return[ended[t]])
             self._return[ended[t]] = 0.0
-        result = {"episode/return": _mean(np.concatenate(returns)), "episode/completed": _mean(~terminated[ended])}
+        result = {"episode/return": _mean(np.concatenate(returns)), "episode/completed": _mean(~failed[ended])}
         result["reward/total"] = _mean(reward[active])
         for name in TERMS:
             if name in infos[0]:
@@ -57,10 +58,10 @@ class EpisodeFigures:
             result |= _trips(infos, active)
         for number, name in enumerate(TYPE_NAMES):
             mine = (kind == number) & active
-            result[f"episode/completed_{name}"] = _mean(~terminated[ended & mine])
+            result[f"episode/completed_{name}"] = _mean(~failed[ended & mine])
             result[f"motion/mean_speed_{name}_mps"] = _mean(speed[mine])
             result[f"motion/standing_{name}"] = _mean(speed[mine] < STANDING_SPEED)
-            result[f"episode/ends_per_1000_steps_{name}"] = 1000.0 * _mean(terminated[mine])
+            result[f"episode/ends_per_1000_steps_{name}"] = 1000.0 * _mean(failed[mine])
         return result
 
 

@@ -75,7 +75,7 @@ def test_agents_enter_at_their_departure_and_leave_for_good() -> None:
         left |= before - set(env.agents)
         for agent in before:
             assert infos[agent]["id"] == ids[agent]
-            assert infos[agent]["reached"] <= truncated[agent]
+            assert infos[agent]["reached"] <= terminated[agent]
             reached += infos[agent]["reached"]
     env.close()
     assert entered

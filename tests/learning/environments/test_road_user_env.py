@@ -258,7 +258,7 @@ def test_with_a_takeover_the_ego_goes_to_its_destination() -> None:
         _, _, terminated, truncated, info = env.step(np.int64(action))
         if terminated or truncated:
             break
-    assert truncated
+    assert terminated
     assert info["reached"]
     assert info["id"] == first["id"]
     env.close()
