@@ -95,6 +95,8 @@ def main() -> None:
     if name == "shared-space":
         train, *tests = (read_hc(arguments.hc / f"D{number}.csv") for number in (1, 2, 3))
         made = calibrated(made, [train])
+        # It comes nearer to others than `rule` does: 18 to 54 collisions against 24 to 25 in two runs of 64 road users.
+        made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": "rule"})
         if worse := worse_than_prior(made, tests):
             raise SystemExit(f"the selector predicts worse than the prior: {', '.join(worse)}")
     made.save(arguments.out)

@@ -17,6 +17,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.jobs.row_threads import RowThreads
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.bundle_folder import usual_of
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.past_motion import PastMotion
 from slrl_sumo.perception.route_context import RouteContext
@@ -203,9 +204,8 @@ def unknown_selector(name: str) -> InputError:
 
 
 def usual_selector(bundle: ModelBundle) -> str:
-    """The selector where none is named: `rule`; for bundles with a policy as in the paper, that policy."""
-    paper = bundle.policy is not None and bundle.policy.config.preset == "paper"
-    return "greedy" if paper else "rule"
+    """The selector where none is named: the trained one, unless its bundle names another; without one `rule`."""
+    return "rule" if bundle.policy is None else usual_of(bundle.policy_training or {})
 
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:

@@ -114,7 +114,9 @@ def compare(
     ] = None,
     selector: Annotated[
         str | None,
-        typer.Option(help="prior, rule, greedy, sampled or lane. [default: rule; greedy for bundles as in the paper]"),
+        typer.Option(
+            help="prior, rule, greedy, sampled or lane. [default: the bundle's trained one, else rule; rule for shared-space]"
+        ),
     ] = None,
     guard: Annotated[
         bool, typer.Option("--guard", help="Do not choose modes that run into a conflict where others are left.")

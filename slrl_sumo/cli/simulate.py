@@ -42,7 +42,7 @@ def run(
         str | None,
         typer.Option(
             help="Chooses the modes: prior, rule, greedy or sampled; or lane: the baseline without models. "
-            "[default: rule; greedy for bundles as in the paper]"
+            "[default: the bundle's trained one, else rule; rule for shared-space]"
         ),
     ] = None,
     guard: Annotated[

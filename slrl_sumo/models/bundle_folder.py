@@ -1,6 +1,8 @@
 """Where bundles lie: the shipped ones by name, and folders. Needs no PyTorch."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json
@@ -35,16 +37,21 @@ def find_bundle(name_or_folder: str | Path) -> Path:
     return folder
 
 
-def policy_preset(name_or_folder: str | Path) -> str | None:
-    """The observation that the trained selector of a bundle reads; None where the bundle has none. What is damaged is
-    "paper" as well: reading the selector says how."""
+def usual_selector_of(name_or_folder: str | Path) -> str:
+    """What `agent.driver.usual_selector` says of a bundle whose trained selector need not be read; of a damaged one as
+    of one without a word on it: reading it says how."""
     file = find_bundle(name_or_folder) / POLICY_FILES[0]
     if not file.with_name(POLICY_FILES[1]).is_file() and not file.is_file():
-        return None
+        return "rule"
     try:
-        return str(read_json(file).get("preset", "paper"))
-    except (OSError, ValueError, AttributeError):
-        return "paper"
+        return usual_of(read_json(file)["training"])
+    except (OSError, ValueError, AttributeError, KeyError, TypeError):
+        return usual_of({})
+
+
+def usual_of(training: Mapping[str, Any]) -> str:
+    """The usual selector of a bundle with a trained one, from how that was trained (see `models.policy`)."""
+    return str(training.get("usual_selector", "greedy"))
 
 
 def check_replaceable(folder: Path) -> None:

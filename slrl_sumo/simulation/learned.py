@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from slrl_sumo.agent.constraints import constraints_of
 from slrl_sumo.agent.driver import SELECTORS, TRAINED, Driver, make_driver, unknown_selector, usual_selector
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
-from slrl_sumo.models.bundle_folder import policy_preset
+from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation, Takeover, fast_lanes
 from slrl_sumo.simulation.region import parse_region
@@ -18,9 +18,8 @@ def load_models(settings: LearnedSettings) -> ModelBundle:
     """The bundle of the settings. Raises InputError where it cannot be loaded, and for an unknown selector."""
     if settings.selector is not None and settings.selector not in SELECTORS:
         raise unknown_selector(settings.selector)
-    # What `usual_selector` says, of a bundle whose policy need not be read.
-    usual = "greedy" if policy_preset(settings.bundle) == "paper" else "rule"
-    return load_bundle(settings.bundle, policy=(settings.selector or usual) in TRAINED)
+    selector = settings.selector or usual_selector_of(settings.bundle)
+    return load_bundle(settings.bundle, policy=selector in TRAINED)
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,13 @@ from slrl_sumo.models.bundle import load_bundle
 @pytest.mark.parametrize(
     ("name", "selector"),
     [
-        ("intersection", "rule"),
+        ("intersection", "greedy"),
         ("shared-space", "rule"),
         ("intersection-paper", "greedy"),
         ("shared-space-paper", "greedy"),
     ],
 )
-def test_the_usual_selector_is_the_policy_where_it_is_as_in_the_paper(name: str, selector: str) -> None:
+def test_the_usual_selector_is_the_policy_unless_its_bundle_names_another(name: str, selector: str) -> None:
     bundle = load_bundle(name)
     assert usual_selector(bundle) == selector
     assert usual_selector(replace(bundle, policy=None, policy_training=None)) == "rule"

@@ -67,7 +67,7 @@ def test_a_run_by_rule_imports_no_torch() -> None:
         "import sys\n"
         "from slrl_sumo.simulation.run import run\n"
         "from slrl_sumo.simulation.settings import RunSettings\n"
-        "for event in run(RunSettings(scenario='intersection', agents=4, steps=2)): pass\n"
+        "for event in run(RunSettings(scenario='intersection', agents=4, steps=2, selector='rule')): pass\n"
         "print('torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
@@ -136,7 +136,7 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
     result = json.loads((tmp_path / "s.json").read_text())
     check_summary(result)
     assert (result["scenario"], result["seed"], result["bundle"]) == ("intersection", 7, "intersection")
-    assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("rule", 45, 0.4)
+    assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("greedy", 45, 0.4)
     assert result["agent_steps"] == 540
     assert sum(result["per_type"][name]["count"] for name in TYPE_NAMES) == 12
     assert result["real_time_factor"] == pytest.approx(45 * 0.4 / result["wall_s"], rel=0.01)

@@ -66,7 +66,7 @@ class RewardWeights:
     off_path: float = 1.0
     red: float = 10.0
     priority: float = 5.0
-    reached: float = 50.0
+    arrival: float = 50.0
     """What going on at the best would earn: `progress` of 1 for ever at a discount of 0.98. A trip would be worth less the
     nearer its end otherwise, and road users would crawl."""
 
@@ -217,6 +217,6 @@ def passed(covered: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
     return -(closed & (line > 0.0) & (covered > line)).astype(np.float64)
 
 
-def at_destination(reached: NDArray[np.bool_] | None, n: int) -> Floats:
+def arrival(reached: NDArray[np.bool_] | None, n: int) -> Floats:
     """1 for those of n road users that have reached their destination, (n,); None where road users have no trips."""
     return np.zeros(n) if reached is None else reached.astype(np.float64)

@@ -79,7 +79,7 @@ class Transition:
             "off_path": lambda: self._along["off_path"],
             "red": lambda: self._along["red"],
             "priority": lambda: self._along["priority"],
-            "reached": lambda: rewards.at_destination(self.reached, n),
+            "arrival": lambda: rewards.arrival(self.reached, n),
         }
 
     @cached_property

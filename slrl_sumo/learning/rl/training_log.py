@@ -32,9 +32,9 @@ class EpisodeFigures:
         """The figures of one rollout; names have a slash, by which TensorBoard groups them. Slots with `replaced` in an
         info restarted just before that step.
 
-        `episode/return`: mean over the episodes that ended (NaN if none did); `episode/completed`: share of them
-        that ended by time or at the destination, not by contact or loss, also per type; `reward/TERM`: mean of each term before weighting;
-        `motion/…`: mean speed (m/s) and share of time standing, per type; `trips/…`: see `_trips`.
+        `episode/return`: mean over the episodes that ended (NaN if none did); `episode/completed`: share of them that
+        ended by time or at the destination, not by contact or loss, also per type; `reward/TERM`: mean of each term
+        before weighting; `motion/…`: mean speed (m/s) and share of time standing, per type; `trips/…`: see `_trips`.
         """
         active = batch.active.numpy()
         reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()

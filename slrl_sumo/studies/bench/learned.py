@@ -18,7 +18,7 @@ from slrl_sumo.formats.fcd.write import FcdWriter
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.metrics.counters import RunCounters
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.models.bundle_folder import policy_preset
+from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, FINE
 from slrl_sumo.perception.observation import Observation, observe
@@ -61,8 +61,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
     Raises DoesNotFit if the scenario has no room, InputError if the workload is wrong, SumoError if SUMO fails.
     """
     cv2.setNumThreads(1)
-    preset = policy_preset(work.bundle)
-    selector = work.selector or ("greedy" if preset == "paper" else "rule")
+    selector = work.selector or usual_selector_of(work.bundle)
     # PyTorch counts in the memory of a run that needs it.
     bundle = load_bundle(work.bundle, policy=selector in TRAINED)
     stopwatch = Stopwatch()

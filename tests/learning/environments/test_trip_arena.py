@@ -58,7 +58,7 @@ def test_a_road_user_keeps_its_slot_until_its_destination(arena: TripArena) -> N
         assert not (outcome.terminated & outcome.truncated).any()
         np.testing.assert_array_equal(outcome.gone & ~outcome.terminated, outcome.truncated)
         assert (outcome.reached <= outcome.terminated).all()
-        np.testing.assert_array_equal(outcome.terms["reached"], outcome.reached)
+        np.testing.assert_array_equal(outcome.terms["arrival"], outcome.reached)
         assert (outcome.reached <= outcome.gone).all()
         assert (outcome.clean <= outcome.reached).all()
         there = set(arena.simulation.population.world.ids)
@@ -90,7 +90,7 @@ def test_a_contact_ends_the_episode_and_the_road_user_goes_on_from_there(arena: 
 def test_only_terms_with_a_weight_are_computed(arena: TripArena) -> None:
     outcome = arena.step(by_rule(arena))
     assert set(outcome.terms) == {
-        "off_surface", "contact", "lost", "comfort", "progress", "off_path", "red", "priority", "reached",
+        "off_surface", "contact", "lost", "comfort", "progress", "off_path", "red", "priority", "arrival",
     }  # fmt: skip
 
 

@@ -131,3 +131,8 @@ def test_every_term_counts_by_its_weight_and_zero_switches_it_off(name: str) -> 
     terms = {term: np.array([float(k), 1.0]) for k, term in enumerate(TERMS)}
     off = replace(RewardWeights(**dict.fromkeys(TERMS, 0.0)), **{name: 3.0})
     np.testing.assert_allclose(weighted(terms, off), [3.0 * TERMS.index(name), 3.0])
+
+
+def test_an_arrival_counts_where_there_are_trips() -> None:
+    np.testing.assert_array_equal(rewards.arrival(np.array([True, False]), 2), [1.0, 0.0])
+    np.testing.assert_array_equal(rewards.arrival(None, 2), [0.0, 0.0])
