@@ -115,7 +115,8 @@ def compare(
     selector: Annotated[
         str | None,
         typer.Option(
-            help="prior, rule, greedy, sampled or lane. [default: the bundle's trained one, else rule; rule for shared-space]"
+            help="prior, rule, greedy, sampled or lane. "
+            "[default: the bundle's trained one, else rule; rule for shared-space]"
         ),
     ] = None,
     guard: Annotated[

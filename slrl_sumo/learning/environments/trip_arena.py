@@ -130,7 +130,7 @@ class TripArena(OpenedSimulation):
         for row in np.flatnonzero(hit | lost | decision.left_surface):
             self._unclean.add(ids[row])
         clean = reached & ~_among(ids, self._unclean)
-        # Its last value cannot stand for the time after an arrival: it would be learned from itself alone, and diverges.
+        # The last value cannot stand for the time after an arrival: learned from itself alone, it diverges.
         terminated = hit | lost | reached
         for user in ids:
             self._steps[user] += 1

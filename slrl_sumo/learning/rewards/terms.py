@@ -67,8 +67,8 @@ class RewardWeights:
     red: float = 10.0
     priority: float = 5.0
     arrival: float = 50.0
-    """What going on at the best would earn: `progress` of 1 for ever at a discount of 0.98. A trip would be worth less the
-    nearer its end otherwise, and road users would crawl."""
+    """What going on at the best would earn: `progress` of 1 for ever at a discount of 0.98. Otherwise a trip would be
+    worth less the nearer its end, and road users would crawl."""
 
 
 TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
