@@ -1,4 +1,4 @@
-"""Pedestrians on the crossings of junctions, whom vehicles must not cut off, as occupants of these junctions."""
+"""Pedestrians on crossings, as occupants of the junctions: vehicles that would meet them do not enter."""
 
 import math
 from dataclasses import dataclass
