@@ -51,6 +51,8 @@ RECIPES = {
     "intersection-paper": (Part("intersection-paper", "intersection,random", 1_500_000),),
     "shared-space-paper": (Part("shared-space-paper", "shared-space", 1_500_000),),
 }
+USUALLY_RULE = ("intersection", "shared-space")
+"""Their selectors collide more often than `rule` where road users are added to a scenario (docs/measurements/flow.md)."""
 
 
 def main() -> None:
@@ -95,10 +97,10 @@ def main() -> None:
     if name == "shared-space":
         train, *tests = (read_hc(arguments.hc / f"D{number}.csv") for number in (1, 2, 3))
         made = calibrated(made, [train])
-        # It comes nearer to others than `rule` does: 18 to 54 collisions against 24 to 25 in two runs of 64 road users.
-        made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": "rule"})
         if worse := worse_than_prior(made, tests):
             raise SystemExit(f"the selector predicts worse than the prior: {', '.join(worse)}")
+    if name in USUALLY_RULE:
+        made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": "rule"})
     made.save(arguments.out)
 
 

@@ -116,7 +116,7 @@ def compare(
         str | None,
         typer.Option(
             help="prior, rule, greedy, sampled or lane. "
-            "[default: the bundle's trained one, else rule; rule for shared-space]"
+            "[default: the bundle's usual one: rule of the shipped ones for routes, else the trained one]"
         ),
     ] = None,
     guard: Annotated[

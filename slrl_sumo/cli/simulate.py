@@ -42,7 +42,7 @@ def run(
         str | None,
         typer.Option(
             help="Chooses the modes: prior, rule, greedy or sampled; or lane: the baseline without models. "
-            "[default: the bundle's trained one, else rule; rule for shared-space]"
+            "[default: the bundle's usual one: rule of the shipped ones for routes, else the trained one]"
         ),
     ] = None,
     guard: Annotated[

@@ -136,7 +136,7 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
     result = json.loads((tmp_path / "s.json").read_text())
     check_summary(result)
     assert (result["scenario"], result["seed"], result["bundle"]) == ("intersection", 7, "intersection")
-    assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("greedy", 45, 0.4)
+    assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("rule", 45, 0.4)
     assert result["agent_steps"] == 540
     assert sum(result["per_type"][name]["count"] for name in TYPE_NAMES) == 12
     assert result["real_time_factor"] == pytest.approx(45 * 0.4 / result["wall_s"], rel=0.01)
@@ -145,7 +145,7 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
         assert name in done.stdout
     assert "540 agent-steps" in done.stdout
     # Roads, pavements and the colours of three types; not a blank page.
-    pictures = ["density", "ego_images", "modes", "motion", "paths", "queues", "space_time"]
+    pictures = ["conflicts", "density", "ego_images", "modes", "motion", "paths", "space_time"]
     names = [*(f"{name}.png" for name in pictures), "report.html"]
     assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == sorted(names)
     assert colours(tmp_path / "pictures" / "paths.png") > 8

@@ -18,6 +18,7 @@ OBSERVES = {
     "extended": "It observes 40 m of its route with the signals and the right of way on it. Measured: "
     "docs/measurements/routes.md.",
 }
+WITHOUT_ROUTE = "\nWithout a route its heads and scorers count by shares learned from"
 LAST = 20
 """Number of updates over which the closing figures are averaged."""
 
@@ -36,7 +37,17 @@ def with_selector(
     if record.get("goes_on") and bundle.policy_training:
         training.setdefault("before", bundle.policy_training)
     card = bundle.card.split(HEADING)[0].rstrip("\n") + "\n" + HEADING + _section(training, figures)
+    card += shares_without_route(training)
     return replace(bundle, policy=policy.requires_grad_(False).eval(), policy_training=training, card=card)
+
+
+def shares_without_route(training: dict[str, Any]) -> str:
+    """The sentence of the card on the shares by which the selector counts without a route; '' where there are none."""
+    if "without_route" not in training:
+        return ""
+    each = zip(TYPE_NAMES, training["without_route"], strict=True)
+    shares = ", ".join(f"{name} {heads:.2f} and {scorers:.2f}" for name, (heads, scorers) in each)
+    return f"{WITHOUT_ROUTE} {training['without_route_from']}: {shares}.\n"
 
 
 def _command(training: dict[str, Any]) -> str:

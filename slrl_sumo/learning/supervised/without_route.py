@@ -18,6 +18,7 @@ from slrl_sumo.agent.selection import GivenModes
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.mask import everywhere_road
+from slrl_sumo.learning.rl.selector_card import WITHOUT_ROUTE, shares_without_route
 from slrl_sumo.learning.supervised.goals import HORIZONS, modes_of, trained_ranges
 from slrl_sumo.learning.supervised.windows import FUTURE, windows
 from slrl_sumo.models.bundle import ModelBundle
@@ -25,14 +26,13 @@ from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.past_motion import recorded_past
 from slrl_sumo.perception.scene import Scene
-from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import RoadUserType
 
 STRIDE = 2
 """Every such frame of the recordings is used: 0.8 s."""
 PENALTY = 10.0
 """Of the squared shares, in nats: of a type with few windows they stay near 0, the prior."""
 ROUNDS = 200
-CARD = "\nWithout a route its heads and scorers count by shares learned from"
 CHANCE = 10.0
 """Nats by which the shares must raise the likelihood, or they are 0: two numbers gain that much by chance, because
 successive windows of a road user are nearly the same."""
@@ -59,10 +59,9 @@ def calibrated(bundle: ModelBundle, recordings: Sequence[Trajectories]) -> Model
     policy.load_state_dict(bundle.policy.state_dict())
     rounded = np.round(found.numpy().astype(np.float64), 3).tolist()
     policy.without_route.copy_(torch.tensor(rounded))
-    training = {**(bundle.policy_training or {}), "without_route": rounded}
-    lines = ", ".join(f"{TYPE_NAMES[t]} {found[t, 0]:.2f} and {found[t, 1]:.2f}" for t in RoadUserType)
     names = ", ".join(recording.source for recording in recordings)
-    card = bundle.card.split(CARD)[0] + f"{CARD} {names}: {lines}.\n"
+    training = {**(bundle.policy_training or {}), "without_route": rounded, "without_route_from": names}
+    card = bundle.card.split(WITHOUT_ROUTE)[0] + shares_without_route(training)
     policy.requires_grad_(False).eval()
     return replace(bundle, policy=policy, policy_training=training, card=card)
 
