@@ -52,7 +52,7 @@ RECIPES = {
     "shared-space-paper": (Part("shared-space-paper", "shared-space", 1_500_000),),
 }
 USUALLY_RULE = ("intersection", "shared-space")
-"""Where road users are added to a scenario, these selectors collide more often than `rule`: docs/measurements/flow.md."""
+"""Where road users are added to a scenario, these collide more often than `rule` (docs/measurements/flow.md)."""
 
 
 def main() -> None:
