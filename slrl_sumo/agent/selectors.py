@@ -6,25 +6,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from slrl_sumo.agent.selection import GivenModes, Mask, Modes, Selector, Uniform, drawn
+from slrl_sumo.agent.selection import Mask, Modes, Uniform, drawn
 from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.policy import choice_logits, masked
 from slrl_sumo.perception.observation import Observation
-
-__all__ = [
-    "HOLD",
-    "GivenModes",
-    "Mask",
-    "Modes",
-    "PolicySelector",
-    "PriorSelector",
-    "Selector",
-    "Uniform",
-    "central",
-    "drawn",
-]
 
 HOLD = 8
 """Decisions for which a sampled mode is held on average, 3.2 s. Modes that are sampled anew every 0.4 s cancel out: all

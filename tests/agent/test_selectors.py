@@ -6,7 +6,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.selectors import HOLD, PolicySelector, PriorSelector, Selector, drawn
+from slrl_sumo.agent.selection import Selector, drawn
+from slrl_sumo.agent.selectors import HOLD, PolicySelector, PriorSelector
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.policy import Policy, PolicyConfig
 from slrl_sumo.perception.observation import Observation

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slrl_sumo.agent.decide import Agent, Situation, consider
 from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.agent.mode_cost import CostWeights
-from slrl_sumo.agent.selectors import GivenModes
+from slrl_sumo.agent.selection import GivenModes
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.environments.teacher import teacher_costs

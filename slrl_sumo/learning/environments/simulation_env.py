@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import choose
 from slrl_sumo.agent.driver import make_selector
-from slrl_sumo.agent.selectors import Selector
+from slrl_sumo.agent.selection import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena
 from slrl_sumo.learning.environments.observations import Observer, check_vector

@@ -7,7 +7,8 @@ import torch
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Agent, consider, decide
-from slrl_sumo.agent.selectors import PolicySelector, PriorSelector, Selector, Uniform
+from slrl_sumo.agent.selection import Selector, Uniform
+from slrl_sumo.agent.selectors import PolicySelector, PriorSelector
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.observation import Observation, observe
