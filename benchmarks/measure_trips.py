@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from netgen.families import generate
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
 from slrl_sumo.learning.environments.trip_arena import TripArena
@@ -28,6 +27,7 @@ from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.threads import one_thread
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.sumo.scenario import find_scenario

@@ -17,12 +17,12 @@ from time import process_time
 
 import numpy as np
 
-from netgen.families import generate
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.learning.rl.training_settings import read_settings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.threads import one_thread
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.sumo.scenario import find_scenario
 
 WARM_UP = 20

@@ -30,10 +30,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from netgen.scenario import scenario_files
-from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.netgen.scenario import scenario_files
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec
 from slrl_sumo.scene.geometry import boxes_overlap, to_ego
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType

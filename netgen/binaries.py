@@ -8,7 +8,7 @@ from pathlib import Path
 
 import sumolib
 
-from netgen.errors import NetgenError
+from slrl_sumo.netgen.errors import NetgenError
 
 _TIME_LIMIT = 300.0
 

@@ -10,9 +10,9 @@ from random import Random
 
 from lxml import etree
 
-from netgen.errors import NetgenError
-from netgen.reach import CLASSES, NetGraph, reachable
-from netgen.specs import DemandSpec
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.reach import CLASSES, NetGraph, reachable
+from slrl_sumo.netgen.specs import DemandSpec
 
 TYPES_PER_CLASS = 8
 """Different drivers, riders and walkers in the routes file: models that learn from this traffic need variety."""

@@ -4,9 +4,9 @@ from pathlib import Path
 from random import Random
 from typing import Literal, get_args
 
-from netgen.errors import NetgenError
-from netgen.scenario import write_scenario
-from netgen.specs import (
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.scenario import write_scenario
+from slrl_sumo.netgen.specs import (
     Control,
     DemandSpec,
     IntersectionSpec,

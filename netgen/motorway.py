@@ -7,8 +7,8 @@ https://sumo.dlr.de/docs/Simulation/Motorway_Ramps.html.
 from math import cos, pi, sin
 from random import Random
 
-from netgen.plan import Edge, Node, Plan
-from netgen.specs import MotorwaySpec
+from slrl_sumo.netgen.plan import Edge, Node, Plan
+from slrl_sumo.netgen.specs import MotorwaySpec
 
 RAMP_OPTIONS = ("--ramps.guess", "--ramps.ramp-length", "200", "--ramps.min-highway-speed", "16")
 _PIECE = 40.0

@@ -2,7 +2,7 @@
 
 netgenerate's own net has straight arms and one kind of street. Its plain XML (nodes and edges) is therefore edited:
 streets are turned, removed and given lanes, and netconvert builds the net. Roundabouts, which netgenerate lacks, come
-from netgen.roundabout, motorways from netgen.motorway. See https://sumo.dlr.de/docs/netgenerate.html and
+from slrl_sumo.netgen.roundabout, motorways from netgen.motorway. See https://sumo.dlr.de/docs/netgenerate.html and
 https://sumo.dlr.de/docs/Networks/PlainXML.html.
 """
 
@@ -15,12 +15,12 @@ from tempfile import TemporaryDirectory
 
 from lxml import etree
 
-from netgen.binaries import run_program
-from netgen.errors import NetgenError
-from netgen.motorway import RAMP_OPTIONS, place_motorway
-from netgen.plan import Edge, Node, Plan, lanes_of, write_plan
-from netgen.roundabout import place_ring
-from netgen.specs import IntersectionSpec, MotorwaySpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
+from slrl_sumo.netgen.binaries import run_program
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.motorway import RAMP_OPTIONS, place_motorway
+from slrl_sumo.netgen.plan import Edge, Node, Plan, lanes_of, write_plan
+from slrl_sumo.netgen.roundabout import place_ring
+from slrl_sumo.netgen.specs import IntersectionSpec, MotorwaySpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
 _HEADER = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from netgen.specs import IntersectionSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
+from slrl_sumo.netgen.specs import IntersectionSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
 SIDEWALK_WIDTH = "2.00"
 CYCLE_LANE_WIDTH = "1.50"

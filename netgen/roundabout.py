@@ -6,8 +6,8 @@ See https://sumo.dlr.de/docs/Networks/PlainXML.html#roundabouts: netconvert yiel
 from math import ceil, cos, radians, sin, sqrt, tau
 from random import Random
 
-from netgen.plan import Edge, Node, Plan, lanes_of
-from netgen.specs import RoundaboutSpec
+from slrl_sumo.netgen.plan import Edge, Node, Plan, lanes_of
+from slrl_sumo.netgen.specs import RoundaboutSpec
 
 _SET_BACK = 16.0
 """m from the island's edge to the middle of a crossing: before it one car can wait for pedestrians without blocking the

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from lxml import etree
 
-from netgen.demand import demand_xml
-from netgen.errors import NetgenError
-from netgen.network import build_net
-from netgen.reach import read_graph
-from netgen.specs import DemandSpec, NetSpec
+from slrl_sumo.netgen.demand import demand_xml
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.network import build_net
+from slrl_sumo.netgen.reach import read_graph
+from slrl_sumo.netgen.specs import DemandSpec, NetSpec
 
 STEP_LENGTH = 0.4
 """s: the decision interval of the learned road users (paper, section 3.2)."""
@@ -63,8 +63,8 @@ def _readme(name: str, spec: NetSpec, demand: DemandSpec, command: str | None) -
     kind = type(spec).__name__
     summary = (type(spec).__doc__ or kind).splitlines()[0]
     call = f"write_scenario(\n    {spec!r},\n    {demand!r},\n    Path({name!r}),\n)"
-    script = "```python\nfrom pathlib import Path\n\nfrom netgen.scenario import write_scenario\n"
-    script += f"from netgen.specs import DemandSpec, {kind}\n\n{call}\n```"
+    script = "```python\nfrom pathlib import Path\n\nfrom slrl_sumo.netgen.scenario import write_scenario\n"
+    script += f"from slrl_sumo.netgen.specs import DemandSpec, {kind}\n\n{call}\n```"
     again = f"`{command}` generates it by this call:" if command else "This call generates it:"
     return f"""# {name}
 

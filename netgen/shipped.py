@@ -1,15 +1,16 @@
-"""The scenarios that ship in sumo_scenarios/, and the program that makes them again: python -m netgen.shipped."""
+"""The scenarios that ship in sumo_scenarios/, and the program that makes them again (COMMAND)."""
 
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 
-from netgen.errors import NetgenError
-from netgen.scenario import write_scenario
-from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.scenario import write_scenario
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec, SharedSpaceSpec
 
-COMMAND = "python -m netgen.shipped"
+COMMAND = "python -m slrl_sumo.netgen.shipped"
 
 SHIPPED: Mapping[str, tuple[NetSpec, DemandSpec]] = {
     "intersection": (
@@ -46,7 +47,7 @@ def write_shipped(out: Path) -> list[Path]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The program: exit code 1 and one line on stderr when it fails."""
     parser = argparse.ArgumentParser(prog=COMMAND, description="Make the shipped scenarios again.")
-    here = Path(__file__).resolve().parent.parent / "sumo_scenarios"
+    here = Path(str(files("slrl_sumo.scenarios"))).resolve()
     parser.add_argument("--out", type=Path, default=here, help="folder to write to (default: %(default)s)")
     try:
         made = write_shipped(parser.parse_args(arguments).out)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import degrees, floor, isfinite
 from typing import Literal, get_args
 
-from netgen.errors import NetgenError
+from slrl_sumo.netgen.errors import NetgenError
 
 Control = Literal["priority", "right_before_left", "traffic_light"]
 """Right of way at the junction: SUMO's node types of the same names."""

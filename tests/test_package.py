@@ -33,7 +33,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], s
     source, out = folder / "source", folder / "out"
     for name in tracked():
         (source / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(ROOT / name, source / name)
+        shutil.copy(ROOT / name, source / name, follow_symlinks=False)
     out.mkdir()
     script = f"from setuptools.build_meta import *; build_wheel({str(out)!r}); build_sdist({str(out)!r})"
     subprocess.run([sys.executable, "-c", script], cwd=source, check=True, capture_output=True, timeout=300)
@@ -47,12 +47,21 @@ def tracked() -> list[str]:
     """Files of the project, as git knows them, and those that are not ignored."""
     command = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
-    return [name for name in done.stdout.splitlines() if (ROOT / name).is_file()]
+    return [name for name in done.stdout.splitlines() if (ROOT / name).exists() and name != ".venv"]
 
 
 def test_the_source_archive_is_complete(built: tuple[dict[str, bytes], set[str]]) -> None:
     _, archive = built
-    assert set(tracked()) - {".venv"} <= archive
+    assert set(tracked()) <= archive
+
+
+def test_the_wheel_has_one_import_name(built: tuple[dict[str, bytes], set[str]]) -> None:
+    wheel, _ = built
+    # NGSolve's mesher is called netgen, too.
+    assert {name.partition("/")[0] for name in wheel if ".dist-info/" not in name} == {"slrl_sumo"}
+    for folder, place in (("netgen", "slrl_sumo/netgen"), ("sumo_scenarios", "slrl_sumo/scenarios")):
+        inside = {name.removeprefix(f"{folder}/") for name in tracked() if name.startswith(f"{folder}/")}
+        assert inside == {name.removeprefix(f"{place}/") for name in wheel if name.startswith(f"{place}/")}
 
 
 def test_version_citation_and_changelog_agree() -> None:

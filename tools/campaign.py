@@ -30,7 +30,7 @@ from typing import Any
 
 import sumo
 
-from netgen.families import generate
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
 from tools.odd_demand import draw_demand
 from tools.odd_networks import draw_network

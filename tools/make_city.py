@@ -9,7 +9,7 @@ junctions with crossings. 50 blocks of 200 m are 10 km x 10 km; 15 blocks make a
 import argparse
 from pathlib import Path
 
-from netgen.binaries import run_program
+from slrl_sumo.netgen.binaries import run_program
 
 CONFIG = """<configuration>
     <input><net-file value="city.net.xml"/></input>

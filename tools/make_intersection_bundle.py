@@ -17,10 +17,10 @@ from pathlib import Path
 
 from rich.progress import track
 
-from netgen.families import generate
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.learning.supervised.fit import fit
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.simulation.record import record
 from slrl_sumo.sumo.scenario import find_scenario
 

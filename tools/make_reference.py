@@ -39,7 +39,7 @@ PUBLIC = {
     ),
     "slrl_sumo.metrics.distributions": ("jensen_shannon_distance", "kinematic_distances"),
     "slrl_sumo.metrics.realism": ("realism",),
-    "netgen.scenario": ("write_scenario",),
+    "slrl_sumo.netgen.scenario": ("write_scenario",),
 }
 """The public API, by module: what api.md describes."""
 

@@ -10,8 +10,8 @@ from random import Random
 
 from lxml import etree
 
-from netgen.binaries import run_program
-from netgen.errors import NetgenError
+from slrl_sumo.netgen.binaries import run_program
+from slrl_sumo.netgen.errors import NetgenError
 
 JUNCTIONS = (
     *("priority", "traffic_light", "right_before_left", "left_before_right", "unregulated", "priority_stop"),

@@ -16,8 +16,8 @@ from typing import IO, Any, cast
 
 from lxml import etree
 
-from netgen.binaries import binary
 from slrl_sumo.agent.constraints import Constraints
+from slrl_sumo.netgen.binaries import binary
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.options import input_files
 from tools.odd_demand import read_streets

@@ -196,11 +196,11 @@ def train(
     """Train the selector of a bundle by reinforcement learning."""
     require("tensorboard", "train")
     backend = backend_of(workers, ray)
-    from netgen.families import Family
     from slrl_sumo.cli.train_display import train_with_progress
     from slrl_sumo.learning.rl.train import TrainRequest
     from slrl_sumo.learning.rl.training_settings import read_settings
     from slrl_sumo.models.bundle_folder import check_replaceable
+    from slrl_sumo.netgen.families import Family
 
     check_whole_number("episodes", episodes, 0, 1_000_000)
     if bundle is not None and start is not None:

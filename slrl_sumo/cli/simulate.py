@@ -137,8 +137,8 @@ def generate(
     verbose: Verbose = False,
 ) -> None:
     """Generate a network with demand: a folder that plain SUMO can run."""
-    from netgen.errors import NetgenError
-    from netgen.families import generate as make
+    from slrl_sumo.netgen.errors import NetgenError
+    from slrl_sumo.netgen.families import generate as make
 
     claim(Output("out", out, ("*.xml", "*.sumocfg", "README.md")))
     try:

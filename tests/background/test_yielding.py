@@ -9,11 +9,11 @@ import pytest
 from builders import make_world
 from numpy.typing import NDArray
 
-from netgen.scenario import scenario_files
-from netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.safe_speed import STOP_SHORT
 from slrl_sumo.background.yielding import Yielding
+from slrl_sumo.netgen.scenario import scenario_files
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.scene.geometry import boxes_overlap
 from slrl_sumo.scene.route import HERE, POINTS, RouteAhead

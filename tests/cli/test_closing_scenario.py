@@ -4,8 +4,8 @@ from typing import get_args
 
 import pytest
 
-from netgen.families import Family
 from slrl_sumo.cli.train_display import closing_scenario
+from slrl_sumo.netgen.families import Family
 from slrl_sumo.sumo.scenario import shipped_scenarios
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from netgen.scenario import write_scenario
-from netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.metrics.signal_crossings import SignalCrossings, outside_by, shortened
+from slrl_sumo.netgen.scenario import write_scenario
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import background_world

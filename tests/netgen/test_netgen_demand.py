@@ -7,11 +7,11 @@ import pytest
 import sumolib
 from lxml import etree
 
-from netgen.demand import TYPES_PER_CLASS, demand_xml, trip_pairs
-from netgen.errors import NetgenError
-from netgen.network import build_net
-from netgen.reach import CLASSES, NetEdge, NetGraph, reachable, read_graph
-from netgen.specs import DemandSpec, IntersectionSpec, RandomSpec
+from slrl_sumo.netgen.demand import TYPES_PER_CLASS, demand_xml, trip_pairs
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.network import build_net
+from slrl_sumo.netgen.reach import CLASSES, NetEdge, NetGraph, reachable, read_graph
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec, RandomSpec
 
 
 def test_flows_add_up_to_the_asked_numbers_and_every_type_is_there() -> None:

@@ -5,9 +5,9 @@ from typing import get_args
 
 import pytest
 
-from netgen.errors import NetgenError
-from netgen.families import Family, draw_spec, generate
-from netgen.specs import IntersectionSpec, RandomSpec, RoundaboutSpec
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.families import Family, draw_spec, generate
+from slrl_sumo.netgen.specs import IntersectionSpec, RandomSpec, RoundaboutSpec
 
 FAMILIES = get_args(Family)
 

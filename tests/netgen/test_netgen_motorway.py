@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from netgen.binaries import binary
-from netgen.errors import NetgenError
-from netgen.families import draw_spec, generate
-from netgen.network import build_net
-from netgen.reach import CLASSES, read_graph
-from netgen.specs import MotorwaySpec
+from slrl_sumo.netgen.binaries import binary
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.families import draw_spec, generate
+from slrl_sumo.netgen.network import build_net
+from slrl_sumo.netgen.reach import CLASSES, read_graph
+from slrl_sumo.netgen.specs import MotorwaySpec
 
 
 def test_ramps_have_lanes_for_speeding_up_and_slowing_down_and_a_lane_ends() -> None:

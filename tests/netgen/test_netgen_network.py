@@ -5,9 +5,9 @@ from math import atan2, degrees, hypot
 import pytest
 from lxml import etree
 
-from netgen.network import build_net
-from netgen.reach import CLASSES, reachable, read_graph
-from netgen.specs import IntersectionSpec, RandomSpec, SharedSpaceSpec
+from slrl_sumo.netgen.network import build_net
+from slrl_sumo.netgen.reach import CLASSES, reachable, read_graph
+from slrl_sumo.netgen.specs import IntersectionSpec, RandomSpec, SharedSpaceSpec
 
 
 def lanes_of(net: bytes, edge: str) -> list[dict[str, str]]:

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from netgen.binaries import binary
-from netgen.families import generate
-from netgen.network import build_net
-from netgen.reach import CLASSES, reachable, read_graph
-from netgen.specs import RoundaboutSpec
+from slrl_sumo.netgen.binaries import binary
+from slrl_sumo.netgen.families import generate
+from slrl_sumo.netgen.network import build_net
+from slrl_sumo.netgen.reach import CLASSES, reachable, read_graph
+from slrl_sumo.netgen.specs import RoundaboutSpec
 
 SPECS = [
     RoundaboutSpec(arms=3, radius=14.0, angle_spread=24.0, seed=3),

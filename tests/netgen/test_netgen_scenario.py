@@ -12,10 +12,10 @@ import pytest
 import sumolib
 from lxml import etree
 
-from netgen import binaries
-from netgen.errors import NetgenError
-from netgen.scenario import write_scenario
-from netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
+from slrl_sumo.netgen import binaries
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.scenario import write_scenario
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec, NetSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec
 
 BUSY = DemandSpec(cars_per_hour=900.0, bicycles_per_hour=700.0, pedestrians_per_hour=700.0, duration=60.0, seed=1)
 

@@ -4,8 +4,15 @@ import math
 
 import pytest
 
-from netgen.errors import NetgenError
-from netgen.specs import DemandSpec, IntersectionSpec, RandomSpec, RoundaboutSpec, SharedSpaceSpec, most_spread
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.specs import (
+    DemandSpec,
+    IntersectionSpec,
+    RandomSpec,
+    RoundaboutSpec,
+    SharedSpaceSpec,
+    most_spread,
+)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from netgen.binaries import run_program
+from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from netgen.binaries import run_program
 from slrl_sumo.agent.path_smoothing import FOLLOWED
+from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.events import Decision

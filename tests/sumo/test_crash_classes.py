@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from netgen.binaries import run_program
 from slrl_sumo.errors import InputError
+from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.scene.geometry import front_from_centre, heading_to_sumo, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, RoadUserType
 from slrl_sumo.sumo.reader import Snapshot

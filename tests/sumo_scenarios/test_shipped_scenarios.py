@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-import sumo_scenarios
-from netgen.binaries import binary
-from netgen.reach import CLASSES, reachable, read_graph
-from netgen.shipped import SHIPPED, main
+from slrl_sumo import scenarios
+from slrl_sumo.netgen.binaries import binary
+from slrl_sumo.netgen.reach import CLASSES, reachable, read_graph
+from slrl_sumo.netgen.shipped import SHIPPED, main
 
-SHIPPED_FOLDER = Path(sumo_scenarios.__file__).parent
+SHIPPED_FOLDER = Path(scenarios.__file__).parent
 NAMES = ("intersection", "signalised", "shared-space", "district")
 
 
@@ -26,7 +26,9 @@ def test_the_shipped_scenarios_are_the_promised_ones() -> None:
 
 
 def test_made_again_in_another_process_they_are_the_same_byte_for_byte(tmp_path: Path) -> None:
-    subprocess.run([sys.executable, "-m", "netgen.shipped", "--out", str(tmp_path)], check=True, capture_output=True)
+    subprocess.run(
+        [sys.executable, "-m", "slrl_sumo.netgen.shipped", "--out", str(tmp_path)], check=True, capture_output=True
+    )
     for name in NAMES:
         shipped, made = (
             {f.name: f.read_bytes() for f in (folder / name).iterdir()} for folder in (SHIPPED_FOLDER, tmp_path)

@@ -8,10 +8,10 @@ from typing import get_args
 
 import numpy as np
 
-from netgen.families import Family, generate
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.environments.observations import OwnObservation
 from slrl_sumo.learning.rewards.transition import RewardFunction
+from slrl_sumo.netgen.families import Family, generate
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
 
 

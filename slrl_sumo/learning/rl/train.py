@@ -18,8 +18,6 @@ from typing import Any, get_args
 
 import torch
 
-from netgen.errors import NetgenError
-from netgen.families import Family, generate
 from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
@@ -38,6 +36,8 @@ from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.policy import Policy
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.families import Family, generate
 from slrl_sumo.sumo.scenario import find_scenario
 
 Report = Callable[[str, int, int, Figures], None]

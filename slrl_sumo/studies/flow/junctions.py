@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from netgen.network import build_net
-from netgen.plan import Edge, Plan
-from netgen.specs import RoundaboutSpec
+from slrl_sumo.netgen.network import build_net
+from slrl_sumo.netgen.plan import Edge, Plan
+from slrl_sumo.netgen.specs import RoundaboutSpec
 from slrl_sumo.studies.flow.scenario_files import (
     LIMIT,
     element,

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from netgen.errors import NetgenError
 from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.driver import GUARDED, make_driver
 from slrl_sumo.errors import SumoError
@@ -16,6 +15,7 @@ from slrl_sumo.metrics.encounters import ALL, EncounterCounts
 from slrl_sumo.metrics.signal_crossings import SignalCrossings
 from slrl_sumo.metrics.trips import Trips
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover

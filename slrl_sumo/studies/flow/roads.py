@@ -4,9 +4,9 @@ from collections.abc import Callable
 from math import cos, radians, sin
 from pathlib import Path
 
-from netgen.motorway import RAMP_OPTIONS, place_motorway
-from netgen.plan import Edge, Plan
-from netgen.specs import MotorwaySpec
+from slrl_sumo.netgen.motorway import RAMP_OPTIONS, place_motorway
+from slrl_sumo.netgen.plan import Edge, Plan
+from slrl_sumo.netgen.specs import MotorwaySpec
 from slrl_sumo.studies.flow.scenario_files import element, flow, nodes, road, write_situation
 
 BENDS = (30, -60, 90, -110, 130)

@@ -6,8 +6,8 @@ from typing import Any
 
 from lxml import etree
 
-from netgen.binaries import run_program
-from netgen.plan import Edge, Node, Plan, write_plan
+from slrl_sumo.netgen.binaries import run_program
+from slrl_sumo.netgen.plan import Edge, Node, Plan, write_plan
 
 LIMIT = 13.89
 """m/s: speed limit of all roads, 50 km/h."""

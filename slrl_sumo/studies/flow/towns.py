@@ -10,9 +10,9 @@ from random import Random
 
 from lxml import etree
 
-from netgen.binaries import run_program
-from netgen.errors import NetgenError
-from netgen.plan import Edge, Node, Plan, write_plan
+from slrl_sumo.netgen.binaries import run_program
+from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.plan import Edge, Node, Plan, write_plan
 from slrl_sumo.studies.flow.scenario_files import write_config
 
 REST = 300.0

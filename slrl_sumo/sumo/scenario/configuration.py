@@ -37,7 +37,7 @@ class Scenario:
 
 def shipped_scenarios() -> list[str]:
     """Names of the scenarios in the package, sorted."""
-    root = Path(str(files("sumo_scenarios")))
+    root = Path(str(files("slrl_sumo.scenarios")))
     return sorted(p.parent.name for p in root.glob("*/*.sumocfg"))
 
 
@@ -56,7 +56,7 @@ def find_scenario(text: str) -> Scenario:
     if path.is_file():
         return read_scenario(path)
     if text in shipped_scenarios():
-        folder = Path(str(files("sumo_scenarios"))) / text
+        folder = Path(str(files("slrl_sumo.scenarios"))) / text
         return read_scenario(next(folder.glob("*.sumocfg")), name=text)
     near = difflib.get_close_matches(text, shipped_scenarios(), n=1)
     raise InputError(

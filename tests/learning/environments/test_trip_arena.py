@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from netgen.families import generate
 from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
@@ -14,6 +13,7 @@ from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.environments.trip_arena import TripArena, TripOutcome
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from tests.builders import put_head_on
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from netgen.binaries import binary
+from slrl_sumo.netgen.binaries import binary
 from slrl_sumo.studies.flow.situations import SITUATIONS
 
 WHEEL = ("fkk_in", "cross", "grid6", "A10KW")

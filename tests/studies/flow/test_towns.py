@@ -2,7 +2,7 @@
 
 from math import hypot
 
-from netgen.plan import Edge, Node, Plan
+from slrl_sumo.netgen.plan import Edge, Node, Plan
 from slrl_sumo.studies.flow.towns import RADIUS, with_roundabouts
 
 
