@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junction_occupants import UNUSED, Occupant, Piece, Size
 from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
@@ -88,7 +88,7 @@ class CrossingOccupants:
             share = np.linspace(0.0, 1.0, 1 + math.ceil(length / SPACING))
             points.append(begin + share[:, None] * chord)
         self._crossing_of_point = np.repeat(np.arange(len(points)), [len(p) for p in points])
-        self._tree = cKDTree(np.concatenate(points)) if points else None
+        self._points = PointIndex(*np.concatenate(points or [np.zeros((0, 2))]).T)
         self._reach = max((c.half_width for c in self._crossings), default=0.0) + BESIDE + BEFORE
         self._standing_since: dict[str, float] = {}
         self._found: dict[str, dict[str, Occupant]] = {}
@@ -97,16 +97,15 @@ class CrossingOccupants:
         """Find the pedestrians on crossings; `world`: all road users now."""
         self._found = {}
         walking = np.flatnonzero(world.type == RoadUserType.PEDESTRIAN)
-        if self._tree is None or not len(walking):
+        if not len(self._points) or not len(walking):
             self._standing_since = {}
             return
-        places = np.column_stack([world.x[walking], world.y[walking]])
-        nearest = np.asarray(self._tree.query(places, distance_upper_bound=self._reach)[1])
+        nearest, distance = self._points.nearest(world.x[walking], world.y[walking])
         standing: dict[str, float] = {}
         states: dict[str, str] = {}
-        for k in np.flatnonzero(nearest < len(self._crossing_of_point)).tolist():
+        for k in np.flatnonzero(distance[:, 0] < self._reach).tolist():
             row = int(walking[k])
-            walker = self._walker(self._crossings[self._crossing_of_point[nearest[k]]], world, row)
+            walker = self._walker(self._crossings[self._crossing_of_point[nearest[k, 0]]], world, row)
             if walker is None:
                 continue
             name, speed, crossing = world.ids[row], world.speed.item(row), walker.crossing

@@ -13,6 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.runtime.nrt import rtsys
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -96,9 +97,13 @@ class _Cache(FunctionCache):
     _found = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Without numba's `target_context.refresh()`, which imports and registers all that numba can compile, a
+        seventh of a start: machine code that is there needs only the memory functions. The compiler refreshes by
+        itself."""
         self._find()
+        rtsys.initialize(target_context)
         try:
-            return super().load_overload(sig, target_context)
+            return self._load_overload(sig, target_context)
         except Exception:  # whatever unpickling raises
             with suppress(OSError):
                 self.flush()

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 
@@ -66,7 +66,7 @@ class Region:
     """x, y of each centre and the radius."""
     box: tuple[float, float, float, float] | None = None
     """x0, y0, x1, y1 with x0 < x1 and y0 < y1."""
-    edges: tuple[tuple[cKDTree, float], ...] | None = None
+    edges: tuple[tuple[PointIndex, float], ...] | None = None
     """For each lane width: points along the lanes of that width, and half of it in m."""
 
     def inside(self, x: Floats, y: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
@@ -83,12 +83,11 @@ class Region:
             x0, y0, x1, y1 = self.box
             return (x >= x0 - margin) & (x <= x1 + margin) & (y >= y0 - margin) & (y <= y1 + margin)
         if self.edges is not None:
-            places = np.column_stack([x, y])
             on = np.zeros(len(x), np.bool_)
             for points, half_width in self.edges:
-                distance, _ = points.query(places)
+                distance = points.nearest(x, y)[1][:, 0]
                 # The nearest point is up to half a spacing along the lane from the nearest place on it.
-                on |= np.asarray(distance) <= np.hypot(half_width + margin, 0.5 * _SPACING)
+                on |= distance <= np.hypot(half_width + margin, 0.5 * _SPACING)
             return on
         return np.ones(len(x), np.bool_)
 
@@ -147,7 +146,7 @@ def _surface(given: str | RegionSpec, names: tuple[str, ...], network: Network) 
     for width in sorted({lane.width for lane in network.lanes if lane.edge in names}):
         lanes = [lane for lane in network.lanes if lane.edge in names and lane.width == width]
         points = LanePoints(lanes, spacing=_SPACING)
-        surfaces.append((cKDTree(np.column_stack([points.x, points.y])), 0.5 * width))
+        surfaces.append((PointIndex(points.x, points.y), 0.5 * width))
     return Region(str(given), edges=tuple(surfaces))
 
 

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
@@ -183,12 +182,15 @@ def _first_free(claims: Floats, taken: Floats, wanted: int) -> NDArray[np.intp]:
     """The first `wanted` of the boxes `claims` (n, 5) that overlap neither each other nor a box of `taken` (m, 5)."""
     if not wanted or not len(claims):
         return np.zeros(0, np.intp)
-    tree = cKDTree(claims[:, :2])
+    order = np.argsort(claims[:, 0])
+    from_west = claims[order, 0]
     reach = float(np.hypot(claims[0, 3], claims[0, 4]))
     free = np.ones(len(claims), np.bool_)
 
     def block(box: Floats) -> None:
-        near = np.array(tree.query_ball_point(box[:2], 0.5 * (reach + float(np.hypot(box[3], box[4])))), np.intp)
+        apart = 0.5 * (reach + float(np.hypot(box[3], box[4])))
+        near = order[slice(*np.searchsorted(from_west, (box[0] - apart, box[0] + apart)))]
+        near = near[free[near] & (np.abs(claims[near, 1] - box[1]) <= apart)]
         # A hair of slack, so that places exactly one spacing apart do not touch.
         mine = np.repeat((box - [0.0, 0.0, 0.0, 0.01, 0.01])[None], len(near), axis=0)
         free[near[boxes_overlap(mine, claims[near])]] = False

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.nearest import PointIndex
 
 MOTOR_CLASSES = frozenset(
     {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}
@@ -18,9 +18,6 @@ MOTOR_CLASSES = frozenset(
 often use footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
 ALL_CLASSES = MOTOR_CLASSES | {"bicycle", "pedestrian"}
 """The classes listed for a lane that admits every class."""
-
-LEAF = 64
-"""Points in a leaf of the search tree: with scipy's 16 the tree of a city took as much memory as the points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +71,7 @@ class LanePoints:
         self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
         self._max_speed = np.array([lane.max_speed for lane in self.lanes])
         self._spacing = spacing
-        self._tree = cKDTree(points, leafsize=LEAF) if len(points) else None
+        self._index = PointIndex(self.x, self.y)
 
     def __len__(self) -> int:
         return len(self.x)
@@ -84,16 +81,12 @@ class LanePoints:
         some = copy(self)
         some.x, some.y, some.heading, some.offset = (a[rows] for a in (self.x, self.y, self.heading, self.offset))
         some.lane = self.lane[rows]
-        some._tree = cKDTree(np.column_stack([some.x, some.y])) if len(rows) else None
+        some._index = PointIndex(some.x, some.y)
         return some
 
     def nearest(self, x: Floats, y: Floats, count: int = 1) -> NDArray[np.intp]:
         """Indices of the `count` points nearest to each of n positions, nearest first: (n, min(count, p))."""
-        if self._tree is None:
-            return np.zeros((len(x), 0), np.intp)
-        count = min(count, len(self))
-        _, rows = self._tree.query(np.column_stack([x, y]), k=np.arange(1, count + 1))
-        return np.asarray(rows, np.intp)
+        return self._index.nearest(x, y, min(count, len(self)))[0]
 
     def nearest_point(self, x: Floats, y: Floats) -> NDArray[np.intp]:
         """Index of the point nearest to each of n positions, (n,). ValueError where there is none for a position."""
@@ -105,7 +98,7 @@ class LanePoints:
 
     def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
         """Index of the lane that covers each of n positions, (n,); -1 where there is none."""
-        if self._tree is None:
+        if not len(self):
             return np.full(len(x), -1, np.intp)
         rows, under = self.nearest_lanes(x, y)
         return np.where(under, self.lane[rows], -1)
@@ -115,12 +108,12 @@ class LanePoints:
 
         ValueError where there are no points.
         """
-        if self._tree is None:
+        if not len(self):
             raise ValueError("there are no lanes")
-        distance, rows = self._tree.query(np.column_stack([x, y]))
-        points = np.asarray(rows, np.intp)
+        rows, distance = self._index.nearest(x, y)
+        points = rows[:, 0]
         reach = np.hypot(self._half_width[self.lane[points]], 0.5 * self._spacing)
-        return points, np.asarray(distance) <= reach
+        return points, distance[:, 0] <= reach
 
 
 def _sample(lane: Lane, spacing: float, strip: float) -> Floats:

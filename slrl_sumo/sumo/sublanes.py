@@ -15,7 +15,7 @@ from slrl_sumo.formats.sumo_time import parse_time
 from slrl_sumo.sumo.api import SumoApi
 
 if TYPE_CHECKING:
-    # They import scipy, which commands that only start a run do not need.
+    # They import numba, which commands that only start a run do not need.
     from slrl_sumo.sumo.lanes import Lane
     from slrl_sumo.sumo.network import Network
 
