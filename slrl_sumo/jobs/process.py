@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
+from importlib import import_module
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -63,20 +64,18 @@ class WorkerProcess:
     def __init__(self, work: bytes, *, by_value: bool = False) -> None:
         open_closed_streams()
         self.work = work
-        self._script_needed = not by_value and b"__main__" in work
         self.requests = 0
         """How many were sent."""
+        self._child: _Child | None = None
         try:
             with interrupts_deferred():
-                self._start(work)
+                self._child = child = _child(script_needed=not by_value and b"__main__" in work)
+                self.pipe, self.pid = child.pipe, child.process.pid or 0
+                with suppress(OSError):  # as in `send`
+                    self.pipe.send_bytes(work)
         except KeyboardInterrupt:
             self.close()
             raise
-
-    @property
-    def pid(self) -> int:
-        """Process id."""
-        return self._process.pid or 0
 
     def send(self, request: bytes) -> None:
         """Send a pickled request."""
@@ -95,28 +94,39 @@ class WorkerProcess:
 
     def close(self, timeout: float = 0.0) -> None:
         """End the process: it may take `timeout` s to exit, then it is killed."""
-        self.pipe.close()
-        try:
-            if timeout:
-                self._process.join(timeout)
-        finally:  # also where the user does not wait
-            self._process.kill()
-            self._process.join()
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._guard.communicate()
+        if self._child is not None:
+            self._child.close(timeout)
 
-    def _start(self, work: bytes) -> None:
+    def _death(self) -> WorkerDiedError:
+        assert self._child is not None
+        process = self._child.process
+        process.join(EXIT_S)
+        code = process.exitcode
+        name = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
+        death = WorkerDiedError(f"its process died ({name})")
+        death.exitcode = code
+        with suppress(OSError):
+            lines = (self._child.folder / PRINTED).read_text(errors="replace").splitlines()
+            errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+            death.printed_error = errors[-1] if errors else ""
+        return death
+
+
+class _Child:
+    """A process that waits for its work, with its pipe, its folder and the shell that guards it."""
+
+    def __init__(self, modules: tuple[str, ...] = (), *, script_needed: bool = False) -> None:
         context = multiprocessing.get_context("spawn")
-        with signals_blocked(), nullcontext() if self._script_needed else _script_hidden():
+        with signals_blocked(), nullcontext() if script_needed else _script_hidden():
             try:
-                self._folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
+                self.folder = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
             except OSError as error:
                 raise InputError(f"no place for temporary files ({error.strerror}); make room, or set TMPDIR") from None
             self.pipe, child_end = context.Pipe()
-            self._process = context.Process(target=_serve, args=(child_end, work, self._folder), daemon=True)
-            self._process.start()
+            self.process = context.Process(target=_serve, args=(child_end, self.folder, modules), daemon=True)
+            self.process.start()
             self._guard = subprocess.Popen(
-                ["/bin/sh", "-c", GUARD, "guard", str(self.pid), str(self._folder)],
+                ["/bin/sh", "-c", GUARD, "guard", str(self.process.pid), str(self.folder)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
@@ -124,17 +134,38 @@ class WorkerProcess:
             )
         child_end.close()
 
-    def _death(self) -> WorkerDiedError:
-        self._process.join(EXIT_S)
-        code = self._process.exitcode
-        name = signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
-        death = WorkerDiedError(f"its process died ({name})")
-        death.exitcode = code
-        with suppress(OSError):
-            lines = (self._folder / PRINTED).read_text(errors="replace").splitlines()
-            errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
-            death.printed_error = errors[-1] if errors else ""
-        return death
+    def close(self, timeout: float = 0.0) -> None:
+        """See WorkerProcess."""
+        self.pipe.close()
+        try:
+            if timeout:
+                self.process.join(timeout)
+        finally:  # also where the user does not wait
+            self.process.kill()
+            self.process.join()
+            shutil.rmtree(self.folder, ignore_errors=True)
+            self._guard.communicate()
+
+
+_ahead: list[_Child] = []
+
+
+@contextmanager
+def started_ahead(*modules: str) -> Iterator[None]:
+    """Start the process of the first WorkerProcess inside already now: it imports `modules` while this one imports what
+    it needs itself, a quarter of the start of a run. It ends with the context if nothing needed it."""
+    open_closed_streams()
+    try:
+        with suppress(InputError), interrupts_deferred():  # the WorkerProcess will report it
+            _ahead.append(_Child(modules))
+        yield
+    finally:
+        while _ahead:
+            _ahead.pop().close()
+
+
+def _child(*, script_needed: bool) -> _Child:
+    return _ahead.pop() if _ahead and not script_needed else _Child(script_needed=script_needed)
 
 
 @contextmanager
@@ -185,11 +216,15 @@ def set_up_process(folder: str | Path) -> None:
         mallopt(TRIM_THRESHOLD, 256 << 20)
 
 
-def _serve(pipe: Connection, work: bytes, folder: Path) -> None:
-    """The child process: answers requests until the parent closes the pipe."""
+def _serve(pipe: Connection, folder: Path, modules: tuple[str, ...]) -> None:
+    """The child process: imports `modules`, then answers requests until the parent closes the pipe."""
     set_up_process(folder)
     perform: list[Callable[[Any], Any]] = []
+    with suppress(Exception):  # the work will meet it again, and report it
+        for module in modules:
+            import_module(module)
     try:
+        work = pipe.recv_bytes()
         while True:
             with closing(_answers(work, perform, pipe.recv_bytes())) as answers:
                 for answer in answers:

@@ -1,5 +1,6 @@
 """Processes of ours that hold a SUMO."""
 
+import multiprocessing
 import multiprocessing.util
 import os
 import pickle
@@ -14,7 +15,7 @@ from typing import Any
 import pytest
 
 from slrl_sumo.jobs.interrupt import SIGNALS
-from slrl_sumo.jobs.process import EXIT_S, WorkerProcess
+from slrl_sumo.jobs.process import EXIT_S, WorkerProcess, started_ahead
 
 PROGRAM = """
 import ctypes, os, sys, tempfile
@@ -106,3 +107,15 @@ def test_an_interrupt_while_a_child_starts_ends_the_child_quietly(
     assert multiprocessing.active_children() == []
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
+
+
+def test_a_process_started_ahead_has_imported_the_modules_and_ends_with_the_context() -> None:
+    before = set(multiprocessing.active_children())
+    with started_ahead("no_such_module", "colorsys"), started_ahead("colorsys"):
+        ready = [child.pid for child in set(multiprocessing.active_children()) - before]
+        process = WorkerProcess(pickle.dumps(eval))
+        process.send(pickle.dumps("'colorsys' in __import__('sys').modules"))
+        assert pickle.loads(process.receive(60.0)) is True
+        assert process.pid in ready
+        process.close()
+    assert set(multiprocessing.active_children()) == before
