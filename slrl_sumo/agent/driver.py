@@ -12,6 +12,7 @@ from slrl_sumo.agent.lane_driver import LaneDriver
 from slrl_sumo.agent.path_smoothing import too_sharp
 from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.agent.selection import Modes, Selector
+from slrl_sumo.agent.selectors import PolicySelector, PriorSelector
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
@@ -205,15 +206,13 @@ def unknown_selector(name: str) -> InputError:
 
 def usual_selector(bundle: ModelBundle) -> str:
     """The selector where none is named: the trained one, unless its bundle names another; without one `rule`."""
-    return "rule" if bundle.policy is None else usual_of(bundle.policy_training or {})
+    return "rule" if bundle.policy is None and bundle.network is None else usual_of(bundle.policy_training or {})
 
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:
     """The selector `prior`, `rule`, `greedy` or `sampled`. Raises InputError where the bundle has no trained policy."""
     if name == "rule":
         return RuleSelector()
-    from slrl_sumo.agent.selectors import PolicySelector, PriorSelector  # PyTorch takes its time
-
     uniform = np.random.default_rng(seed).random
     if name == "prior":
         return PriorSelector(bundle, uniform)

@@ -1,17 +1,18 @@
-"""Selectors with networks in PyTorch: the prior and the trained policy."""
+"""Selectors with networks: the prior and the trained policy. PyTorch is needed for policies that read images alone."""
 
 from collections.abc import Hashable, Sequence
 
 import numpy as np
-import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
 from slrl_sumo.agent.selection import Mask, Modes, Uniform, drawn
 from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.models.bundle import ModelBundle, tensors
-from slrl_sumo.models.policy import choice_logits, masked
+from slrl_sumo.models.motion_models import Singles, outputs
+from slrl_sumo.models.policy_network import PolicyConfig, masked
 from slrl_sumo.perception.observation import Observation
+from slrl_sumo.scene.geometry import Floats
 
 HOLD = 8
 """Decisions for which a sampled mode is held on average, 3.2 s. Modes that are sampled anew every 0.4 s cancel out: all
@@ -43,18 +44,16 @@ class PriorSelector:
         masks: Sequence[Mask] = (),
     ) -> list[Modes]:
         """See Selector. A held mode that is not allowed any more is drawn anew."""
-        with torch.inference_mode():
-            vector, kind = tensors(observation)
-            logits = self._bundle.prior.logits(vector, kind).double()
-            probabilities = [
-                torch.softmax(logits if mask is None else logits.masked_fill(torch.from_numpy(~mask), -torch.inf), -1)
-                for mask in (None, *masks)
-            ]
+        kind = observation.type.astype(np.int64)
+        logits = outputs(self._bundle.prior_networks, observation.vector, kind)[:, 0].astype(np.float64)
+        allowed = [logits, *(np.where(mask, logits, -np.inf) for mask in masks)]
+        weights = [np.exp(each - each.max(axis=1, keepdims=True)) for each in allowed]
+        probabilities = [each / each.sum(axis=1, keepdims=True) for each in weights]
         if not self._sample:
             every = zip(probabilities, (None, *masks), strict=True)
             return [central(self._bundle, probability, kind, mask) for probability, mask in every]
         draw, again = self._uniform((2, len(observation)))
-        chosen = [drawn(probability.numpy(), draw) for probability in probabilities]
+        chosen = [drawn(probability, draw) for probability in probabilities]
         if ids is not None:
             holds = again >= 1 / HOLD
             for row, name in enumerate(ids):
@@ -77,14 +76,18 @@ class PolicySelector:
     """
 
     def __init__(self, bundle: ModelBundle, uniform: Uniform | None = None, *, middle: bool = False) -> None:
-        if bundle.policy is None:
+        if bundle.policy is None and bundle.network is None:
             raise InputError(
                 f"bundle {bundle.name}: it has no trained selector; use `selector='prior'`, or train one with "
                 "`slrl-sumo train`"
             )
         self._bundle, self._middle = bundle, middle
-        self._policy, self._prior = bundle.policy, bundle.prior
-        config = bundle.policy.config
+        self._network = bundle.network
+        if bundle.policy is not None and not bundle.policy.config.image:
+            from slrl_sumo.models.policy import network_of
+
+            self._network = network_of(bundle.policy)
+        config = self._config
         self.needs_image, self.needs_rollouts, self.preset = config.image, config.lookahead, config.preset
         self._uniform = uniform
 
@@ -100,41 +103,65 @@ class PolicySelector:
             raise ValueError("this selector needs observations with images")
         if rollouts is None and self.needs_rollouts:
             raise ValueError("this selector needs mode rollouts")
-        with torch.inference_mode():
-            vector, kind = tensors(observation)
-            image = None if observation.image is None else torch.from_numpy(observation.image)
-            ahead, route = self._inputs(observation, rollouts)
-            free = choice_logits(self._policy, self._prior, vector, image, kind, ahead, route)
-            every = [free, *(masked(free, torch.from_numpy(mask)) for mask in masks)]
+        kind = observation.type.astype(np.int64)
+        ahead, route = self._inputs(observation, rollouts)
+        if self._network is None:
+            free = self._in_pytorch(observation, ahead, route)
+        else:
+            free = self._network.choice_logits(self._bundle.prior_networks, observation.vector, kind, ahead, route)
+        every = [free, *(masked(free, mask) for mask in masks)]
         if self._middle:
             masked_by = zip(every, (None, *masks), strict=True)
-            return [central(self._bundle, logits.double().exp(), kind, mask) for logits, mask in masked_by]
+            return [central(self._bundle, np.exp(logits, dtype=np.float64), kind, mask) for logits, mask in masked_by]
         if self._uniform is None:
-            return [np.asarray(logits.argmax(-1).numpy(), np.int64) for logits in every]
+            return [np.asarray(logits.argmax(axis=1), np.int64) for logits in every]
         draw = self._uniform((len(observation),))
-        return [drawn(logits.double().exp().numpy(), draw) for logits in every]
+        return [drawn(np.exp(logits, dtype=np.float64), draw) for logits in every]
 
-    def _inputs(self, observation: Observation, rollouts: ModeRollouts | None) -> tuple[Tensor | None, Tensor | None]:
+    @property
+    def _config(self) -> PolicyConfig:
+        if self._network is not None:
+            return self._network.config
+        assert self._bundle.policy is not None
+        return self._bundle.policy.config
+
+    def _inputs(self, observation: Observation, rollouts: ModeRollouts | None) -> tuple[Singles | None, Singles | None]:
         """Rollouts and route as the policy reads them; without routes (recordings) those columns are zero."""
-        config = self._policy.config
-        ahead = None if rollouts is None else torch.from_numpy(rollouts.columns(config.rollout_features))
+        config = self._config
+        ahead = None if rollouts is None else rollouts.columns(config.rollout_features)
         if not config.route_columns:
             return ahead, None
         given = observation.route
-        return ahead, torch.zeros(len(observation), config.route_columns) if given is None else torch.from_numpy(given)
+        return ahead, np.zeros((len(observation), config.route_columns), np.float32) if given is None else given
+
+    def _in_pytorch(self, observation: Observation, ahead: Singles | None, route: Singles | None) -> Singles:
+        """As PolicyNetwork.choice_logits, of a policy that reads the image."""
+        import torch
+
+        from slrl_sumo.models.policy import choice_logits
+
+        policy = self._bundle.policy
+        assert policy is not None
+        with torch.inference_mode():
+            vector, kind = tensors(observation)
+            image, ahead_, route_ = (
+                None if each is None else torch.from_numpy(each) for each in (observation.image, ahead, route)
+            )
+            free = choice_logits(policy, self._bundle.prior, vector, image, kind, ahead_, route_)
+        return np.asarray(free.numpy())
 
 
-def central(bundle: ModelBundle, probability: Tensor, kind: Tensor, mask: Mask | None = None) -> Modes:
+def central(bundle: ModelBundle, probability: Floats, kind: NDArray[np.int64], mask: Mask | None = None) -> Modes:
     """The modes (n,) whose destinations are on average nearest to those that `probability` (n, modes) expects.
 
     Of many modes side by side none is probable, and the most probable one may be an outlier: this one errs least.
     `kind`: (n,) int64 types; `mask` (n, modes): only these are taken.
     """
-    centres = torch.from_numpy(bundle.mode_centres)
-    distance = torch.cdist(centres, centres)
-    expected = torch.zeros_like(probability)
+    centres = bundle.mode_centres
+    distance = np.hypot(*np.moveaxis(centres[:, :, None] - centres[:, None], -1, 0))
+    expected = np.zeros_like(probability)
     for t in range(len(centres)):
         expected[kind == t] = probability[kind == t] @ distance[t]
     if mask is not None:
-        expected[torch.from_numpy(~mask)] = torch.inf
-    return np.asarray(expected.argmin(-1).numpy(), np.int64)
+        expected[~mask] = np.inf
+    return np.asarray(expected.argmin(axis=1), np.int64)

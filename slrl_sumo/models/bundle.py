@@ -25,7 +25,8 @@ from safetensors.numpy import load_file, save
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json, read_text
 from slrl_sumo.models.bundle_folder import NOTICE, check_replaceable, find_bundle
-from slrl_sumo.models.motion_models import MODES, MotionModels, Weights, motion_models, motions
+from slrl_sumo.models.motion_models import MODES, MotionModels, Networks, Weights, motion_models, motions, networks
+from slrl_sumo.models.policy_network import PolicyNetwork, read_network, read_policy_files
 from slrl_sumo.perception.features import FEATURES, STATES
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
@@ -119,7 +120,9 @@ class ModelBundle:
     card: str
     """Text of the model card (Markdown)."""
     policy: "Policy | None" = None
-    """The trained selector, if there is one and it was read."""
+    """The trained selector, if there is one and it was read in PyTorch."""
+    network: PolicyNetwork | None = None
+    """The same for decisions alone, where it was read so (see `load_bundle`)."""
     policy_training: dict[str, Any] | None = None
     """How that was trained, plain JSON values."""
 
@@ -138,6 +141,11 @@ class ModelBundle:
         return motion_models(self.weights, "displacement.")
 
     @cached_property
+    def prior_networks(self) -> Networks:
+        """The prior, for decisions."""
+        return networks(self.weights, "prior.")
+
+    @cached_property
     def displacement(self) -> "DisplacementModels":
         """The displacement models in PyTorch, for training; on the same memory as `models`."""
         from slrl_sumo.models.displacement import DisplacementModels
@@ -147,7 +155,7 @@ class ModelBundle:
 
     @cached_property
     def prior(self) -> "Prior":
-        """The prior in PyTorch."""
+        """The prior in PyTorch, for training; on the same memory as `prior_networks`."""
         from slrl_sumo.models.prior import Prior
 
         made = Prior(self.config.modes, self.config.prior_hidden, len(self.config.features))
@@ -236,23 +244,26 @@ def tensors(observation: Observation) -> "tuple[Tensor, Tensor]":
     return torch.from_numpy(observation.vector), torch.from_numpy(observation.type.astype(np.int64))
 
 
-def load_bundle(name_or_folder: str | Path, *, policy: bool = True) -> ModelBundle:
+def load_bundle(name_or_folder: str | Path, *, policy: bool = True, training: bool = True) -> ModelBundle:
     """Read a bundle: one that comes with the package, by name, or a folder.
 
     A string without a slash is searched among the shipped bundles first. Without `policy` its trained selector is not
-    read, and PyTorch is not imported. Raises InputError where there is no such
-    bundle, or where it is damaged, of another format version or for other features.
+    read. Without `training` a selector that reads no image is read as `network` instead of `policy`, and PyTorch is not
+    imported. Raises InputError where there is no such bundle, or where it is damaged, of another format version or for
+    other features.
     """
     folder = find_bundle(name_or_folder)
     values = _read_json(folder / "config.json")
     bundle_name = values.pop("name", None)
     config = BundleConfig.read(values, folder)
     state = _read_weights(folder, config)
-    trained = None
-    if policy:
+    trained, network, record = None, None, None
+    if policy and not training and (files := read_policy_files(folder, config.modes)) and not files.config.image:
+        network, record = read_network(folder, files), files.training
+    elif policy:
         from slrl_sumo.models.policy import read_policy
 
-        trained = read_policy(folder, config.modes)
+        trained, record = read_policy(folder, config.modes) or (None, None)
     return ModelBundle(
         name=str(bundle_name),
         config=config,
@@ -261,8 +272,9 @@ def load_bundle(name_or_folder: str | Path, *, policy: bool = True) -> ModelBund
         weights=state,
         training=_read_json(folder / "training.json"),
         card=_read_card(folder / "MODEL_CARD.md"),
-        policy=trained[0] if trained else None,
-        policy_training=trained[1] if trained else None,
+        policy=trained,
+        network=network,
+        policy_training=record,
     )
 
 

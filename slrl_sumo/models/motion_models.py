@@ -47,17 +47,21 @@ class MotionModels(NamedTuple):
     max_speed: Singles
 
 
-def motion_models(weights: Weights, prefix: str = "") -> MotionModels:
-    """The displacement models among `weights`, whose names begin with `prefix`; nothing is copied."""
+def networks(weights: Weights, prefix: str) -> Networks:
+    """The networks among `weights` whose names begin with `prefix`; nothing is copied."""
     of = f"{prefix}networks."
     layers = range(sum(name.startswith(f"{of}weight.") for name in weights))
-    networks = Networks(
+    return Networks(
         weights[f"{of}mean"],
         weights[f"{of}scale"],
-        tuple(weights[f"{of}weight.{layer}"] for layer in layers),
-        tuple(weights[f"{of}bias.{layer}"] for layer in layers),
+        tuple(weights[f"{of}weight.{number}"] for number in layers),
+        tuple(weights[f"{of}bias.{number}"] for number in layers),
     )
-    return MotionModels(networks, *(weights[prefix + name] for name in MotionModels._fields[1:]))
+
+
+def motion_models(weights: Weights, prefix: str = "") -> MotionModels:
+    """The displacement models among `weights`, whose names begin with `prefix`; nothing is copied."""
+    return MotionModels(networks(weights, prefix), *(weights[prefix + name] for name in MotionModels._fields[1:]))
 
 
 def motions(models: MotionModels, vector: Singles, kind: NDArray[np.int64]) -> tuple[Singles, Singles]:
@@ -65,13 +69,17 @@ def motions(models: MotionModels, vector: Singles, kind: NDArray[np.int64]) -> t
 
     `vector`: (n, columns) feature vectors; `kind`: (n,) RoadUserType.
     """
-    networks = models.networks
+    x = outputs(models.networks, vector, kind)
+    return _bounded(np.tanh(x, out=x), vector[:, SPEED].copy(), kind, *models[1:], DECISION_INTERVAL)
+
+
+def outputs(networks: Networks, vector: Singles, kind: NDArray[np.int64]) -> Singles:
+    """Outputs (n, members, out) of all networks of each row's type, as of StackedNetworks.forward_all."""
     x = _standardised(np.ascontiguousarray(vector), kind, networks.mean, networks.scale)
-    for weight, bias in zip(networks.weight, networks.bias, strict=True):
-        x = _layer(x, kind, weight, bias)
+    for number, (weight, bias) in enumerate(zip(networks.weight, networks.bias, strict=True)):
         # numpy's tanh takes a tenth of the time of a compiled one.
-        np.tanh(x, out=x)
-    return _bounded(x, vector[:, SPEED].copy(), kind, *models[1:], DECISION_INTERVAL)
+        x = layer(np.tanh(x, out=x) if number else x, kind, weight, bias)
+    return x
 
 
 @compiled
@@ -87,7 +95,7 @@ def _standardised(vector: Singles, kind: NDArray[np.int64], mean: Singles, scale
 
 
 @compiled
-def _layer(x: Singles, kind: NDArray[np.int64], weight: Singles, bias: Singles) -> Singles:
+def layer(x: Singles, kind: NDArray[np.int64], weight: Singles, bias: Singles) -> Singles:
     """Outputs (n, members, out) of one layer; `x`: (n, members or 1, in), `weight`: (types, members, in, out)."""
     n, columns, members, outputs = len(x), x.shape[2], weight.shape[1], weight.shape[3]
     result, out = np.empty((n, members, outputs), np.float32), np.empty(outputs, np.float32)

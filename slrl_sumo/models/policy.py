@@ -1,81 +1,41 @@
-"""The selector's policy: a network that corrects the prior by the observation (paper, sections 3.1 and 3.4).
-
-selector.json          its shapes (PolicyConfig) and how it was trained
-selector.safetensors   its weights
-"""
+"""The selector's policy: a network that corrects the prior by the observation (paper, sections 3.1 and 3.4)."""
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
+from safetensors.torch import save
 from torch import Tensor, nn
 
-from slrl_sumo.errors import InputError
-from slrl_sumo.input_files import read_json
 from slrl_sumo.models.bundle_folder import POLICY_FILES
-from slrl_sumo.models.displacement import MODES
+from slrl_sumo.models.motion_models import SPEED
+from slrl_sumo.models.policy_network import (
+    COUNT_SCALE,
+    EXCLUDED,
+    HEADING,
+    KNOWN,
+    LEAST_PRIOR,
+    MOTION_SCALES,
+    ROLLOUT_SCALES,
+    ROUTE_FIT_SCALES,
+    PolicyConfig,
+    PolicyNetwork,
+    damage_reported,
+    read_policy_files,
+)
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import COUNTS, FEATURES
-from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.types import RoadUserType
 
 Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
 
-HEADING = FEATURES.index("heading")
-SPEED = FEATURES.index("speed")
-KNOWN = ROUTE_FEATURES.index("known")
-ROLLOUT_SCALES = {"collision": 2.0, "off_surface": 1.0, "speed": 0.2, "turn": 1.0}
-"""Fields of the mode rollouts that a policy reads, and the factors that bring them to order 1."""
-ROUTE_FIT_SCALES = {
-    "heading_error": 4.0,
-    "lateral_offset": 0.5,
-    "speed_error": 2.0,
-    "stop_ratio": 1.0,
-    "follow_ratio": 1.0,
-}
-"""The same for the fit of each mode to the route, in the preset `extended`."""
 AT_ONCE = 256
 """Images that are encoded at once: 1,024 in one go take twice as long, because they leave the cache."""
-PRESETS = ("paper", "extended")
-"""Which observation a policy reads: the paper's, or one with the route ahead."""
-EXCLUDED = -1e4
-"""Log probability of a mode that is not allowed: its exponential is 0, and 0 times it is 0 (not so with -inf)."""
-
-
-@dataclass(frozen=True)
-class PolicyConfig:
-    """Shapes of a policy, and the observation it reads."""
-
-    preset: str = "paper"
-    modes: int = MODES
-    channels: tuple[int, ...] = (16, 32, 32)
-    """Of the convolutions, each with stride 2: a quarter of the pixels remains after each."""
-    hidden: int = 128
-    head: int = 64
-    lookahead: bool = True
-    """Whether it also reads the mode rollouts."""
-    image: bool = True
-    """Whether it reads the image."""
-    prior_logits: bool = True
-    """Whether the prior's log probabilities are added to its logits. They hold back road users with a route: of a car
-    on an empty road the prior expects that it keeps its speed, not that it speeds up."""
-
-    @property
-    def rollout_features(self) -> tuple[str, ...]:
-        """Names of the fields of the mode rollouts that it reads, in the order of its inputs."""
-        return (*ROLLOUT_SCALES, *(ROUTE_FIT_SCALES if self.preset == "extended" else ()))
-
-    @property
-    def route_columns(self) -> int:
-        """Columns of Observation.route that it reads."""
-        return len(ROUTE_FEATURES) if self.preset == "extended" else 0
 
 
 class Policy(nn.Module):
@@ -95,7 +55,7 @@ class Policy(nn.Module):
         super().__init__()
         self.config = config
         types = len(RoadUserType)
-        inputs = len(FEATURES) - 1 + config.route_columns
+        inputs = config.inputs
         if config.image:
             self.encoder = _encoder(config)
             inputs += config.hidden
@@ -270,7 +230,7 @@ def _corrected(
     with torch.no_grad():
         known = torch.log_softmax(prior.logits(vector, kind), -1)
         # Training can find modes that the prior has never seen; where it has taught nothing, they would only be noise.
-        least = known.new_full((len(known), 1), -4.0)
+        least = known.new_full((len(known), 1), LEAST_PRIOR)
         if route is not None:
             least[(route[:, KNOWN] == 0.0) & (policy.without_route[kind] < 1.0).any(-1)] = -torch.inf
         known = torch.maximum(known, least)
@@ -280,8 +240,8 @@ def _corrected(
 def _normalised(vector: Tensor) -> Tensor:
     """The paper's columns of the vector without the heading, each of order 1: (n, 11)."""
     vector = vector[:, : len(FEATURES)]  # bundles of the preset `history` have more
-    motion = vector[:, :HEADING] * vector.new_tensor([0.1, 0.3, 1.0, 1.0, 1.0])
-    return torch.cat([motion, 0.5 * torch.log1p(vector[:, COUNTS:])], -1)
+    motion = vector[:, :HEADING] * vector.new_tensor(MOTION_SCALES)
+    return torch.cat([motion, COUNT_SCALE * torch.log1p(vector[:, COUNTS:])], -1)
 
 
 def _column(values: Tensor, names: tuple[str, ...], name: str) -> Tensor:
@@ -302,9 +262,8 @@ def _encoder(config: PolicyConfig) -> nn.Sequential:
 
 def _scorer(config: PolicyConfig) -> nn.Sequential:
     """Rates a mode by its rollout; 0 to begin with."""
-    inputs = len(config.rollout_features) + (4 if config.preset == "extended" else 2)
-    hidden = 64 if config.preset == "extended" else 32
-    return nn.Sequential(_scaled(nn.Linear(inputs, hidden)), _rectifier(), _scaled(nn.Linear(hidden, 1), 0.0))
+    first = _scaled(nn.Linear(config.scorer_inputs, config.scorer_hidden))
+    return nn.Sequential(first, _rectifier(), _scaled(nn.Linear(config.scorer_hidden, 1), 0.0))
 
 
 def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
@@ -326,12 +285,6 @@ def _scaled(layer: Layer, gain: float = 2**0.5) -> Layer:
     return layer
 
 
-def _check_sizes(config: PolicyConfig) -> None:
-    sizes = [config.hidden, config.head, *config.channels]
-    if len(sizes) > 16 or not all(type(size) is int and 0 < size <= 65536 for size in sizes):
-        raise ValueError("its sizes are impossible")
-
-
 def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None:
     """Write the policy's files into a bundle's folder; `training` says how it was made, plain JSON values."""
     values = {**asdict(policy.config), "training": training}
@@ -347,36 +300,21 @@ def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | Non
 
     Raises InputError where its files are damaged or not for this version.
     """
-    there = [(folder / name).is_file() for name in POLICY_FILES]
-    if not any(there):
+    files = read_policy_files(folder, modes)
+    if files is None:
         return None
-    damaged = f"bundle {folder}: its selector is damaged"
-    if not all(there):
-        raise InputError(f"{damaged} ({POLICY_FILES[there.index(False)]} missing); copy the bundle again")
-    try:
-        values = read_json(folder / POLICY_FILES[0])
-        training = dict(values.pop("training"))
-        shapes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-        config = PolicyConfig(**shapes)
-        if config.preset not in PRESETS:
-            runs = " and ".join(PRESETS)
-            raise InputError(
-                f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs {runs}"
-            )
-        if config.modes != modes:
-            raise ValueError(f"it chooses among {config.modes} modes, the bundle has {modes}")
-        _check_sizes(config)
-        state = load_file(folder / POLICY_FILES[1])
+    state = {name: torch.from_numpy(value) for name, value in files.weights.items()}
+    with damage_reported(folder):
         # Nothing is allocated on the meta device, and the sizes are compared.
         with torch.device("meta"):
-            Policy(config).load_state_dict(state, assign=True)
-        policy = Policy(config)
+            Policy(files.config).load_state_dict(state, assign=True)
+        policy = Policy(files.config)
         policy.load_state_dict(state)
-        if "without_route" in training:
-            policy.without_route.copy_(torch.tensor(training["without_route"], dtype=torch.float32))
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RuntimeError, SafetensorError) as error:
-        reason = " ".join(str(getattr(error, "strerror", None) or error).split())[:300]
-        raise InputError(f"{damaged} ({reason}); copy the bundle again, or train it anew") from error
-    if not all(bool(torch.isfinite(value).all()) for value in (*state.values(), policy.without_route)):
-        raise InputError(f"{damaged} (weights that are not finite); copy the bundle again, or train it anew")
-    return policy.requires_grad_(False).eval(), training
+        policy.without_route.copy_(torch.from_numpy(files.without_route))
+    return policy.requires_grad_(False).eval(), files.training
+
+
+def network_of(policy: Policy) -> PolicyNetwork:
+    """A policy that reads no image for decisions without PyTorch; its weights are copied."""
+    weights = {name: value.detach().cpu().numpy() for name, value in policy.state_dict().items()}
+    return PolicyNetwork.of(policy.config, weights, policy.without_route.cpu().numpy())

@@ -19,7 +19,7 @@ def load_models(settings: LearnedSettings) -> ModelBundle:
     if settings.selector is not None and settings.selector not in SELECTORS:
         raise unknown_selector(settings.selector)
     selector = settings.selector or usual_selector_of(settings.bundle)
-    return load_bundle(settings.bundle, policy=selector in TRAINED)
+    return load_bundle(settings.bundle, policy=selector in TRAINED, training=False)
 
 
 @dataclass(frozen=True)

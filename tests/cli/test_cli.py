@@ -62,16 +62,17 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
-def test_a_run_by_rule_imports_no_torch() -> None:
+@pytest.mark.parametrize("selector", ["rule", "greedy", "sampled", "prior"])
+def test_a_run_without_images_imports_neither_torch_nor_the_trees_of_scipy(selector: str) -> None:
     program = (
         "import sys\n"
         "from slrl_sumo.simulation.run import run\n"
         "from slrl_sumo.simulation.settings import RunSettings\n"
-        "for event in run(RunSettings(scenario='intersection', agents=4, steps=2, selector='rule')): pass\n"
-        "print('torch' in sys.modules)"
+        f"for event in run(RunSettings(scenario='intersection', agents=4, steps=2, selector={selector!r})): pass\n"
+        "print({'torch', 'scipy.spatial'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout.strip()) == (0, "False"), done.stderr
+    assert (done.returncode, done.stdout.strip()) == (0, "set()"), done.stderr
 
 
 def test_help_names_the_commands_and_version_is_the_packages(cli: Cli) -> None:

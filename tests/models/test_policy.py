@@ -4,6 +4,7 @@ files."""
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.models.policy import AT_ONCE, Policy, PolicyConfig, choice_logits, policy_logits
+from slrl_sumo.models.policy import AT_ONCE, Policy, choice_logits, policy_logits
+from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.perception.observation import Observation
 
 
@@ -213,7 +215,7 @@ def test_a_prediction_takes_the_most_central_mode(bundle: ModelBundle, seen: Obs
     probability = choice_logits(policy, bundle.prior, vector, image, kind).double().exp()
     mask = np.random.default_rng(1).random(probability.shape) < 0.5
     free, allowed = PolicySelector(trained, middle=True).choose(looked, None, masks=[mask])
-    np.testing.assert_array_equal(free, central(bundle, probability, kind))
+    np.testing.assert_array_equal(free, central(bundle, probability.detach().numpy(), kind.numpy()))
     assert mask[np.arange(len(allowed)), allowed].all()
 
 
@@ -288,3 +290,41 @@ def test_logits_without_values_are_the_same(bundle: ModelBundle, seen: Observati
     with torch.inference_mode():
         chosen = choice_logits(policy, bundle.prior, vector, image, kind)
     torch.testing.assert_close(chosen.clone(), logits.detach(), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("shapes", [{"prior_logits": False}, {"preset": "paper"}, {"lookahead": False}])
+def test_a_network_without_pytorch_gives_the_same_logits(
+    bundle: ModelBundle, seen: Observation, shapes: dict[str, Any], tmp_path: Path
+) -> None:
+    torch.manual_seed(7)
+    config = PolicyConfig(**{"preset": "extended", "modes": 20, "hidden": 32, "head": 16, "image": False} | shapes)
+    policy = Policy(config)
+    _disturb(policy)
+    policy.without_route.copy_(torch.tensor([[0.25, 0.5]] * 3))
+    looked = replace(_on_route(seen), image=None)
+    assert looked.route is not None
+    looked.route[:, 0] = np.arange(len(seen)) % 2  # every other one has a route
+    vector, kind = tensors(looked)
+    ahead = _rollouts(len(seen)).columns(config.rollout_features)
+    route = torch.from_numpy(looked.route) if config.route_columns else None
+    expected = choice_logits(policy, bundle.prior, vector, None, kind, torch.from_numpy(ahead), route)
+    record = {"without_route": policy.without_route.tolist()}
+    replace(bundle, policy=policy, policy_training=record).save(tmp_path / "b")
+    again = load_bundle(tmp_path / "b", training=False)
+    assert again.policy is None
+    assert again.network is not None
+    found = again.network.choice_logits(
+        again.prior_networks, looked.vector, kind.numpy(), ahead, looked.route if config.route_columns else None
+    )
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, expected.detach().numpy(), rtol=1e-4, atol=1e-4)
+
+
+def test_weights_of_other_shapes_are_damage_without_pytorch_too(bundle: ModelBundle, tmp_path: Path) -> None:
+    policy = Policy(PolicyConfig(preset="extended", modes=20, hidden=32, head=16, image=False))
+    replace(bundle, policy=policy).save(tmp_path / "b")
+    file = tmp_path / "b" / "selector.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"hidden": 33}))
+    for training in (False, True):
+        with pytest.raises(InputError, match="its selector is damaged"):
+            load_bundle(tmp_path / "b", training=training)

@@ -12,7 +12,7 @@ from slrl_sumo.learning.environments.source import ArenaSource, is_family
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rewards.transition import RewardFunction
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
-from slrl_sumo.models.policy import PRESETS
+from slrl_sumo.models.policy_network import PRESETS
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario

@@ -27,7 +27,8 @@ from slrl_sumo.learning.rl.actor import Actor, Agent
 from slrl_sumo.learning.rl.batch import Batch, joined
 from slrl_sumo.learning.rl.rollout import rollout
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.policy import Policy, PolicyConfig
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.models.policy_network import PolicyConfig
 
 TIMEOUT = 120.0
 """s that a worker may take to begin a simulation."""

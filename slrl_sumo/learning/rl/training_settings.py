@@ -12,7 +12,7 @@ from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
-from slrl_sumo.models.policy import PRESETS, PolicyConfig
+from slrl_sumo.models.policy_network import PRESETS, PolicyConfig
 
 Section = TypeVar("Section")
 

@@ -63,7 +63,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
     cv2.setNumThreads(1)
     selector = work.selector or usual_selector_of(work.bundle)
     # PyTorch counts in the memory of a run that needs it.
-    bundle = load_bundle(work.bundle, policy=selector in TRAINED)
+    bundle = load_bundle(work.bundle, policy=selector in TRAINED, training=False)
     stopwatch = Stopwatch()
     seconds: list[dict[str, float]] = []
     scenario = find_scenario(work.scenario)

@@ -18,7 +18,7 @@ import slrl_sumo
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.learning.environments.make import parallel_env
 from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
-from slrl_sumo.models.policy import PolicyConfig
+from slrl_sumo.models.policy_network import PolicyConfig
 
 EVERYBODY = {"car": 1, "bicycle": 1, "pedestrian": 1}
 

@@ -15,7 +15,8 @@ from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.learning.rl.train import TrainRequest, train
 from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings, read_settings
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.policy import Policy, PolicyConfig
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.models.policy_network import PolicyConfig
 
 SELECTORS = Path(__file__).parents[3] / "tools" / "selectors"
 SETTINGS = TrainSettings(

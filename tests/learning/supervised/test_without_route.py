@@ -11,7 +11,8 @@ from builders import make_bundle, make_recording
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.supervised.without_route import calibrated, shares
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.policy import Policy, PolicyConfig
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.models.policy_network import PolicyConfig
 
 
 def test_a_correction_counts_as_much_as_it_makes_recorded_modes_likelier() -> None:
