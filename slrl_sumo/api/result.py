@@ -9,6 +9,7 @@ from pathlib import Path
 from slrl_sumo.api.summary import RunSummary
 from slrl_sumo.errors import DefectError, InputError, SlrlError
 from slrl_sumo.extras import require
+from slrl_sumo.formats.fcd.trace import trace_files
 from slrl_sumo.formats.output_files import Output, claimed
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.models.bundle_folder import find_bundle
@@ -95,7 +96,10 @@ class RunResult:
             if self.fcd is not None and self.fcd.is_file():
                 write_replay(self.fcd, self.settings.where, file)
             else:
-                write_trajectories_replay(self.trajectories, self.settings.where, file, title=self.summary.scenario)
+                tracks, signals = self.trajectories, self._kept().signals
+                write_trajectories_replay(
+                    tracks, self.settings.where, file, title=self.summary.scenario, signals=signals
+                )
         return file
 
     def show(self, height: int = 560) -> "InlineReplay":
@@ -114,7 +118,7 @@ class RunResult:
 
     def _inputs(self) -> list[Path]:
         """Files that no page may replace."""
-        trace = [] if self.fcd is None else [self.fcd]
+        trace = [] if self.fcd is None else trace_files(self.fcd)
         return [*named_files(self.settings.found()), find_bundle(self.settings.bundle), *trace]
 
     def _kept(self) -> RunRecord:

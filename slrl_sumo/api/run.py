@@ -16,7 +16,7 @@ from slrl_sumo.api.summary import RunSummary
 from slrl_sumo.errors import DefectError, InputError, SlrlError, SumoError, check_type
 from slrl_sumo.extras import require
 from slrl_sumo.formats.fcd.columns import check_fcd_path
-from slrl_sumo.formats.fcd.write import open_fcd
+from slrl_sumo.formats.fcd.trace import TraceWriter, trace_files
 from slrl_sumo.formats.output_files import Output, claimed, write_json
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_file import load_trajectories
@@ -163,7 +163,7 @@ def write_run(
     if report is not None:
         require("matplotlib", f"`report={report}`")
     outputs = [
-        *([Output("fcd", fcd)] if fcd is not None else ()),
+        *([Output("fcd", file) for file in trace_files(fcd)] if fcd is not None else ()),
         *([Output("summary", summary)] if summary is not None else ()),
         *([Output("report", report, REPORT_FILES)] if report is not None else ()),
     ]
@@ -248,17 +248,19 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
         counters = RunCounters(started.step.world)
         recorder = RunRecorder(started) if keep else None
         end = started.step.time
-        writer = open_fcd(fcd) if fcd is not None else None
+        writer = TraceWriter(fcd) if fcd is not None else None
         if writer is not None:
             stack.enter_context(writer)
         with _collected(failures), suppress(KeyboardInterrupt):
             if writer is not None:
                 writer.write(started.step.time, started.step.world, started.step.places)
+                writer.write_signals(started.step.time, started.signals)
             for event in _until_interrupted(events, caught):
                 if isinstance(event, Decision):
                     if writer is not None:
                         for step in event.steps:
                             writer.write(step.time, step.world, step.places, event.modes)
+                        writer.write_signals(event.steps[-1].time, event.signals)
                     counters.add(event)
                     end = event.steps[-1].time
                     if counters.decisions % LOG_EVERY == 0:

@@ -20,6 +20,13 @@ def replay(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Page to write, .html.")],
+    signals: Annotated[
+        Path | None,
+        typer.Option(
+            help="What traffic lights show: SUMO's output of SaveTLSStates. "
+            "[default: of the file that `run` wrote beside the trace]"
+        ),
+    ] = None,
     verbose: Verbose = False,
 ) -> None:
     """Write a page that plays a trace over its network, in any browser and without a connection."""
@@ -27,7 +34,7 @@ def replay(
 
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out {out}: browsers want a name that ends in .html")
-    claim(Output("out", out), inputs=[fcd, net])
-    write_replay(fcd, net, out)
+    claim(Output("out", out), inputs=[fcd, net, *([] if signals is None else [signals])])
+    write_replay(fcd, net, out, signals)
     size = out.stat().st_size
     typer.echo(f"{out}: {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}; open it in a browser")

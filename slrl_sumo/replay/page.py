@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.table import FcdTable, read_table, user_types
+from slrl_sumo.formats.fcd.trace import add_learned, learned_file, signals_file
 from slrl_sumo.formats.output_files import write_file
+from slrl_sumo.formats.signal_states import Shown, read_signals
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
@@ -24,10 +26,11 @@ from slrl_sumo.jobs.progress import progress
 from slrl_sumo.metrics.encounters import DEFINITIONS
 from slrl_sumo.metrics.near_misses import Conflict, find_conflicts
 from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack
+from slrl_sumo.replay.signal_bars import signal_bars
 from slrl_sumo.replay.vehicle_sizes import CLASS_NAMES, Size, class_of, scenario_classes, scenario_sizes, size_of
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
 from slrl_sumo.scene.types import TYPE_NAMES
-from slrl_sumo.sumo.net_file import find_net, read_net_file
+from slrl_sumo.sumo.net_file import find_net, read_net_signals
 from slrl_sumo.sumo.network import Network
 
 MOST_CONFLICTS = 2000
@@ -39,7 +42,7 @@ BESIDE = 2.0
 FOREIGN, ODD = 0.4, 0.05
 """Shares of positions off the network above which the trace belongs to another network, and above which a note says
 so."""
-SCRIPTS = ("unpack.js", "ground.js", "colours.js", "scene.js", "exports.js", "controls.js")
+SCRIPTS = ("unpack.js", "ground.js", "signals.js", "colours.js", "scene.js", "exports.js", "controls.js")
 """Of the page, in their order (slrl_sumo/replay/assets)."""
 
 
@@ -59,11 +62,13 @@ class Users:
     """Of CLASS_NAMES; '' for passenger cars, bicycles and pedestrians."""
 
 
-def write_replay(fcd: Path, net: str, out: Path) -> None:
+def write_replay(fcd: Path, net: str, out: Path, signals: Path | None = None) -> None:
     """Write the page `out` for the trace `fcd` on the network `net` (file, .sumocfg, folder or shipped scenario).
 
-    A damaged trace is shown up to its first flaw, which is named on stderr. Raises InputError where nothing could be
-    read, where most positions lie off the network, and where a file cannot be read or written.
+    `signals`: what traffic lights show, in SUMO's format (SaveTLSStates); None: of the file beside the trace, where
+    there is one. A damaged trace is shown up to its first flaw, which is named on stderr, as are files beside it that
+    do not fit. Raises InputError where nothing could be read, where most positions lie off the network, and where a
+    file cannot be read or written.
     """
     path, scenario = find_net(net)
     sizes, kinds = ({}, {}) if scenario is None else scenario_sizes(scenario)
@@ -71,21 +76,29 @@ def write_replay(fcd: Path, net: str, out: Path) -> None:
     with progress() as bar:
         task = bar.add_task("reading", total=1.0)
         table, flaw = read_table(fcd, lambda share: bar.update(task, completed=share))
-        network = read_net_file(path)
+        network, links = read_net_signals(path)
         notes = [] if flaw is None else [f"{flaw}; the page shows these"]
+        notes += note_learned(table, learned_file(fcd), complete=flaw is None)
+        shown, unread = find_signals(signals, signals_file(fcd))
+        notes += unread
         users = describe(table, sizes, kinds, vclasses)
         rows = centred(table, users)
         notes += check_place(network, rows, fcd, net)
         times = np.array(table.steps, np.int64)
         bar.update(task, description="finding conflicts", total=None)
         conflicts = find_all_conflicts(rows, users, times)
-    page = build_page(network, users, rows, times, conflicts, title=fcd.name, notes=notes, told=table.marks_learned)
+    bars = signal_bars(network, links, shown)
+    if signals is not None and not bars:
+        raise InputError(f"--signals {signals}: the network {net} has none of its traffic lights; give another one")
+    page = build_page(
+        network, users, rows, times, conflicts, bars, title=fcd.name, notes=notes, told=table.marks_learned
+    )
     write_file(out, page)
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
 
 
-def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, title: str) -> None:
+def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, title: str, signals: Shown) -> None:
     """Write the page `out` for trajectories on the network `net`, as `write_replay` does for a trace."""
     path, _ = find_net(net)
     unknown = ("",) * len(tracks.ids)
@@ -101,8 +114,31 @@ def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, titl
     )
     times = np.rint(1000 * (tracks.t0 + tracks.dt * np.arange(tracks.frames.stop))).astype(np.int64)
     conflicts = find_all_conflicts(rows, users, times)
-    page = build_page(read_net_file(path), users, rows, times, conflicts, title=title, notes=[], told=True)
+    network, links = read_net_signals(path)
+    bars = signal_bars(network, links, signals)
+    page = build_page(network, users, rows, times, conflicts, bars, title=title, notes=[], told=True)
     write_file(out, page)
+
+
+def note_learned(table: FcdTable, file: Path | None, *, complete: bool) -> list[str]:
+    """Mark the learned road users of the file beside the trace, where there is one; the note where it does not fit."""
+    if file is None or not file.exists():
+        return []
+    try:
+        add_learned(table, file, complete=complete)
+    except InputError as error:
+        return [f"{error}; the page does not show who is learned"]
+    return []
+
+
+def find_signals(given: Path | None, beside: Path) -> tuple[Shown, list[str]]:
+    """The signal states of the file `given`, else of the one `beside` the trace, and the note where that is unfit."""
+    if given is not None:
+        return read_signals(given), []
+    try:
+        return (read_signals(beside) if beside.exists() else {}), []
+    except InputError as error:
+        return {}, [f"{error}; the page shows no signals"]
 
 
 def describe(
@@ -191,12 +227,13 @@ def build_page(
     rows: Rows,
     times: NDArray[np.int64],
     conflicts: list[Conflict],
+    signals: list[dict[str, Any]],
     *,
     title: str,
     notes: list[str],
     told: bool,
 ) -> bytes:
-    """The page as UTF-8. `told`: whether the trace marks background road users.
+    """The page as UTF-8. `signals`: see `signal_bars`. `told`: whether the trace marks background road users.
 
     Text of the trace is in the packed data only, which the page shows as text.
     """
@@ -230,6 +267,7 @@ def build_page(
         "unlisted": len(conflicts) - len(listed),
         "definitions": DEFINITIONS,
         "ground": ground(network),
+        "signals": signals,
     }
     head = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
     raw = len(head).to_bytes(4, "little") + head + b"".join(streams)

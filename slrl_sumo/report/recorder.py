@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.formats.signal_states import Shown, SignalState, add_state
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.scene.jumps import jumped
@@ -28,6 +29,8 @@ class RunRecord:
     views: tuple[Views, ...]
     cut: bool
     """Whether the run was longer than `tracks`."""
+    signals: Shown
+    """What traffic lights showed, every 0.4 s."""
 
     @property
     def seconds(self) -> float:
@@ -48,6 +51,8 @@ class RunRecorder:
             self._modes = np.zeros(started.mode_centres.shape[:2], np.int64)
         self._views: list[Views] = []
         self._cut = False
+        self._signals: Shown = {}
+        self._show(started.step.time, started.signals)
         self._extend(started.step.world, (), None)
 
     def add(self, event: Event) -> None:
@@ -56,9 +61,14 @@ class RunRecorder:
             self._views.append(event)
         elif isinstance(event, Decision):
             world = event.steps[-1].world
+            self._show(event.steps[-1].time, event.signals)
             self._extend(world, [world.ids[row] for row in np.flatnonzero(event.wrapped_around)], event.modes)
             if event.modes is not None and self._modes is not None:
                 np.add.at(self._modes, (world.type[: len(event.modes)].astype(np.intp), event.modes), 1)
+
+    def _show(self, time: float, signals: tuple[SignalState, ...]) -> None:
+        for each in signals:
+            add_state(self._signals, each.signal, round(1000 * time), each.state)
 
     def _extend(self, world: WorldState, reinserted: Collection[str], modes: NDArray[np.int64] | None) -> None:
         self._rows += len(world)
@@ -77,4 +87,6 @@ class RunRecorder:
 
     def build(self) -> RunRecord:
         """What was collected."""
-        return RunRecord(self._started, self._builder.build(), self._modes, tuple(self._views), self._cut)
+        return RunRecord(
+            self._started, self._builder.build(), self._modes, tuple(self._views), self._cut, self._signals
+        )

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.formats.fcd.columns import Places
+from slrl_sumo.formats.signal_states import SignalState
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.scene.state import WorldState
 
@@ -46,6 +47,8 @@ class Started:
     """All road users at the start."""
     mode_centres: NDArray[np.float64] | None = None
     """Where each mode leads in 4.8 s, in the ego frame, m, (3, modes, 2); None where the selector has no modes."""
+    signals: tuple[SignalState, ...] = ()
+    """What all traffic lights show in `step`."""
     compiling: str = ""
     """Message where the inner loops are still to be compiled, during the first decisions; else empty."""
 
@@ -97,6 +100,9 @@ class Decision:
     refused: tuple[tuple[str, str], ...] = ()
     """Road users, mostly learned ones, that could not be moved, and the reason: from then on SUMO moves them; spawned
     ones are removed."""
+
+    signals: tuple[SignalState, ...] = ()
+    """What traffic lights show in the last one of its steps, where that differs from the end of the decision before."""
 
 
 Event = Started | Decision | Views

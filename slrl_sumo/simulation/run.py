@@ -3,6 +3,7 @@
 import math
 from collections.abc import Generator
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import MOST_DECISIONS, Event, Started, Views
 from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.sumo.links import SignalChanges
 from slrl_sumo.sumo.session import SumoSession
 
 SHORT_RUN = 150
@@ -67,6 +69,7 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
                 "the scenario has no end: the run goes on until its road users have left, at most "
                 f"{MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h; --steps or --until sets a length"
             )
+        start, signals = simulation.start(), SignalChanges(session.api)
         yield Started(
             scenario=scenario.name,
             bundle=bundle.name,
@@ -76,7 +79,8 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
             decisions=decisions,
             notices=(*session.notices, *notices, *learned.notices),
             surfaces=simulation.surfaces,
-            step=simulation.start(),
+            step=start,
+            signals=signals(),
             mode_centres=bundle.mode_centres if learned.selector != "lane" else None,
             compiling=compiling,
         )
@@ -87,7 +91,7 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
             decision = simulation.decide()
             if number in views_at and len(users):
                 yield _views(before, users, simulation, learned.driver)
-            yield decision
+            yield replace(decision, signals=signals())
 
 
 def _views(world: WorldState, learned: WorldState, simulation: CoSimulation, driver: Driver) -> Views:

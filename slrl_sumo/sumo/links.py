@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from slrl_sumo.formats.signal_states import SignalState
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 
@@ -53,6 +54,21 @@ def signal_links(api: SumoApi) -> list[SignalLink]:
 def signal_states(api: SumoApi) -> dict[str, str]:
     """What each traffic light shows now: one letter for each of its links."""
     return {signal: api.trafficlight.getRedYellowGreenState(signal) for signal in api.trafficlight.getIDList()}
+
+
+class SignalChanges:
+    """What traffic lights show, as far as it has changed since the last call."""
+
+    def __init__(self, api: SumoApi) -> None:
+        self._api = api
+        self._shown: dict[str, str] = {}
+
+    def __call__(self) -> tuple[SignalState, ...]:
+        """The new states; all of them in the first call."""
+        shown, lights = signal_states(self._api), self._api.trafficlight
+        new = [(signal, state) for signal, state in shown.items() if self._shown.get(signal) != state]
+        self._shown = shown
+        return tuple(SignalState(id_, lights.getProgram(id_), lights.getPhase(id_), state) for id_, state in new)
 
 
 def signal_programs(api: SumoApi, signal: str) -> list[list[tuple[str, float]]]:

@@ -6,6 +6,7 @@ from xml.sax.saxutils import quoteattr
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.sumo.isolation import isolated
+from slrl_sumo.sumo.links import SignalLink, signal_links
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
 from slrl_sumo.sumo.scenario.options import input_files
@@ -15,6 +16,11 @@ from slrl_sumo.sumo.session import SumoSession
 def read_net_file(net: Path) -> Network:
     """The network of a .net.xml or .net.xml.gz, read in a child process. Raises InputError (about --net) where SUMO
     cannot read it."""
+    return read_net_signals(net)[0]
+
+
+def read_net_signals(net: Path) -> tuple[Network, list[SignalLink]]:
+    """The network as `read_net_file` reads it, with the links that traffic lights control."""
     if not net.exists():
         raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
@@ -30,9 +36,9 @@ def read_net_file(net: Path) -> Network:
             raise InputError(f"--net {net}: {reason}") from None
 
 
-def _network(config: Path) -> Network:
+def _network(config: Path) -> tuple[Network, list[SignalLink]]:
     with SumoSession(read_scenario(config)) as session:
-        return session.network
+        return session.network, signal_links(session.api)
 
 
 def find_net(text: str) -> tuple[Path, Scenario | None]:

@@ -82,8 +82,13 @@ def is_walking_area(lane_id: str) -> bool:
     return _WALKING_AREA.match(lane_id) is not None
 
 
+def is_crossing(lane_id: str) -> bool:
+    """Whether a lane is a crossing for pedestrians."""
+    return _CROSSING.match(lane_id) is not None
+
+
 def _is_on_foot(lane_id: str) -> bool:
-    return is_walking_area(lane_id) or _CROSSING.match(lane_id) is not None
+    return is_walking_area(lane_id) or is_crossing(lane_id)
 
 
 def read_network(api: SumoApi) -> Network:

@@ -25,6 +25,10 @@ from slrl_sumo.sumo.spawned import LEARNED_TYPES, SpawnedControl
 
 ATTACHED = "slrl_sumo.attached"
 """Parameter of the first learned vType while learned road users are attached: every connection can read it."""
+SYSTEM_LIBRARIES = (
+    "where it misses a library of the system: apt-get install libx11-6 libxext6 libxrender1 libgl1 libatomic1"
+)
+"""What SUMO's wheels 1.28 need of Debian, which small images of containers lack."""
 
 
 class SumoSession:
@@ -64,7 +68,10 @@ class SumoSession:
         self._open = False
 
     def __enter__(self) -> Self:
-        import libsumo
+        try:
+            import libsumo
+        except ImportError as error:
+            raise InputError(f"libsumo cannot be imported ({error}); {SYSTEM_LIBRARIES}") from None
 
         if libsumo.isLoaded():
             raise InputError(

@@ -182,3 +182,91 @@ def test_vehicles_have_the_words_of_their_classes() -> None:
     assert class_of("line7", 0, {"line7": "bus"}) == "bus"
     assert class_of("bus_lane_car", 0, {"bus_lane_car": "passenger"}) == ""
     assert class_of("bus", 2, {}) == ""
+
+
+@pytest.fixture(scope="module")
+def signalised(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """SUMO's own trace of the signalised intersection, and what its signals showed, as SUMO writes it."""
+    folder = tmp_path_factory.mktemp("signals")
+    (folder / "tls.add.xml").write_text(
+        '<additional><timedEvent type="SaveTLSStates" source="centre" dest="tls.xml"/></additional>'
+    )
+    words = ["-c", find_scenario("signalised").config, "--end", "60", "--no-step-log", "--seed", "1"]
+    words += ["--fcd-output", folder / "own.csv", "-a", folder / "tls.add.xml"]
+    subprocess.run([str(SUMO), *map(str, words)], cwd=folder, check=True, capture_output=True, timeout=60)
+    return folder
+
+
+def test_signals_of_sumos_own_output_lie_at_the_stop_lines(signalised: Path, cli: Cli) -> None:
+    words = ("replay", "own.csv", "--net", "signalised", "--out", "a.html")
+    assert cli(*words, cwd=signalised).returncode == 0
+    assert header(signalised / "a.html")["signals"] == []
+    done = cli(*words, "--signals", "tls.xml", cwd=signalised)
+    assert done.returncode == 0, done.stderr
+    (found,) = header(signalised / "a.html")["signals"]
+    truth = [(e.get("time"), e.get("state", "")) for e in etree.parse(str(signalised / "tls.xml")).getroot()]
+    shown = dict(zip(np.cumsum(found["times"]).tolist(), found["states"], strict=True))
+    state = ""
+    for time, letters in truth:
+        state = shown.get(round(1000 * float(time or "")), state)
+        assert state == letters
+    assert len(shown) >= 4
+    # Twelve lanes end at stop lines with a width of all their links, four crossings have two ends.
+    net = etree.parse(str(find_scenario("signalised").config.with_name("signalised.net.xml"))).getroot()
+    lanes = {lane.get("id"): lane for lane in net.iter("lane")}
+    ends = {}
+    for connection in net.iter("connection"):
+        if connection.get("tl") and not str(connection.get("from")).startswith(":"):
+            lane = lanes[f"{connection.get('from')}_{connection.get('fromLane')}"]
+            ends[int(connection.get("linkIndex", ""))] = [
+                float(v) for v in lane.get("shape", "").split()[-1].split(",")
+            ]
+    bars = {link: np.reshape(bar, (2, 2)) / 100 for link, *bar in found["bars"]}
+    assert bars.keys() == set(range(len(truth[0][1])))
+    for link, end in ends.items():
+        assert np.hypot(*(bars[link].mean(axis=0) - end)) < 0.5 * 3.2 + 0.5
+    crossings = [bar for link, *bar in found["bars"] if link not in ends]
+    assert len(crossings) == 8
+    assert {round(float(np.hypot(*np.diff(np.reshape(bar, (2, 2)), axis=0)[0]))) for bar in crossings} == {400}
+
+
+def test_a_run_has_its_signals_and_learned_road_users_in_the_page(cli: Cli, tmp_path: Path) -> None:
+    run = ("run", "signalised", "--agents", 3, "--takeover", "car=1", "--steps", 60, "--quiet", "--fcd")
+    for name in ("a.xml.gz", "b.csv"):
+        assert cli(*run, name, cwd=tmp_path).returncode == 0
+        done = cli("replay", name, "--net", "signalised", "--out", f"{name}.html", cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(file.name for file in tmp_path.iterdir() if file.suffix != ".html") == [
+        *("a.learned.csv", "a.signals.xml", "a.xml.gz", "b.csv", "b.signals.xml"),
+    ]
+    xml, table = header(tmp_path / "a.xml.gz.html"), header(tmp_path / "b.csv.html")
+    assert xml["signals"] == table["signals"]
+    assert xml["told"] is table["told"] is True
+    assert xml["streams"][-1] == table["streams"][-1] > 100  # modes
+    written = [e.get("state") for e in etree.parse(str(tmp_path / "a.signals.xml")).getroot()]
+    assert [signal["states"] for signal in xml["signals"]] == [written]
+    assert len(written) > 2
+
+
+def test_files_beside_a_trace_that_do_not_fit_are_told(signalised: Path, cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes((signalised / "own.csv").read_bytes())
+    (tmp_path / "a.signals.xml").write_text("<tlsStates>")
+    done = cli("replay", "a.csv", "--net", "signalised", "--out", "a.html", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr.startswith("note: a.signals.xml, line 1: is not well-formed XML")
+    assert done.stderr.endswith("; the page shows no signals\n")
+    done = cli("replay", "a.csv", "--net", "signalised", "--out", "a.html", "--signals", "a.signals.xml", cwd=tmp_path)
+    assert done.returncode == 1
+    done = cli("replay", "a.csv", "--net", "signalised", "--out", "a.signals.xml.html", cwd=tmp_path)
+    assert done.returncode == 0
+    (tmp_path / "s.xml").write_text('<tlsStates><tlsState time="0" id="other" state="G"/></tlsStates>')
+    done = cli("replay", "a.csv", "--net", "signalised", "--out", "a.html", "--signals", "s.xml", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "s.xml: the network signalised has none of its traffic lights" in done.stderr
+    rows = '<vehicle id="a" x="0" y="100" angle="0"/>'
+    (tmp_path / "c.xml").write_text(f'<fcd-export><timestep time="0">{rows}</timestep></fcd-export>')
+    (tmp_path / "c.learned.csv").write_text("timestep_time;vehicle_id;person_id;mode\n0.00;b;;3\n")
+    done = cli("replay", "c.xml", "--net", "signalised", "--out", "c.html", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "c.learned.csv: 1 of its 1 rows are not in the trace" in done.stderr
+    assert not header(tmp_path / "c.html")["told"]

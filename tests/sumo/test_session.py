@@ -1,6 +1,7 @@
 """One SUMO simulation: opened, stepped, refused, closed."""
 
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -230,3 +231,9 @@ def test_an_added_option_that_sumo_refuses_gives_one_line(scratch: Path, words: 
         assert part in str(caught.value)
     assert "\n" not in str(caught.value)
     assert not libsumo.isLoaded()
+
+
+def test_a_missing_library_of_the_system_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "libsumo", None)  # as an image without X11's libraries
+    with pytest.raises(InputError, match=r"libsumo cannot be imported \(.*\); .* apt-get install libx11-6"):
+        SumoSession(find_scenario("intersection")).__enter__()

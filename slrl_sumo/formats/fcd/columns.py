@@ -21,7 +21,7 @@ CSV_COLUMNS = (
 """Columns of the CSV and Parquet of SUMO 1.28. Persons use the same columns: they have an edge and no lane."""
 OWN_COLUMNS = ("mode", "learned")
 """Additional columns: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0. The
-schema of SUMO's XML has neither."""
+schema of SUMO's XML has neither: see `trace`."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,11 @@ def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Flo
     numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
     x, y, speed, position = numbers + 0.0  # no "-0.000"
     return x, y, angle, speed, position
+
+
+def time_text(time: float) -> str:
+    """A time (s) as FCD has it: two decimals, three where they are needed."""
+    return f"{time + 0.0:.2f}" if abs(round(time, 2) - time) < 1e-6 else f"{time:.3f}"
 
 
 def learned_modes(world: WorldState, modes: NDArray[np.integer] | None) -> tuple[list[int], list[int] | list[str]]:

@@ -2,8 +2,7 @@
 
 import os
 import re
-import zlib
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -12,8 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS, Places, check_fcd_path, figures, learned_modes
-from slrl_sumo.formats.output_files import check_writable
+from slrl_sumo.formats.fcd.columns import (
+    CSV_COLUMNS,
+    OWN_COLUMNS,
+    Places,
+    check_fcd_path,
+    figures,
+    learned_modes,
+    time_text,
+)
+from slrl_sumo.formats.growing_file import GrowingFile
+from slrl_sumo.formats.xml_text import escaped
 from slrl_sumo.scene.state import WorldState
 
 if TYPE_CHECKING:
@@ -25,7 +33,7 @@ _HEAD = (
     'xsi:noNamespaceSchemaLocation="http://sumo.dlr.de/xsd/fcd_file.xsd">\n'
 )
 
-_TAIL = b"</fcd-export>\n"
+_TAIL = "</fcd-export>\n"
 
 # In the order (id, x, y, angle, type, speed, pos, lane or edge).
 _POSE = ' id="%s" x="%.3f" y="%.3f" angle="%.2f" type="%s" speed="%.3f"'
@@ -38,15 +46,7 @@ _CSV_VEHICLE = f"{_CSV_POSE};%.3f;%s;;0.00;%s\n"
 _CSV_PERSON = f"{_CSV_POSE};%.3f;;%s;0.00;%s\n"
 _CSV_NOWHERE = f"{_CSV_POSE};;;;0.00;%s\n"
 
-_ESCAPES = str.maketrans(
-    {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
-)
-_TO_ESCAPE = re.compile(r'[&<>"\n\r\t]')
 _TO_QUOTE = re.compile(r'[;"\n\r]')
-_NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
-
-_GZIP = 16 + zlib.MAX_WBITS
-"""Window of zlib that writes the header and the checksum of a gzip file."""
 
 
 def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
@@ -73,17 +73,9 @@ class FcdWriter:
         suffix = check_fcd_path(path)
         if suffix == ".parquet":
             raise InputError(f"{self.path}: Parquet has a writer of its own; call open_fcd")
-        check_writable(self.path)
         self._csv = suffix == ".csv"
-        self._stream = zlib.compressobj(4, wbits=_GZIP) if suffix == ".xml.gz" else None
-        self._whole = 0
-        """Bytes on disk up to the last complete time step; the tail follows, and the next step overwrites it."""
-        self._tail = b""
-        try:
-            self._file = open(self.path, "wb", buffering=0)  # noqa: SIM115 (closed by close)
-        except OSError as e:
-            raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
-        self._put(";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n" if self._csv else _HEAD)
+        head, tail = (";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n", "") if self._csv else (_HEAD, _TAIL)
+        self._file = GrowingFile(self.path, head, tail)
 
     def write(self, time: float, world: WorldState, places: Places, modes: NDArray[np.integer] | None = None) -> None:
         """Add the time step `time` (s): first the vehicles, then the persons, each in the order of `world`.
@@ -94,12 +86,12 @@ class FcdWriter:
         if self._file.closed:
             raise ValueError(f"{self.path} is closed")
         x, y, angle, speed, position = figures(time, world, places)
-        escape = _quoted if self._csv else _escaped
+        escape = quoted if self._csv else escaped
         columns = [
             *(escape(world.ids), x.tolist(), y.tolist(), angle.tolist(), escape(places.sumo_type)),
             *(speed.tolist(), position.tolist(), escape(places.lane)),
         ]
-        stamp = f"{time + 0.0:.2f}" if abs(round(time, 2) - time) < 1e-6 else f"{time:.3f}"
+        stamp = time_text(time)
         if self._csv:
             with_lane, with_edge, nowhere = (f"{stamp};{form}" for form in (_CSV_VEHICLE, _CSV_PERSON, _CSV_NOWHERE))
             person_nowhere = nowhere
@@ -124,7 +116,7 @@ class FcdWriter:
                 if text
                 else f'    <timestep time="{stamp}"/>\n'
             )
-        self._put(text)
+        self._file.put(text)
 
     def close(self) -> None:
         """Finish the file. May be called twice."""
@@ -136,42 +128,6 @@ class FcdWriter:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self.close()
 
-    def _put(self, text: str) -> None:
-        """Write a complete time step, and the tail behind it; if that fails, the file ends as before."""
-        before = self._whole + len(self._tail)
-        try:
-            data, tail = self._encoded(text)
-            self._write(self._whole, data + tail)
-            if self._whole + len(data) + len(tail) < before:
-                self._file.truncate()
-        except BaseException as error:  # an interrupt must not leave half a step behind either
-            with suppress(OSError):
-                self._file.truncate(self._whole)
-                self._write(self._whole, self._tail)
-            self._file.close()
-            if not isinstance(error, OSError):
-                raise
-            raise InputError(f"cannot write {self.path}: {error.strerror or error}") from error
-        self._whole += len(data)
-        self._tail = tail
-
-    def _encoded(self, text: str) -> tuple[bytes, bytes]:
-        """The bytes of `text`, and those that end a valid file behind it."""
-        if self._csv:
-            return text.encode(), b""
-        if self._stream is None:
-            return text.encode(), _TAIL
-        # All of the step leaves the compressor; a copy of it ends the file.
-        data = self._stream.compress(text.encode()) + self._stream.flush(zlib.Z_SYNC_FLUSH)
-        end = self._stream.copy()
-        return data, end.compress(_TAIL) + end.flush()
-
-    def _write(self, at: int, data: bytes) -> None:
-        self._file.seek(at)
-        rest = memoryview(data)
-        while rest:
-            rest = rest[self._file.write(rest) :]
-
 
 def _own_fields(world: WorldState, modes: NDArray[np.integer] | None) -> list[str]:
     """The OWN_COLUMNS of each road user."""
@@ -181,16 +137,7 @@ def _own_fields(world: WorldState, modes: NDArray[np.integer] | None) -> list[st
     return fields
 
 
-def _escaped(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:
-    """Names as XML attribute values; most need no change, which one search over all of them shows."""
-    together = "".join(names)
-    if _NOT_IN_XML.search(together):
-        bad = next(name for name in names if _NOT_IN_XML.search(name))
-        raise InputError(f"id {bad!r} has a character that XML cannot hold; rename it")
-    return [name.translate(_ESCAPES) for name in names] if _TO_ESCAPE.search(together) else names
-
-
-def _quoted(names: tuple[str, ...]) -> tuple[str, ...] | list[str]:
+def quoted(names: Sequence[str]) -> Sequence[str]:
     """Names as CSV fields."""
     if not _TO_QUOTE.search("".join(names)):
         return names

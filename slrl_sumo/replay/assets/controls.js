@@ -22,6 +22,7 @@ class Page {
     this.canvas = $("scene");
     this.on = this.canvas.getContext("2d", { alpha: false });
     this.ground = new Ground(trace.ground, trace.origin);
+    this.signals = new Signals(trace.signals, trace.origin);
     this.scene = new Scene(trace);
     this.conflicts = trace.conflicts.map(([near, a, b, time, end, x, y, value]) => ({
       kind: near ? "near miss" : "collision", a, b, time, end, value, x: x - trace.origin[0], y: y - trace.origin[1],
@@ -63,6 +64,9 @@ class Page {
     };
     for (const [text, colour] of COLOURINGS[this.state.colour].legend(this.trace)) row(text, { background: colour });
     if (this.scene.learned.includes(1)) row("learned: outlined", { border: "2px solid var(--outline)" });
+    if (this.signals.all.length) {
+      row("signals", { background: "linear-gradient(90deg, var(--stop) 34%, var(--caution) 34% 67%, var(--go) 67%)" });
+    }
     for (const what of this.ground.kinds()) {
       row(GROUND_NAMES[what], { background: `var(--${what})`, border: "1px solid var(--line)" });
     }
@@ -136,7 +140,7 @@ class Page {
   readColours() {
     const style = getComputedStyle(document.documentElement), names = [
       ..."back text road mark junction sidewalk walkingarea crossing cycleway rail".split(" "),
-      ..."car bicycle pedestrian bus tram lorry motorcycle outline edge collision near accent".split(" "),
+      ..."car bicycle pedestrian bus tram lorry motorcycle outline edge collision near accent stop caution go off".split(" "),
     ];
     this.colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
     this.drawMarks();
@@ -258,6 +262,7 @@ class Page {
     if (!this.view) return;
     const moving = performance.now() - this.moved < 120;
     this.ground.draw(this.on, this.view, this.colours, moving);
+    this.signals.draw(this.on, this.view, this.colours, state.time);
     this.scene.place(state.time);
     this.scene.draw(this.on, this.view, this.colours, state);
     this.write();
