@@ -1,15 +1,17 @@
-"""The replay page in a real browser: a headless Chromium that plays, seeks, hovers, zooms and clicks."""
+"""The replay page in real browsers without a screen, Chromium and Firefox, that play, seek, hover, zoom and click."""
 
 import csv
 import math
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from replay.marionette import Firefox
 from selenium import webdriver
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
@@ -29,39 +31,87 @@ NET = find_scenario("intersection").config.with_name("intersection.net.xml")
 EVIL = "</script><script>window.hacked = 1</script><img src=x onerror='window.hacked = 1'>\"&'"
 SECONDS, STEP = 20.0, 0.4
 MODE = 13
+SCHEME = "layout.css.prefers-color-scheme.content-override"
+"""Firefox's preference: 0 dark, 1 light."""
 
-Driver = webdriver.Chrome
+Driver = webdriver.Chrome | Firefox
 
 
 def programme(name: str) -> str:
     found = shutil.which(name)
     if found is None:
-        how = f"{name} is not there: apt-get install chromium chromium-driver"
+        how = f"{name} is not there: apt-get install chromium chromium-driver firefox-esr"
         if os.environ.get("CI"):
             pytest.fail(how)
         pytest.skip(how)
     return found
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Driver]:
-    options = Options()
-    options.binary_location = programme("chromium")
-    for word in (
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-dev-shm-usage",
-        "--disable-gpu",
-        "--window-size=1200,800",
-        f"--user-data-dir={tmp_path_factory.mktemp('profile')}",
-    ):
-        options.add_argument(word)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(programme("chromedriver")))
+@pytest.fixture(scope="module", params=["chromium", "firefox-esr"])
+def browser(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Driver]:
+    profile = tmp_path_factory.mktemp("profile")
+    driver = chromium(profile) if request.param == "chromium" else firefox(profile)
     try:
+        driver.set_window_size(1200, 800)
         yield driver
     finally:
         driver.quit()
+
+
+def chromium(profile: Path) -> webdriver.Chrome:
+    options = Options()
+    options.binary_location = programme("chromium")
+    for word in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"):
+        options.add_argument(word)
+    options.add_argument(f"--user-data-dir={profile}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    return webdriver.Chrome(options=options, service=Service(programme("chromedriver")))
+
+
+def firefox(profile: Path) -> Firefox:
+    preferences = {"browser.download.folderList": 2, SCHEME: 1, "browser.download.useDownloadDir": True}
+    return Firefox(programme("firefox-esr"), profile, preferences)
+
+
+def complaints(browser: Driver) -> list[Any]:
+    """What the console says since the last call; Firefox keeps that to itself."""
+    return [] if isinstance(browser, Firefox) else list(browser.get_log("browser"))
+
+
+@contextmanager
+def phone(browser: Driver) -> Iterator[None]:
+    """A narrow screen with two pixels in one of CSS. Firefox's windows are 450 px wide at least."""
+    if isinstance(browser, Firefox):
+        browser.prefer("layout.css.devPixelsPerPx", "2.0")
+        browser.set_window_size(450, 800)
+    else:
+        size = {"width": 420, "height": 800, "deviceScaleFactor": 2, "mobile": True}
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        yield
+    finally:
+        if isinstance(browser, Firefox):
+            browser.prefer("layout.css.devPixelsPerPx", "1.0")
+            browser.set_window_size(1200, 800)
+        else:
+            browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def paint(browser: Driver, scheme: str) -> None:
+    """Ask for a dark or light page."""
+    if isinstance(browser, Firefox):
+        browser.prefer(SCHEME, {"dark": 0, "light": 1}[scheme])
+    else:
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def save_to(browser: Driver, folder: Path) -> None:
+    """Let downloads go to a folder."""
+    if isinstance(browser, Firefox):
+        browser.prefer("browser.download.dir", str(folder))
+    else:
+        browser.execute_cdp_cmd("Page.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(folder)})
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +140,7 @@ def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def page(browser: Driver, trace: Path) -> Driver:
     """The page, freshly loaded."""
-    browser.get_log("browser")
+    complaints(browser)
     browser.get(trace.with_name("page.html").as_uri())
     WebDriverWait(browser, 30).until(lambda b: b.execute_script("return document.documentElement.dataset.ready"))
     return browser
@@ -141,7 +191,7 @@ def rgb(page: Driver, name: str) -> list[int]:
 
 
 def test_it_loads_alone_and_without_complaint(page: Driver) -> None:
-    assert page.get_log("browser") == []
+    assert complaints(page) == []
     assert page.execute_script("return performance.getEntriesByType('resource').length") == 0
     source = Path(page.current_url.removeprefix("file://")).read_text()
     assert "http://" not in source
@@ -292,10 +342,7 @@ def test_a_click_on_a_conflict_goes_to_its_time_and_place(page: Driver) -> None:
 
 
 def test_on_a_narrow_screen_the_list_opens_over_the_scene_and_gives_way(page: Driver) -> None:
-    page.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride", {"width": 420, "height": 800, "deviceScaleFactor": 2, "mobile": True}
-    )
-    try:
+    with phone(page):
         page.refresh()
         WebDriverWait(page, 30).until(lambda b: b.execute_script("return document.documentElement.dataset.ready"))
         assert not page.find_element(By.ID, "side").is_displayed()
@@ -307,8 +354,6 @@ def test_on_a_narrow_screen_the_list_opens_over_the_scene_and_gives_way(page: Dr
         assert page.execute_script("return page.ratio") == 2
         middle = page.execute_script("return [page.canvas.clientWidth / 2, page.canvas.clientHeight / 2]")
         assert on_screen(page, 100, 93.4) == pytest.approx(middle, abs=1)
-    finally:
-        page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_definitions_are_one_click_away(page: Driver) -> None:
@@ -374,9 +419,7 @@ def test_two_fingers_zoom(page: Driver) -> None:
 
 def test_light_and_dark(page: Driver) -> None:
     light = (colour(page, 80, 120), colour(page, 80, 93.4))
-    page.execute_cdp_cmd(
-        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-color-scheme", "value": "dark"}]}
-    )
+    paint(page, "dark")
     try:
         settle(page)
         dark = (colour(page, 80, 120), colour(page, 80, 93.4))
@@ -384,7 +427,7 @@ def test_light_and_dark(page: Driver) -> None:
         assert max(dark[0] + dark[1]) < 80
         assert dark[0] == rgb(page, "back")
     finally:
-        page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+        paint(page, "light")
 
 
 def fresh(browser: Driver, trace: Path, fragment: str) -> Driver:
@@ -416,11 +459,41 @@ def test_a_link_leads_to_a_moment_and_a_road_user(browser: Driver, trace: Path) 
     assert hostile.execute_script("return [page.state.selected, page.state.colour]") == [-1, "type"]
 
 
+def test_signals_change_at_their_times(browser: Driver, tmp_path: Path) -> None:
+    (tmp_path / "trace.csv").write_text(
+        "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_angle\n" + "".join(f"{t};a;100;98;90\n" for t in range(31))
+    )
+    shown = ((5, "r"), (10, "G"), (20, "y"))
+    states = "".join(f'<tlsState time="{t}" id="centre" state="{letter * 32}"/>' for t, letter in shown)
+    (tmp_path / "trace.signals.xml").write_text(f"<tlsStates>{states}</tlsStates>")
+    write_replay(tmp_path / "trace.csv", "signalised", tmp_path / "page.html")
+    page = fresh(browser, tmp_path / "trace.csv", "")
+    assert "signals" in text(page, "legend")
+    x, y = page.execute_script(
+        "const [, x0, y0, x1, y1] = page.signals.all[0].bars[0];"
+        "page.view = {x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: 30};"
+        "return [(x0 + x1) / 2 + page.trace.origin[0], (y0 + y1) / 2 + page.trace.origin[1]]"
+    )
+    for time, name in (
+        (4, "road"),
+        (5, "stop"),
+        (9.9, "stop"),
+        (10, "go"),
+        (20, "caution"),
+        (30, "caution"),
+        (7, "stop"),
+    ):
+        page.execute_script("page.seek(arguments[0])", time)
+        settle(page)
+        found = colour(page, x, y)
+        assert (found in (rgb(page, "cycleway"), rgb(page, "road"))) if name == "road" else found == rgb(page, name)
+
+
 def test_colours_say_type_speed_wait_learned_and_mode(page: Driver) -> None:
     of = (
         "page.state.colour = arguments[0]; page.fillLegend();"
         "const t = page.trace, row = [...t.user].findLastIndex((u) => t.users.id[u] === arguments[1]);"
-        "return COLOURINGS[arguments[0]].of(page.scene, row, page.colours)"
+        "return page.colourings[arguments[0]].of(page.scene, row, page.colours)"
     )
     legends = {}
     for colour in ("type", "speed", "waiting", "learned", "mode"):
@@ -440,7 +513,7 @@ def test_colours_say_type_speed_wait_learned_and_mode(page: Driver) -> None:
 
 
 def test_pictures_and_videos_are_saved(page: Driver, tmp_path: Path) -> None:
-    page.execute_cdp_cmd("Page.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    save_to(page, tmp_path)
     page.find_element(By.ID, "picture").click()
     WebDriverWait(page, 20).until(lambda _: [*tmp_path.glob("*.png")])
     (picture,) = tmp_path.glob("*.png")

@@ -24,6 +24,7 @@ class Page {
     this.ground = new Ground(trace.ground, trace.origin);
     this.signals = new Signals(trace.signals, trace.origin);
     this.scene = new Scene(trace);
+    this.colourings = COLOURINGS;
     this.conflicts = trace.conflicts.map(([near, a, b, time, end, x, y, value]) => ({
       kind: near ? "near miss" : "collision", a, b, time, end, value, x: x - trace.origin[0], y: y - trace.origin[1],
     }));
@@ -427,7 +428,7 @@ function niceLength(metres) {
   return [5, 2, 1].map((n) => n * power).find((n) => n <= metres) ?? power;
 }
 
-let page;
+var page; // of the window, where other scripts find it
 unpack($("data").textContent.trim()).then((trace) => {
   $("data").remove();
   page = new Page(trace);
