@@ -1,7 +1,6 @@
 """Where the lanes inside a junction cross or join each other."""
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,6 @@ SPACING = 0.5
 """m between the points of lanes that are compared."""
 
 
-@lru_cache(1_000)
 def half_width(length: float, width: float) -> float:
     """m to either side of its lane's centre line that a vehicle of this size needs in a junction."""
     return 0.5 * width + SWING * min(length, LONG)
@@ -33,6 +31,16 @@ class ConflictArea(NamedTuple):
     other_end: float
 
 
+class SharedArea(NamedTuple):
+    """The conflict area of two lanes of two ways."""
+
+    lane: int
+    """Number of the lane on the one way."""
+    other: int
+    """On the other way."""
+    area: ConflictArea
+
+
 class ConflictAreas:
     """The conflict areas of pairs of lanes, computed when they are first asked for."""
 
@@ -40,6 +48,7 @@ class ConflictAreas:
         self._graph = graph
         self._points: dict[str, Floats] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
+        self._of_ways: dict[tuple[tuple[str, ...], tuple[str, ...], float], tuple[SharedArea, ...]] = {}
 
     def add_line(self, name: str, line: Floats) -> None:
         """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""
@@ -55,6 +64,24 @@ class ConflictAreas:
             self._areas[key] = area = _area(self._points_of(lane), self._points_of(other), steps * STEP)
             self._areas[other, lane, steps] = None if area is None else ConflictArea(*area[2:], *area[:2])
         return self._areas[key]
+
+    def of_ways(self, lanes: tuple[str, ...], others: tuple[str, ...], apart: float) -> tuple[SharedArea, ...]:
+        """The conflict areas of the lanes of a way with those of another one, see `between`; none where both ways come
+        from the same lane.
+
+        Kept by ways: vehicles ask this of each other in each decision, and most ways share nothing.
+        """
+        key = (lanes, others, apart)
+        shared = self._of_ways.get(key)
+        if shared is None:
+            found = []
+            if self._graph.origin(lanes[0]) != self._graph.origin(others[0]):
+                for i, lane in enumerate(lanes):
+                    for j, other in enumerate(others):
+                        if (area := self.between(lane, other, apart)) is not None:
+                            found.append(SharedArea(i, j, area))
+            shared = self._of_ways[key] = tuple(found)
+        return shared
 
     def _points_of(self, lane: str) -> Floats:
         """x, y and m along a lane, (points, 3), every SPACING m."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from slrl_sumo.routing.conflict_areas import half_width
@@ -79,9 +80,19 @@ class Occupant(NamedTuple):
 
     def apart(self, other: "Occupant") -> float:
         """m between the centre lines of two lanes at which the two road users just do not touch."""
-        if self.swings and other.swings:
-            return half_width(*self.size) + half_width(*other.size)
-        return 0.5 * (self.size.width + other.size.width) + SIDE_GAP
+        return _apart(self.size, other.size, self.swings and other.swings)
+
+    @property
+    def lanes(self) -> tuple[str, ...]:
+        """Those of its pieces."""
+        return tuple([piece.lane for piece in self.pieces])
+
+
+@lru_cache(10_000)
+def _apart(size: Size, other: Size, swing: bool) -> float:
+    if swing:
+        return half_width(*size) + half_width(*other)
+    return 0.5 * (size.width + other.width) + SIDE_GAP
 
 
 def reserves_from(speed: float) -> float:

@@ -54,7 +54,7 @@ class JunctionReservations:
         right_of_way: RightOfWay,
     ) -> None:
         """`learned` gives the track of a learned vehicle by id, None for all others."""
-        self._graph, self._learned, self._right_of_way = graph, learned, right_of_way
+        self._learned, self._right_of_way = learned, right_of_way
         self._areas = ConflictAreas(graph)
         self._background = BackgroundOccupants(api, graph, learned, right_of_way)
         self._on_foot = CrossingOccupants(api, graph, self._areas)
@@ -90,13 +90,13 @@ class JunctionReservations:
         mine = Occupant(
             pieces, track.speed, size, until, self._time, yields=False, idle=idle, entered=track.entered, closed=closed
         )
-        junction = junction_of(pieces[0].lane)
+        junction, lanes = junction_of(pieces[0].lane), mine.lanes
         waits = math.inf
         for name, other in self._occupants(junction, vehicle):
             theirs = self._learned(name)
             if theirs is not None and (theirs.entered, name) >= (track.entered, vehicle):
                 continue
-            areas = self._shared(mine, other)
+            areas = self._shared(mine, lanes, other)
             if areas and not self._in_way(track, size, theirs):
                 # An area in which it is already has to be cleared, whatever the order.
                 met = _meets(mine, other, areas, until, priority=False, pauses=False)
@@ -127,10 +127,11 @@ class JunctionReservations:
         yields = not priority and distance > track.speed * track.speed / (2.0 * HARD)
         idle = track.standing_time > UNUSED
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
+        lanes = mine.lanes
         others = [
             (other, areas)
             for name, other in self._occupants(junction, vehicle)
-            if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
+            if (areas := self._shared(mine, lanes, other)) and not self._in_way(track, size, self._learned(name))
         ]
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
@@ -168,21 +169,16 @@ class JunctionReservations:
         s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
         return other.s < s and distance < size.width
 
-    def _shared(self, mine: Occupant, other: Occupant) -> list[_Shared]:
-        """The conflict areas that a vehicle shares with an occupant, and that neither of the two has left; none with a
-        leader or follower."""
-        if self._graph.origin(mine.pieces[0].lane) == self._graph.origin(other.pieces[0].lane):
-            return []
-        shared, apart = [], mine.apart(other)
-        for piece in mine.pieces:
-            for theirs in other.pieces:
-                area = self._areas.between(piece.lane, theirs.lane, apart)
-                if area is None:
-                    continue
-                leave = piece.ahead + area.end + mine.size.length
-                their_leave = theirs.ahead + area.other_end + other.size.length
-                if leave > 0.0 and their_leave > 0.0:
-                    shared.append((piece.ahead + area.begin, leave, theirs.ahead + area.other_begin, their_leave))
+    def _shared(self, mine: Occupant, lanes: tuple[str, ...], other: Occupant) -> list[_Shared]:
+        """The conflict areas that a vehicle, with its `lanes`, shares with an occupant, and that neither of the two has
+        left; none with a leader or follower."""
+        shared = []
+        for i, j, area in self._areas.of_ways(lanes, other.lanes, mine.apart(other)):
+            ahead, their_ahead = mine.pieces[i].ahead, other.pieces[j].ahead
+            leave = ahead + area.end + mine.size.length
+            their_leave = their_ahead + area.other_end + other.size.length
+            if leave > 0.0 and their_leave > 0.0:
+                shared.append((ahead + area.begin, leave, their_ahead + area.other_begin, their_leave))
         return shared
 
 
