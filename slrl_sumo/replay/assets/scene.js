@@ -3,6 +3,10 @@
 const SMALLEST = 5; // px that a road user is long at least, so that it is seen
 const NEAR_POINTER = 5; // px round a box in which the pointer still means it
 const TRAIL_STEP = 0.35; // s between two points of a trail at least
+const TRAIL_BEND = 5; // px between them at least, for 10 m/s
+const MANY = 1000; // road users in view
+const PATHS = 256; // trails that are drawn at once: browsers take longer for one path of thousands
+const DOT = 8; // px: who is shorter is a square, which is drawn ten times as fast as a box, and looks the same
 
 class Scene {
   constructor(trace) {
@@ -62,13 +66,19 @@ class Scene {
     }
     if (options.trail) this.drawTrails(on, visible, colours, options, pixel);
     if (options.selected >= 0) this.drawWay(on, options.selected, colours, pixel);
-    const colouring = COLOURINGS[options.colour], boxes = new Map(), learned = new Path2D();
+    const colouring = COLOURINGS[options.colour], boxes = new Map(), dots = new Map(), learned = new Path2D();
     for (const i of visible) {
       const user = t.user[this.row[i]], colour = colouring.of(this, this.row[i], colours);
+      if (t.users.length[user] * scale < DOT) {
+        const same = dots.get(colour);
+        if (same) same.push(i); else dots.set(colour, [i]);
+        continue;
+      }
       if (!boxes.has(colour)) boxes.set(colour, new Path2D());
       this.outline(boxes.get(colour), i, ...this.size(user, scale));
       if (t.state[this.row[i]]) this.outline(learned, i, ...this.size(user, scale));
     }
+    this.drawDots(on, dots, colours, pixel);
     on.lineWidth = Math.min(1, scale / 8) * pixel;
     on.strokeStyle = colours.edge;
     for (const [colour, path] of boxes) {
@@ -80,6 +90,21 @@ class Scene {
     on.strokeStyle = colours.outline;
     on.stroke(learned);
     this.drawMarks(on, colours, options, scale);
+  }
+
+  // Squares of road users by colour, learned ones on larger squares.
+  drawDots(on, dots, colours, pixel) {
+    const side = 0.84 * SMALLEST * pixel, rim = side + 1.6 * pixel;
+    on.fillStyle = colours.outline;
+    for (const some of dots.values()) {
+      for (const i of some) {
+        if (this.trace.state[this.row[i]]) on.fillRect(this.x[i] - rim / 2, this.y[i] - rim / 2, rim, rim);
+      }
+    }
+    for (const [colour, some] of dots) {
+      on.fillStyle = colour;
+      for (const i of some) on.fillRect(this.x[i] - side / 2, this.y[i] - side / 2, side, side);
+    }
   }
 
   // A box with its front corners cut, so that one sees where it goes.
@@ -96,26 +121,30 @@ class Scene {
 
   drawTrails(on, visible, colours, options, pixel) {
     const t = this.trace, paths = t.types.map(() => new Path2D());
-    for (const i of visible) {
+    const stroke = (kind) => {
+      on.strokeStyle = colours[t.types[kind]];
+      on.stroke(paths[kind]);
+      paths[kind] = new Path2D();
+    };
+    on.globalAlpha = 0.55;
+    on.lineWidth = (visible.length > MANY ? 1 : 1.6) * pixel; // the thinnest lines are drawn much faster
+    const step = Math.max(TRAIL_STEP, (TRAIL_BEND * pixel) / 10);
+    for (const [number, i] of visible.entries()) {
+      if (number % PATHS === PATHS - 1) t.types.forEach((_, kind) => stroke(kind));
       const path = paths[t.users.kind[t.user[this.row[i]]]];
       let row = this.row[i], drawn = Infinity;
       path.moveTo(this.x[i], this.y[i]);
       for (;; row--) {
         const time = t.time[t.step[row]];
         if (options.time - time > options.trail) break;
-        if (drawn - time >= TRAIL_STEP) {
+        if (drawn - time >= step) {
           path.lineTo(t.x[row], t.y[row]);
           drawn = time;
         }
         if (row === 0 || t.last[row - 1]) break;
       }
     }
-    on.globalAlpha = 0.55;
-    on.lineWidth = 1.6 * pixel;
-    t.types.forEach((name, kind) => {
-      on.strokeStyle = colours[name];
-      on.stroke(paths[kind]);
-    });
+    t.types.forEach((_, kind) => stroke(kind));
     on.globalAlpha = 1;
   }
 
