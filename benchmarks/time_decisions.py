@@ -1,6 +1,6 @@
 """Time of single decisions, to compare two checkouts by turns:
 
-    PYTHONPATH=CHECKOUT python benchmarks/time_decisions.py SCENARIO AGENTS STEPS [MIX]
+    PYTHONPATH=CHECKOUT python benchmarks/time_decisions.py SCENARIO AGENTS STEPS [MIX [SELECTOR]]
 
 Prints wall and processor time of a decision without trace and summary, and agent-steps a second. `slrl-sumo bench` says
 more about one checkout; this needs nothing of the package that old checkouts do not have.
@@ -11,7 +11,11 @@ import sys
 from time import perf_counter, process_time
 
 from slrl_sumo.simulation.run import run
-from slrl_sumo.simulation.settings import RunSettings
+
+try:
+    from slrl_sumo.simulation.settings import RunSettings
+except ImportError:  # checkouts until 2026-11-21
+    from slrl_sumo.simulation.events import RunSettings  # type: ignore[attr-defined,no-redef]
 
 WARM_UP = 10
 
@@ -20,7 +24,8 @@ def main() -> None:
     """Run in this process, print one line."""
     scenario, agents, steps = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     mix = sys.argv[4] if len(sys.argv) > 4 else None
-    events = run(RunSettings(scenario=scenario, agents=agents, steps=WARM_UP + steps, mix=mix))
+    selector = sys.argv[5] if len(sys.argv) > 5 else None
+    events = run(RunSettings(scenario=scenario, agents=agents, steps=WARM_UP + steps, mix=mix, selector=selector))
     for _ in range(1 + WARM_UP):
         next(events)
     times = []
