@@ -100,7 +100,7 @@ class CrossingOccupants:
         if not len(self._points) or not len(walking):
             self._standing_since = {}
             return
-        nearest, distance = self._points.nearest(world.x[walking], world.y[walking])
+        nearest, distance = self._points.nearest(world.x[walking], world.y[walking], within=self._reach)
         standing: dict[str, float] = {}
         states: dict[str, str] = {}
         for k in np.flatnonzero(distance[:, 0] < self._reach).tolist():

@@ -21,14 +21,15 @@ class PointIndex:
     def __len__(self) -> int:
         return len(self._order)
 
-    def nearest(self, x: Floats, y: Floats, count: int = 1) -> tuple[NDArray[np.int64], Floats]:
+    def nearest(self, x: Floats, y: Floats, count: int = 1, within: float = np.inf) -> tuple[NDArray[np.int64], Floats]:
         """Indices of the `count` points nearest to each of n positions and their distances (m), (n, count) each.
 
-        Nearest first; of points at one distance that of the lowest index. `count` is at most p.
+        Nearest first; of points at one distance that of the lowest index. `count` is at most p. Points farther than
+        `within` (m) are not looked for: where there are fewer, -1 and inf.
         """
         x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
         start = np.searchsorted(self._x, x)
-        rows, square = _nearest(x, y, start, self._x, self._y, self._order, count)
+        rows, square = _nearest(x, y, start, self._x, self._y, self._order, count, within)
         return rows, np.sqrt(square)
 
 
@@ -41,10 +42,11 @@ def _nearest(
     points_y: Floats,
     order: NDArray[np.int32],
     count: int,
+    within: float,
 ) -> tuple[NDArray[np.int64], Floats]:
     """Rows and squared distances, (n, count) each; `start` (n,): the first point that is not west of each position."""
     n, points = len(x), len(points_x)
-    rows, squares = np.empty((n, count), np.int64), np.empty((n, count))
+    rows, squares = np.full((n, count), -1), np.full((n, count), np.inf)
     for i in range(n):
         found, west, east = 0, start[i] - 1, start[i]
         while west >= 0 or east < points:
@@ -53,9 +55,11 @@ def _nearest(
             else:
                 point, east = east, east + 1
             dx, dy = x[i] - points_x[point], y[i] - points_y[point]
-            if found == count and dx * dx > squares[i, count - 1]:
+            if dx * dx > squares[i, count - 1] or dx * dx > within * within:
                 break
             square, row = dx * dx + dy * dy, order[point]
+            if square > within * within:
+                continue
             place = found
             while place > 0 and (
                 square < squares[i, place - 1] or (square == squares[i, place - 1] and row < rows[i, place - 1])

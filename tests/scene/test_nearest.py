@@ -26,3 +26,10 @@ def test_of_points_at_one_distance_those_of_the_lowest_index() -> None:
 def test_no_points() -> None:
     rows, distance = PointIndex(np.zeros(0), np.zeros(0)).nearest(np.zeros(2), np.zeros(2), 0)
     assert rows.shape == distance.shape == (2, 0)
+
+
+def test_points_farther_away_are_left_out() -> None:
+    index = PointIndex(np.array([0.0, 3.0, 1.0]), np.array([0.0, 0.0, 5.0]))
+    rows, distance = index.nearest(np.array([1.0, 40.0]), np.zeros(2), 3, within=2.5)
+    assert rows.tolist() == [[0, 1, -1], [-1, -1, -1]]
+    assert distance.tolist() == [[1.0, 2.0, np.inf], [np.inf] * 3]
