@@ -461,7 +461,8 @@ def test_a_link_leads_to_a_moment_and_a_road_user(browser: Driver, trace: Path) 
 
 def test_signals_change_at_their_times(browser: Driver, tmp_path: Path) -> None:
     (tmp_path / "trace.csv").write_text(
-        "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_angle\n" + "".join(f"{t};a;100;98;90\n" for t in range(31))
+        "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_angle\n"
+        + "".join(f"{t};a;100;98;90\n" for t in range(31))
     )
     shown = ((5, "r"), (10, "G"), (20, "y"))
     states = "".join(f'<tlsState time="{t}" id="centre" state="{letter * 32}"/>' for t, letter in shown)

@@ -1,9 +1,11 @@
 """Learned road users beside other tools in one simulation: signals as sumo-rl controls them, vehicles that a script
-drives itself, and networks that SUMO's netconvert imports from OpenStreetMap."""
+drives itself, further TraCI clients, and networks that SUMO's netconvert imports from OpenStreetMap."""
 
 import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,8 @@ import libsumo
 import pytest
 import sumo
 import sumolib
+import traci
+from lxml import etree
 
 import slrl_sumo
 from slrl_sumo.sumo.scenario import find_scenario
@@ -92,6 +96,44 @@ def test_signals_are_another_scripts_and_learned_vehicles_obey_them(signalised: 
     assert signals.switches >= 3
     assert len(seen) >= 8
     assert red == []
+
+
+def test_another_traci_client_steps_and_controls_in_the_same_simulation() -> None:
+    """Two clients: one has learned road users, the other one sets the signals; SUMO waits for both in every step."""
+    port, steps = sumolib.miscutils.getFreeSocketPort(), 150
+    command = [sumolib.checkBinary("sumo"), "-c", str(find_scenario("signalised").config), *OPTIONS]
+    command += ["--remote-port", str(port), "--num-clients", "2"]
+    seen: list[tuple[float, str]] = []
+
+    def control() -> None:
+        other = traci.connect(port, numRetries=100, waitBetweenRetries=0.1)
+        other.setOrder(2)
+        signals = LongestQueue(other)
+        for _ in range(steps):
+            signals.act()
+            other.simulationStep()
+            seen.append((other.simulation.getTime(), other.trafficlight.getRedYellowGreenState(signals.id)))
+        other.close()
+
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process, ThreadPoolExecutor(1) as pool:
+        done = pool.submit(control)  # SUMO gives no answer before all clients are there
+        try:
+            own = traci.connect(port, numRetries=100, waitBetweenRetries=0.1)
+            own.setOrder(1)
+            counts = []
+            with slrl_sumo.attach(own, agents=3, takeover={"car": 1}) as learned:
+                for _ in range(steps):
+                    counts.append(int(learned.step().learned.sum()))
+                end = own.simulation.getTime()
+            own.close()
+            done.result(timeout=60)
+            process.wait(60)
+        finally:
+            process.kill()
+    assert max(counts) > 3
+    assert end == pytest.approx(0.4 * steps)
+    assert [time for time, _ in seen] == pytest.approx([0.4 * (k + 1) for k in range(steps)])
+    assert len({state for _, state in seen}) > 1
 
 
 def is_car(api: Any, name: str) -> bool:
@@ -190,10 +232,30 @@ def test_a_town_of_openstreetmap_runs_and_is_replayed(cli: Cli, tmp_path: Path) 
     )
     assert cli("doctor", "town.sumocfg", cwd=tmp_path).returncode == 0
     ran = cli(
-        *("run", "town.sumocfg", "--agents", 9, "--takeover", "car=1", "--fcd", "a.csv", "--summary", "s.json"),
+        *("run", "town.sumocfg", "--agents", 9, "--takeover", "car=1", "--fcd", "a.xml", "--summary", "s.json"),
         cwd=tmp_path,
     )
     assert ran.returncode == 0, ran.stderr
-    shown = cli("replay", "a.csv", "--net", "town.sumocfg", "--out", "a.html", cwd=tmp_path)
+    shown = cli("replay", "a.xml", "--net", "town.sumocfg", "--out", "a.html", cwd=tmp_path)
     assert shown.returncode == 0, shown.stderr
-    assert "tram" in (tmp_path / "a.csv").read_text()
+    assert 'type="tram"' in (tmp_path / "a.xml").read_text()
+    # The exporter takes longitudes and latitudes as they are in the trace; SUMO converts ours.
+    trace = etree.parse(str(tmp_path / "a.xml"))
+    libsumo.start([sumolib.checkBinary("sumo"), "-n", str(tmp_path / "town.net.xml"), "--no-step-log"])
+    for user in trace.getroot().iterfind("timestep/*"):
+        place = libsumo.simulation.convertGeo(float(user.get("x", "")), float(user.get("y", "")))
+        user.set("x", f"{place[0]:.7f}")
+        user.set("y", f"{place[1]:.7f}")
+    libsumo.close()
+    trace.write(str(tmp_path / "geo.xml"))
+    tool = Path(sumo.SUMO_HOME) / "tools" / "traceExporter.py"
+    words = ["-i", "geo.xml", "--orig-ids", "--persons", "--gpx-output", "a.gpx"]
+    done = subprocess.run([sys.executable, tool, *words], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    points = [e.attrib for e in etree.parse(str(tmp_path / "a.gpx")).getroot().iter("{*}trkpt")]
+    # The town lies 150 m to the west and 280 m to the east of 9.0° E, 52.0° N; learned road users may be beside it.
+    east = [68_680 * (float(point["lon"]) - 9.0) for point in points]
+    north = [111_250 * (float(point["lat"]) - 52.0) for point in points]
+    assert len(points) > 500
+    assert (min(east), max(east)) == (pytest.approx(-150, abs=30), pytest.approx(280, abs=30))
+    assert (min(north), max(north)) == (pytest.approx(-150, abs=30), pytest.approx(150, abs=30))
