@@ -19,15 +19,19 @@ CANDIDATES = (24, 384)
 """Numbers of entry places that are tried for each returning road user: the second where the first ones are taken."""
 
 ROOM = np.array([4.7, 2.3, 1.0])
-"""m between the circles around two boxes that a returning road user of each type needs to be able to stop."""
+"""m between the circles around two boxes that a returning road user of each type needs."""
 
 NO_EXITS = np.zeros((0, 4))
 
 BEYOND, ASIDE = 12.0, 1.5
 """m behind a lane's end, and beside it, within which a road user off every surface has driven off that end."""
 
-BRAKING = 2.0
-"""m/s² with which a road user that starts anew must be able to stop before the nearest one."""
+BRAKING, REACTION = 2.0, 1.0
+"""m/s² with which a road user that returns or starts anew can stop behind the one ahead, and the one behind it can
+stop behind it, after a reaction time (s): as SUMO inserts vehicles at a speed that is safe (Krauss 1998)."""
+
+SIDE = 0.5
+"""m beside a road user's box that count as its way ahead."""
 
 
 def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS, *, rim: float = 0.0) -> NDArray[np.bool_]:
@@ -51,12 +55,12 @@ def reinsert(
 
     A torus as in the paper: the position is shifted back along the heading by the extent of the scene, then snapped to
     the nearest legal place of the type that leads into the same half-plane, free of the road users of `world` and
-    `others`; where none is free, to the one with the widest gap. Speed is kept up to the limit there.
+    `others`; where none is free, to the one with the widest gap. Speed is kept up to the limit there, and up to what
+    is safe behind the next road user: places with a lower one come last.
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     x0, y0, x1, y1 = roadmap.bounds
-    crowd_x, crowd_y = np.concatenate([x, others.x]), np.concatenate([y, others.y])
-    radii = 0.5 * np.concatenate([np.hypot(world.length, world.width), np.hypot(others.length, others.width)])
+    crowd = _boxes(world, others)
     for row in np.flatnonzero(gone).tolist():
         kind = int(world.type[row])
         source = points[kind]
@@ -69,19 +73,23 @@ def reinsert(
             turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
             if kind == RoadUserType.PEDESTRIAN:
                 turn = np.minimum(turn, np.pi - turn)
-            gap = _gaps(source.x[rows], source.y[rows], crowd_x, crowd_y, radii, row)
-            if ((gap >= ROOM[kind]) & (turn <= 0.5 * np.pi)).any():
+            wish = np.minimum(speed[row], source.max_speed(rows))
+            gap, slowest, fastest = _insertions(source.x[rows], source.y[rows], source.heading[rows], crowd, row)
+            free = (gap >= ROOM[kind]) & (slowest <= np.minimum(wish, fastest))
+            if (free & (fastest >= wish) & (turn <= 0.5 * np.pi)).any():
                 break
         away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
-        # By priority: room to stop, else as much as there is; the same direction; near the mirrored point.
-        crowded = np.where(gap >= ROOM[kind], -np.inf, -gap)
-        best = rows[np.lexsort((away, turn > 0.5 * np.pi, crowded))[0]]
-        crowd_x[row], crowd_y[row] = x[row], y[row] = source.x[best], source.y[best]
+        # By priority: room to stop, else as much as there is; the same direction; its speed; near the mirrored point.
+        crowded = np.where(free, -np.inf, -gap)
+        order = np.lexsort((away, np.maximum(wish - fastest, 0.0), turn > 0.5 * np.pi, crowded))
+        best = rows[order[0]]
+        x[row], y[row] = source.x[best], source.y[best]
         direction = source.heading[best]
         if kind == RoadUserType.PEDESTRIAN and abs(wrap_angle(direction - heading[row])) > 0.5 * np.pi:
             direction += np.pi
         heading[row] = wrap_angle(direction)
-        speed[row] = min(speed[row], source.lanes[source.lane[best]].max_speed)
+        speed[row] = min(wish[order[0]], fastest[order[0]])
+        crowd[row, :4] = x[row], y[row], heading[row], speed[row]
     return replace(world, x=x, y=y, heading=heading, speed=speed)
 
 
@@ -99,38 +107,61 @@ def start_anew(
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     acceleration, yaw_rate = world.acceleration.copy(), world.yaw_rate.copy()
-    crowd_x, crowd_y = np.concatenate([x, others.x]), np.concatenate([y, others.y])
-    radii = 0.5 * np.concatenate([np.hypot(world.length, world.width), np.hypot(others.length, others.width)])
+    crowd = _boxes(world, others)
     for row in rows.tolist():
         kind = int(world.type[row])
         source = points[kind]
         drawn = rng.integers(0, len(source), CANDIDATES[0])
-        gap = _gaps(source.x[drawn], source.y[drawn], crowd_x, crowd_y, radii, row)
-        best = int(np.minimum(gap, ROOM[kind]).argmax())
-        stopping = np.sqrt(2.0 * BRAKING * max(float(gap[best]), 0.0))
-        best = int(drawn[best])
-        crowd_x[row], crowd_y[row] = x[row], y[row] = source.x[best], source.y[best]
+        gap, slowest, fastest = _insertions(source.x[drawn], source.y[drawn], source.heading[drawn], crowd, row)
+        place = int(np.where(slowest <= fastest, np.minimum(gap, ROOM[kind]), -np.inf).argmax())
+        best = int(drawn[place])
+        x[row], y[row] = source.x[best], source.y[best]
         about = np.pi * int(rng.integers(0, 2)) if kind == RoadUserType.PEDESTRIAN else 0.0
         heading[row] = wrap_angle(source.heading[best] + about)
         usual = starting_speed(max_speed[kind], source.lanes[source.lane[best]].max_speed, rng.uniform())
-        speed[row] = min(usual, stopping)
+        speed[row] = min(usual, float(fastest[place]))
         acceleration[row] = yaw_rate[row] = 0.0
+        crowd[row, :4] = x[row], y[row], heading[row], speed[row]
     return replace(world, x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, yaw_rate=yaw_rate)
 
 
+def _boxes(world: WorldState, others: WorldState) -> Floats:
+    """Columns x, y (m), heading (rad), speed (m/s), length and width (m) of both, (n, 6)."""
+    return np.concatenate([np.column_stack([w.x, w.y, w.heading, w.speed, w.length, w.width]) for w in (world, others)])
+
+
 @compiled
-def _gaps(x: Floats, y: Floats, crowd_x: Floats, crowd_y: Floats, radii: Floats, own: int) -> Floats:
-    """m from the circle around road user `own` of a crowd, (m,), at each of n places to the nearest other circle."""
-    gaps, widest = np.empty(len(x)), radii.max()
+def _insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -> tuple[Floats, Floats, Floats]:
+    """What road user `own` of a `crowd` (see _boxes) finds at each of n places, (n,) each.
+
+    m from the circle around it to the nearest other one; and the speeds, m/s, between which BRAKING is enough for the
+    next one behind it, and for itself behind the next one ahead, along a straight line.
+    """
+    long, wide = crowd[own, 4], crowd[own, 5]
+    radius, lost = 0.5 * math.hypot(long, wide), BRAKING * REACTION
+    top = crowd[:, 3].max()
+    reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * crowd[:, 4].max()
+    gaps, slowest, fastest = np.full(len(x), reach), np.zeros(len(x)), np.full(len(x), np.inf)
     for place in range(len(x)):
-        # A square root for each of 400,000 pairs takes longer than a decision of 64 road users.
-        least, far = np.inf, np.inf
-        for one in range(len(radii)):
-            dx, dy = x[place] - crowd_x[one], y[place] - crowd_y[one]
-            square = dx * dx + dy * dy
-            if square < far and one != own:
-                gap = math.sqrt(square) - radii[one]
-                if gap < least:
-                    least, far = gap, max(gap + widest, 0.0) ** 2
-        gaps[place] = least - radii[own]
-    return gaps
+        c, s = math.cos(heading[place]), math.sin(heading[place])
+        for one in range(len(crowd)):
+            dx, dy = crowd[one, 0] - x[place], crowd[one, 1] - y[place]
+            # Anything more for each of 400,000 pairs takes longer than a decision of 64 road users.
+            if one == own or dx * dx + dy * dy > reach * reach:
+                continue
+            other_long, other_wide = crowd[one, 4], crowd[one, 5]
+            gaps[place] = min(gaps[place], math.hypot(dx, dy) - 0.5 * math.hypot(other_long, other_wide) - radius)
+            along, across = math.cos(crowd[one, 2] - heading[place]), math.sin(crowd[one, 2] - heading[place])
+            aside = abs(dy * c - dx * s) - 0.5 * (wide + abs(along) * other_wide + abs(across) * other_long)
+            if aside > SIDE:
+                continue
+            ahead = dx * c + dy * s
+            free = max(abs(ahead) - 0.5 * (long + abs(along) * other_long + abs(across) * other_wide), 0.0)
+            pace = max(crowd[one, 3] * along, 0.0)
+            if ahead >= 0.0:
+                safe = math.sqrt(lost * lost + pace * pace + 2.0 * BRAKING * free) - lost
+                fastest[place] = min(fastest[place], max(safe, 0.0))
+            else:
+                behind = pace * pace + 2.0 * (lost * pace - BRAKING * free)
+                slowest[place] = max(slowest[place], math.sqrt(max(behind, 0.0)))
+    return gaps, slowest, fastest

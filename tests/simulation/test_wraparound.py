@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.contacts import contact_pairs
-from slrl_sumo.scene.geometry import from_ego, wrap_angle
+from slrl_sumo.scene.geometry import from_ego, to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState, empty_world
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.spawn import starting_points
@@ -174,6 +174,28 @@ def test_no_road_user_lands_on_a_long_bus() -> None:
     check_apart(reinsert(before, np.ones(1, np.bool_), bus, points, roadmap), bus)
 
 
+def test_a_fast_car_returns_with_the_room_to_stop_behind_a_queue_and_to_be_followed() -> None:
+    """Behind a queue at the entry, at 14 m/s, it would need 63 m; before a fast follower it must not be slow."""
+    roadmap, points = scene("intersection")
+    rows = entry(points[0], roadmap, 0.0)
+    along = points[0].x[rows]
+    queue = [(0, along.min() + 30.0 + 7.0 * i, points[0].y[rows[0]], 0.0, 0.0) for i in range(3)]
+    leaver = (0, roadmap.bounds[2] + 1, 98.4, 0.0, 13.9)
+    after = reinsert(world([leaver, *queue]), np.arange(4) == 0, empty_world(), points, roadmap)
+    ahead, aside = to_ego(after.x[1:] - after.x[0], after.y[1:] - after.y[0], after.heading[0])
+    before_it = (ahead > 0.0) & (np.abs(aside) < 1.5)
+    if before_it.any():
+        gap = ahead[before_it].min() - 5.0
+        assert after.speed[0] + after.speed[0] ** 2 / 4.0 <= gap + 0.1
+    assert after.speed[0] > 1.0
+    # It may not stand, or crawl, 15 m before one that goes at 13.9 m/s.
+    follower = (0, along.min(), points[0].y[rows[0]], 0.0, 13.9)
+    slow = (0, roadmap.bounds[2] + 1, 98.4, 0.0, 2.0)
+    after = reinsert(world([slow, follower]), np.arange(2) == 0, empty_world(), points, roadmap)
+    ahead, aside = to_ego(after.x[0] - after.x[1:], after.y[0] - after.y[1:], 0.0)
+    assert abs(aside[0]) > 1.5 or ahead[0] < 0.0 or ahead[0] - 5.0 >= 13.9 + (13.9**2 - 4.0) / 4.0 - 0.1
+
+
 def test_driving_off_the_end_of_a_street_is_leaving_and_leaving_it_sideways_is_not() -> None:
     with SumoSession(find_scenario("district")) as session:
         network = session.network
@@ -215,11 +237,13 @@ def test_a_new_start_is_free_on_a_lane_and_can_stop(name: str) -> None:
     assert (after.speed[chosen] <= 0.5 * max_speed[after.type[chosen]]).all()
     touching = {tuple(pair) for pair in contact_pairs(after)[1].tolist()}
     assert touching <= {tuple(pair) for pair in contact_pairs(before)[1].tolist()}
-    radius = 0.5 * np.hypot(after.length, after.width)
     for row in chosen:
         assert np.hypot(points[after.type[row]].x - after.x[row], points[after.type[row]].y - after.y[row]).min() < 1e-9
-        gap = np.hypot(after.x - after.x[row], after.y - after.y[row]) - radius - radius[row]
         # Others that were put down later took account of this one, so the gap at the end is the gap that counted.
-        assert after.speed[row] ** 2 / (2 * 2.0) <= max(np.delete(gap, row).min(), 0.0) + 6.0
+        ahead, aside = to_ego(after.x - after.x[row], after.y - after.y[row], after.heading[row])
+        same = (np.abs(wrap_angle(after.heading - after.heading[row])) < 0.1) & (np.abs(aside) < 1.0) & (ahead > 0.0)
+        for leader in np.flatnonzero(same):
+            gap = ahead[leader] - 0.5 * (after.length[row] + after.length[leader])
+            assert after.speed[row] + (after.speed[row] ** 2 - after.speed[leader] ** 2) / 4.0 <= gap + 0.1
     again = start_anew(before, chosen, empty_world(), points, max_speed, np.random.default_rng(3))
     np.testing.assert_array_equal(again.x, after.x)
