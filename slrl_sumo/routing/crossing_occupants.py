@@ -123,7 +123,7 @@ class CrossingOccupants:
                 Size(world.length.item(row), world.width.item(row)),
                 math.inf,
                 world.time,
-                yields=state == "m",
+                yields=False,
                 idle=world.time - standing.get(name, world.time) > UNUSED,
                 acceleration=STEADY,
             )

@@ -56,7 +56,7 @@ def reinsert(
     A torus as in the paper: the position is shifted back along the heading by the extent of the scene, then snapped to
     the nearest legal place of the type that leads into the same half-plane, free of the road users of `world` and
     `others`; where none is free, to the one with the widest gap. Speed is kept up to the limit there, and up to what
-    is safe behind the next road user: places with a lower one come last.
+    is safe behind the next road user and before the junction: places with a lower one come last.
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     x0, y0, x1, y1 = roadmap.bounds
@@ -75,6 +75,8 @@ def reinsert(
                 turn = np.minimum(turn, np.pi - turn)
             wish = np.minimum(speed[row], source.max_speed(rows))
             gap, slowest, fastest = _insertions(source.x[rows], source.y[rows], source.heading[rows], crowd, row)
+            if kind != RoadUserType.PEDESTRIAN:
+                fastest = np.minimum(fastest, _safe_speed(source.rest_of_lane(rows)))
             free = (gap >= ROOM[kind]) & (slowest <= np.minimum(wish, fastest))
             if (free & (fastest >= wish) & (turn <= 0.5 * np.pi)).any():
                 break
@@ -128,6 +130,12 @@ def start_anew(
 def _boxes(world: WorldState, others: WorldState) -> Floats:
     """Columns x, y (m), heading (rad), speed (m/s), length and width (m) of both, (n, 6)."""
     return np.concatenate([np.column_stack([w.x, w.y, w.heading, w.speed, w.length, w.width]) for w in (world, others)])
+
+
+def _safe_speed(free: Floats) -> Floats:
+    """Speed (m/s) from which a road user stops within `free` m."""
+    lost = BRAKING * REACTION
+    return np.sqrt(lost * lost + 2.0 * BRAKING * free) - lost
 
 
 @compiled

@@ -70,6 +70,7 @@ class LanePoints:
         self.lane = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
         self._half_width = np.array([0.5 * lane.width for lane in self.lanes])
         self._max_speed = np.array([lane.max_speed for lane in self.lanes])
+        self._length = np.array([lane.length for lane in self.lanes])
         self._spacing = spacing
         self._index = PointIndex(self.x, self.y)
 
@@ -95,6 +96,10 @@ class LanePoints:
     def max_speed(self, rows: NDArray[np.intp]) -> Floats:
         """Speed limit (m/s) of the lanes of the points `rows`."""
         return self._max_speed[self.lane[rows]]
+
+    def rest_of_lane(self, rows: NDArray[np.intp]) -> Floats:
+        """m from the points `rows` to the ends of their lanes."""
+        return self._length[self.lane[rows]] - self.offset[rows]
 
     def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
         """Index of the lane that covers each of n positions, (n,); -1 where there is none."""
