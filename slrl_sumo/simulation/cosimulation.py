@@ -19,7 +19,7 @@ from slrl_sumo.simulation.background_state import Differences, background_world,
 from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
-from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speed
+from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speeds
 from slrl_sumo.simulation.takeover import drawn
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.api import SumoApi
@@ -139,9 +139,8 @@ class CoSimulation:
     def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
         """Add road users: `counts` per type, (3,), at legal places drawn by `seed`; `max_speed` per type, m/s, (3,)."""
         rng = np.random.default_rng(seed)
-        kinds, x, y, heading, limit = draw_starts(counts, self.points, rng)
-        speed = starting_speed(max_speed[kinds], limit, rng.random(len(kinds)))
-        self.population.spawn(kinds, x, y, heading, speed, self._simulation.time)
+        starts = draw_starts(counts, self.points, rng)
+        self.population.spawn(*starts[:4], starting_speeds(starts, max_speed, rng), self._simulation.time)
         self._drop_refused()
 
     def start(self) -> Step:

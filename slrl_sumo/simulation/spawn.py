@@ -1,6 +1,6 @@
 """Where learned road users may start, and how many of each type."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
-from slrl_sumo.scene.types import DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
+from slrl_sumo.simulation.insertion import insertions, safe_speed
 from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.network import Network
 
@@ -40,6 +41,12 @@ without sidewalks admit all road users everywhere, which says nothing about walk
 
 CYCLING_SPEED = 20.0
 """m/s (72 km/h). The same for bicycles."""
+
+
+SLOWER = 0.1
+"""m/s less that make a difference to the road user behind."""
+
+NO_OTHERS = np.zeros((0, 6))
 
 
 def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
@@ -113,10 +120,25 @@ def type_counts(
     return counts, notices
 
 
-def draw_starts(
-    counts: NDArray[np.int64], points: tuple[LanePoints, ...], rng: np.random.Generator
-) -> tuple[NDArray[np.int8], Floats, Floats, Floats, Floats]:
-    """Starting places drawn without overlap: kinds (n,), x, y (m), heading (rad) and the lane's speed limit (m/s).
+class Starts(NamedTuple):
+    """Starting places of n road users, (n,) each."""
+
+    type: NDArray[np.int8]
+    """RoadUserType."""
+    x: Floats
+    """m."""
+    y: Floats
+    """m."""
+    heading: Floats
+    """rad."""
+    limit: Floats
+    """Speed limit of the lane, m/s."""
+    rest: Floats
+    """m to where a vehicle must be able to stop, the end of the lane; inf for pedestrians."""
+
+
+def draw_starts(counts: NDArray[np.int64], points: tuple[LanePoints, ...], rng: np.random.Generator) -> Starts:
+    """Starting places drawn without overlap.
 
     Pedestrians walk either way along their lane. Where not all fit at a comfortable distance they are packed as tightly
     as boxes allow. Raises InputError when not all of them fit even so.
@@ -139,10 +161,30 @@ def draw_starts(
         heading = source.heading[rows]
         if kind == RoadUserType.PEDESTRIAN:
             heading = wrap_angle(heading + np.pi * rng.integers(0, 2, len(rows)))
-        limit = source.max_speed(rows)
-        parts.append((np.full(len(rows), kind, np.int8), source.x[rows], source.y[rows], heading, limit))
-    kinds, x, y, heading, limit = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return kinds, x, y, heading, limit
+        walks = kind == RoadUserType.PEDESTRIAN
+        rest = np.full(len(rows), np.inf) if walks else source.rest_of_lane(rows)
+        kinds = np.full(len(rows), kind, np.int8)
+        parts.append(Starts(kinds, source.x[rows], source.y[rows], heading, source.max_speed(rows), rest))
+    return Starts(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def starting_speeds(starts: Starts, max_speed: Floats, rng: np.random.Generator, others: Floats = NO_OTHERS) -> Floats:
+    """Speeds (m/s, (n,)) at the start (see starting_speed), at which each road user can stop behind the next one, and
+    before the junction. `max_speed`: per type, m/s, (3,); `others`: further road users (see insertion.boxes_of)."""
+    usual = starting_speed(max_speed[starts.type], starts.limit, rng.random(len(starts.type)))
+    speed = np.minimum(usual, safe_speed(starts.rest))
+    size = np.stack([DEFAULT_LENGTH[starts.type], DEFAULT_WIDTH[starts.type]], axis=1)
+    crowd = np.concatenate([np.column_stack([starts.x, starts.y, starts.heading, speed, size]), others])
+    changed = True
+    # Each that has to be slower can make the next one behind it slower: as often as the longest queue is long.
+    while changed:
+        changed = False
+        for row in range(len(speed)):
+            place = slice(row, row + 1)
+            *_, fastest = insertions(starts.x[place], starts.y[place], starts.heading[place], crowd, row)
+            if fastest[0] < crowd[row, 3] - SLOWER:
+                crowd[row, 3], changed = fastest[0], True
+    return crowd[: len(speed), 3]
 
 
 def starting_speed(max_speed: Any, limit: Any, draw: Any) -> Any:

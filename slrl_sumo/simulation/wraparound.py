@@ -1,6 +1,5 @@
 """Road users that leave the scene come back on its other side (paper, section 3.4)."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +7,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.insertion import boxes_of, insertions, safe_speed
 from slrl_sumo.simulation.spawn import starting_speed
 from slrl_sumo.sumo.lanes import LanePoints
 
@@ -26,12 +25,9 @@ NO_EXITS = np.zeros((0, 4))
 BEYOND, ASIDE = 12.0, 1.5
 """m behind a lane's end, and beside it, within which a road user off every surface has driven off that end."""
 
-BRAKING, REACTION = 2.0, 1.0
-"""m/s² with which a road user that returns or starts anew can stop behind the one ahead, and the one behind it can
-stop behind it, after a reaction time (s): as SUMO inserts vehicles at a speed that is safe (Krauss 1998)."""
-
-SIDE = 0.5
-"""m beside a road user's box that count as its way ahead."""
+ENTRANCE = np.array([15.0, 8.0, 2.0])
+"""m from the begin of a lane within which road users of each type do not return: SUMO lets new ones depart there, and
+does not see one that returns in the same step."""
 
 
 def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS, *, rim: float = 0.0) -> NDArray[np.bool_]:
@@ -60,7 +56,7 @@ def reinsert(
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     x0, y0, x1, y1 = roadmap.bounds
-    crowd = _boxes(world, others)
+    crowd = boxes_of(world, others)
     for row in np.flatnonzero(gone).tolist():
         kind = int(world.type[row])
         source = points[kind]
@@ -74,10 +70,11 @@ def reinsert(
             if kind == RoadUserType.PEDESTRIAN:
                 turn = np.minimum(turn, np.pi - turn)
             wish = np.minimum(speed[row], source.max_speed(rows))
-            gap, slowest, fastest = _insertions(source.x[rows], source.y[rows], source.heading[rows], crowd, row)
+            gap, slowest, fastest = insertions(source.x[rows], source.y[rows], source.heading[rows], crowd, row)
             if kind != RoadUserType.PEDESTRIAN:
-                fastest = np.minimum(fastest, _safe_speed(source.rest_of_lane(rows)))
-            free = (gap >= ROOM[kind]) & (slowest <= np.minimum(wish, fastest))
+                fastest = np.minimum(fastest, safe_speed(source.rest_of_lane(rows)))
+            free = (gap >= ROOM[kind]) & (source.offset[rows] >= ENTRANCE[kind])
+            free &= slowest <= np.minimum(wish, fastest)
             if (free & (fastest >= wish) & (turn <= 0.5 * np.pi)).any():
                 break
         away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
@@ -109,12 +106,12 @@ def start_anew(
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     acceleration, yaw_rate = world.acceleration.copy(), world.yaw_rate.copy()
-    crowd = _boxes(world, others)
+    crowd = boxes_of(world, others)
     for row in rows.tolist():
         kind = int(world.type[row])
         source = points[kind]
         drawn = rng.integers(0, len(source), CANDIDATES[0])
-        gap, slowest, fastest = _insertions(source.x[drawn], source.y[drawn], source.heading[drawn], crowd, row)
+        gap, slowest, fastest = insertions(source.x[drawn], source.y[drawn], source.heading[drawn], crowd, row)
         place = int(np.where(slowest <= fastest, np.minimum(gap, ROOM[kind]), -np.inf).argmax())
         best = int(drawn[place])
         x[row], y[row] = source.x[best], source.y[best]
@@ -125,51 +122,3 @@ def start_anew(
         acceleration[row] = yaw_rate[row] = 0.0
         crowd[row, :4] = x[row], y[row], heading[row], speed[row]
     return replace(world, x=x, y=y, heading=heading, speed=speed, acceleration=acceleration, yaw_rate=yaw_rate)
-
-
-def _boxes(world: WorldState, others: WorldState) -> Floats:
-    """Columns x, y (m), heading (rad), speed (m/s), length and width (m) of both, (n, 6)."""
-    return np.concatenate([np.column_stack([w.x, w.y, w.heading, w.speed, w.length, w.width]) for w in (world, others)])
-
-
-def _safe_speed(free: Floats) -> Floats:
-    """Speed (m/s) from which a road user stops within `free` m."""
-    lost = BRAKING * REACTION
-    return np.sqrt(lost * lost + 2.0 * BRAKING * free) - lost
-
-
-@compiled
-def _insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -> tuple[Floats, Floats, Floats]:
-    """What road user `own` of a `crowd` (see _boxes) finds at each of n places, (n,) each.
-
-    m from the circle around it to the nearest other one; and the speeds, m/s, between which BRAKING is enough for the
-    next one behind it, and for itself behind the next one ahead, along a straight line.
-    """
-    long, wide = crowd[own, 4], crowd[own, 5]
-    radius, lost = 0.5 * math.hypot(long, wide), BRAKING * REACTION
-    top = crowd[:, 3].max()
-    reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * crowd[:, 4].max()
-    gaps, slowest, fastest = np.full(len(x), reach), np.zeros(len(x)), np.full(len(x), np.inf)
-    for place in range(len(x)):
-        c, s = math.cos(heading[place]), math.sin(heading[place])
-        for one in range(len(crowd)):
-            dx, dy = crowd[one, 0] - x[place], crowd[one, 1] - y[place]
-            # Anything more for each of 400,000 pairs takes longer than a decision of 64 road users.
-            if one == own or dx * dx + dy * dy > reach * reach:
-                continue
-            other_long, other_wide = crowd[one, 4], crowd[one, 5]
-            gaps[place] = min(gaps[place], math.hypot(dx, dy) - 0.5 * math.hypot(other_long, other_wide) - radius)
-            along, across = math.cos(crowd[one, 2] - heading[place]), math.sin(crowd[one, 2] - heading[place])
-            aside = abs(dy * c - dx * s) - 0.5 * (wide + abs(along) * other_wide + abs(across) * other_long)
-            if aside > SIDE:
-                continue
-            ahead = dx * c + dy * s
-            free = max(abs(ahead) - 0.5 * (long + abs(along) * other_long + abs(across) * other_wide), 0.0)
-            pace = max(crowd[one, 3] * along, 0.0)
-            if ahead >= 0.0:
-                safe = math.sqrt(lost * lost + pace * pace + 2.0 * BRAKING * free) - lost
-                fastest[place] = min(fastest[place], max(safe, 0.0))
-            else:
-                behind = pace * pace + 2.0 * (lost * pace - BRAKING * free)
-                slowest[place] = max(slowest[place], math.sqrt(max(behind, 0.0)))
-    return gaps, slowest, fastest

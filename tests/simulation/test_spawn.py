@@ -11,11 +11,19 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.contacts import close_pairs, contact_pairs
-from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.geometry import to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.shares import parse_mix
-from slrl_sumo.simulation.spawn import DEFAULT_MIX, draw_starts, legal_lanes, starting_points, type_counts
+from slrl_sumo.simulation.spawn import (
+    DEFAULT_MIX,
+    draw_starts,
+    legal_lanes,
+    starting_points,
+    starting_speed,
+    starting_speeds,
+    type_counts,
+)
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.scenario import find_scenario
@@ -152,7 +160,7 @@ def test_starts_do_not_touch_each_other(crowd: str, seed: int) -> None:
     agents, mix = CROWDS[crowd]
     points = starting_points(network(crowd.split(",")[0]))
     counts, _ = type_counts(agents, None if mix is None else parse_mix(mix), points, "here")
-    kinds, x, y, heading, limit = draw_starts(counts, points, np.random.default_rng(seed))
+    kinds, x, y, heading, limit, _ = draw_starts(counts, points, np.random.default_rng(seed))
     assert np.bincount(kinds, minlength=3).tolist() == counts.tolist()
     assert len(kinds) == agents
     start = boxes(kinds, x, y, heading)
@@ -161,11 +169,36 @@ def test_starts_do_not_touch_each_other(crowd: str, seed: int) -> None:
     assert (limit > 0).all()
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_road_users_start_at_speeds_from_which_they_can_stop(seed: int) -> None:
+    """Behind the next one on the same line, and vehicles before the junction, within 2 m/s² after a second."""
+    points = starting_points(network("intersection"))
+    starts = draw_starts(np.array([24, 8, 12]), points, np.random.default_rng(seed))
+    most = np.array([14.0, 7.0, 1.8])
+    speed = starting_speeds(starts, most, np.random.default_rng(seed))
+    usual = starting_speed(most[starts.type], starts.limit, np.random.default_rng(seed).random(len(speed)))
+    assert (speed <= usual + 1e-9).all()
+    assert 0 < (speed < usual - 0.1).sum() < len(speed)
+    needed = speed + speed**2 / 4.0
+    vehicles = starts.type != RoadUserType.PEDESTRIAN
+    assert (needed[vehicles] <= starts.rest[vehicles] + 1e-6).all()
+    world = boxes(starts.type, starts.x, starts.y, starts.heading)
+    pairs = 0
+    for row in range(len(speed)):
+        ahead, aside = to_ego(starts.x - starts.x[row], starts.y - starts.y[row], starts.heading[row])
+        same = (np.abs(wrap_angle(starts.heading - starts.heading[row])) < 0.1) & (np.abs(aside) < 0.5) & (ahead > 0)
+        for leader in np.flatnonzero(same):
+            gap = ahead[leader] - 0.5 * (world.length[row] + world.length[leader])
+            assert needed[row] - speed[leader] ** 2 / 4.0 <= gap + 0.5
+            pairs += 1
+    assert pairs > 10
+
+
 @pytest.mark.parametrize("config", ["intersection", "shared-space", "district"])
 def test_starts_are_places_of_their_type_heading_along_it(config: str) -> None:
     points = starting_points(network(config))
     counts, _ = type_counts(64, None, points, "here")
-    kinds, x, y, heading, limit = draw_starts(counts, points, np.random.default_rng(5))
+    kinds, x, y, heading, limit, _ = draw_starts(counts, points, np.random.default_rng(5))
     turned = 0
     for kind in RoadUserType:
         rows = np.flatnonzero(kinds == kind)
@@ -207,7 +240,7 @@ def test_every_number_of_cars_up_to_the_most_starts_apart() -> None:
     """The loose order gives way to the tight one somewhere in between: no gap, no overlap."""
     points = starting_points(network("intersection"))
     for number in (20, 32, 44, 52):
-        kinds, x, y, heading, _ = draw_starts(np.array([number, 20, 30]), points, np.random.default_rng(number))
+        kinds, x, y, heading, *_ = draw_starts(np.array([number, 20, 30]), points, np.random.default_rng(number))
         assert len(kinds) == number + 50
         assert len(contact_pairs(boxes(kinds, x, y, heading))[1]) == 0
 

@@ -38,7 +38,7 @@ class _Traffic:
         self._random = np.random.default_rng(work.seed)
         self._points = starting_points(session.network)
         counts, _ = type_counts(work.agents, parse_mix(work.mix), self._points, str(session.scenario.config))
-        kinds, x, y, _, _ = draw_starts(counts, self._points, np.random.default_rng(work.seed))
+        kinds, x, y, *_ = draw_starts(counts, self._points, np.random.default_rng(work.seed))
         self._starts: dict[str, tuple[int, int]] = {}
         for number, kind in enumerate(kinds.tolist()):
             place = int(self._points[kind].nearest(x[number : number + 1], y[number : number + 1])[0, 0])

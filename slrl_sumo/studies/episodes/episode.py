@@ -20,7 +20,8 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WID
 from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import LEFT_SURFACE
-from slrl_sumo.simulation.spawn import draw_starts, starting_speed, type_counts
+from slrl_sumo.simulation.insertion import boxes_of
+from slrl_sumo.simulation.spawn import draw_starts, starting_speeds, type_counts
 from slrl_sumo.simulation.wraparound import ROOM
 from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
@@ -152,9 +153,8 @@ def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, 
         starts = draw_starts(counts, _clear(points, background), rng)
     except InputError:  # too full for that; contacts at the start do not count as collisions
         starts = draw_starts(counts, points, rng)
-    kinds, x, y, heading, limit = starts
-    speed = starting_speed(bundle.max_speed[kinds], limit, rng.random(len(kinds)))
-    simulation.population.spawn(kinds, x, y, heading, speed, session.time)
+    speed = starting_speeds(starts, bundle.max_speed, rng, boxes_of(background))
+    simulation.population.spawn(*starts[:4], speed, session.time)
 
 
 def _clear(points: tuple[LanePoints, ...], others: WorldState) -> tuple[LanePoints, ...]:

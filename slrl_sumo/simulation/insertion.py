@@ -1,0 +1,64 @@
+"""At which speeds a road user can be put at a place: as SUMO inserts vehicles, so that nobody has to brake hard."""
+
+import math
+
+import numpy as np
+
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.state import WorldState
+
+BRAKING, REACTION = 2.0, 1.0
+"""m/s² with which a road user that is put somewhere can stop behind the one ahead, and the one behind it can stop
+behind it, after a reaction time (s), as in the model of Krauss (1998)."""
+
+SIDE = 0.5
+"""m beside a road user's box that count as its way ahead."""
+
+
+def boxes_of(*worlds: WorldState) -> Floats:
+    """Columns x, y (m), heading (rad), speed (m/s), length and width (m) of all road users, (n, 6)."""
+    return np.concatenate([np.column_stack([w.x, w.y, w.heading, w.speed, w.length, w.width]) for w in worlds])
+
+
+def safe_speed(free: Floats) -> Floats:
+    """Speed (m/s) from which a road user stops within `free` m, any shape."""
+    lost = BRAKING * REACTION
+    return np.sqrt(lost * lost + 2.0 * BRAKING * np.maximum(free, 0.0)) - lost
+
+
+@compiled
+def insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -> tuple[Floats, Floats, Floats]:
+    """What road user `own` of a `crowd` (see boxes_of) finds at each of n places, (n,) each.
+
+    m from the circle around it to the nearest other one; and the speeds, m/s, between which BRAKING is enough for the
+    next one behind it, and for itself behind the next one ahead, along a straight line.
+    """
+    long, wide = crowd[own, 4], crowd[own, 5]
+    radius, lost = 0.5 * math.hypot(long, wide), BRAKING * REACTION
+    top = crowd[:, 3].max()
+    reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * crowd[:, 4].max()
+    gaps, slowest, fastest = np.full(len(x), reach), np.zeros(len(x)), np.full(len(x), np.inf)
+    for place in range(len(x)):
+        c, s = math.cos(heading[place]), math.sin(heading[place])
+        for one in range(len(crowd)):
+            dx, dy = crowd[one, 0] - x[place], crowd[one, 1] - y[place]
+            # Anything more for each of 400,000 pairs takes longer than a decision of 64 road users.
+            if one == own or dx * dx + dy * dy > reach * reach:
+                continue
+            other_long, other_wide = crowd[one, 4], crowd[one, 5]
+            gaps[place] = min(gaps[place], math.hypot(dx, dy) - 0.5 * math.hypot(other_long, other_wide) - radius)
+            along, across = math.cos(crowd[one, 2] - heading[place]), math.sin(crowd[one, 2] - heading[place])
+            aside = abs(dy * c - dx * s) - 0.5 * (wide + abs(along) * other_wide + abs(across) * other_long)
+            if aside > SIDE:
+                continue
+            ahead = dx * c + dy * s
+            free = max(abs(ahead) - 0.5 * (long + abs(along) * other_long + abs(across) * other_wide), 0.0)
+            pace = max(crowd[one, 3] * along, 0.0)
+            if ahead >= 0.0:
+                safe = math.sqrt(lost * lost + pace * pace + 2.0 * BRAKING * free) - lost
+                fastest[place] = min(fastest[place], max(safe, 0.0))
+            else:
+                behind = pace * pace + 2.0 * (lost * pace - BRAKING * free)
+                slowest[place] = max(slowest[place], math.sqrt(max(behind, 0.0)))
+    return gaps, slowest, fastest
