@@ -26,6 +26,8 @@ class Constraints:
     """Paths are as round, and speeds in curves as low, as the models need (agent.path_smoothing)."""
     steering_residual: bool = True
     """Inside a mode, vehicles correct their steering towards their path, within bounds (lookahead.steering)."""
+    braking_residual: bool = True
+    """Inside the mode that brakes hardest, road users brake as hard as recorded ones did (lookahead.braking)."""
     guard: bool = False
     """No modes that lead into a conflict (agent.guard)."""
     deadlock_release: bool = True

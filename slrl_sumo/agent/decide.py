@@ -19,6 +19,7 @@ from slrl_sumo.agent.guard import guard
 from slrl_sumo.agent.path_smoothing import smooth_paths
 from slrl_sumo.agent.selection import Mask, Modes, Selector
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
+from slrl_sumo.lookahead.braking import with_braking
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle
@@ -30,6 +31,9 @@ from slrl_sumo.scene.geometry import Floats
 
 STEERED = 0.01
 """rad/s from which a correction of the steering counts as a change."""
+
+BRAKED = 0.05
+"""m/s² from which a correction of the braking counts as a change."""
 
 Changed = dict[str, NDArray[np.bool_]]
 """By the name of a constraint: which decisions it changed, (n,)."""
@@ -49,7 +53,8 @@ class Agent:
     @cached_property
     def capability(self) -> Capability:
         """What the models can do, probed when it is first needed."""
-        return capability_of(self.bundle)
+        found = capability_of(self.bundle)
+        return with_braking(found, self.bundle) if self.constraints.braking_residual else found
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +116,7 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
         agent.capability,
         off_route=guarded,
         steering=steers,
+        braking=agent.constraints.braking_residual and seen is not None,
         threads=agent.threads,
     )
     masks = {} if last_look else _masks(scene, agent, context, judged)
@@ -165,6 +171,8 @@ def decide(situation: Situation, agent: Agent, ids: Sequence[Hashable] | None = 
         acceleration, yaw_rate = situation.rollouts.acceleration[each, modes], situation.rollouts.yaw_rate[each, modes]
         if situation.rollouts.steering_residual is not None:
             changed["steering_residual"] = np.abs(situation.rollouts.steering_residual[each, modes]) > STEERED
+        if situation.rollouts.braking_residual is not None:
+            changed["braking_residual"] = situation.rollouts.braking_residual[each, modes] < -BRAKED
     speed, kind = scene.world.speed[scene.rows], scene.world.type[scene.rows]
     max_speed = np.full(len(modes), np.inf)
     if rules.speed_cap:

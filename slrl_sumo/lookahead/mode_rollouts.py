@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
+from slrl_sumo.lookahead.braking import braking_residual
 from slrl_sumo.lookahead.collision import MARGIN, Others, collision_scores
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
@@ -49,6 +50,8 @@ class ModeRollouts:
 
     steering_residual: Floats | None = None
     """rad/s by which `yaw_rate` is more than that of the mode; None without the constraint."""
+    braking_residual: Floats | None = None
+    """m/s² by which `acceleration` is more than that of the mode; None without the constraint."""
 
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Fields of this class and of RouteFit by name, for a network, (n, modes, len(names)); those of RouteFit are 0
@@ -71,6 +74,7 @@ def mode_rollouts(
     *,
     off_route: bool = False,
     steering: bool = False,
+    braking: bool = False,
     threads: RowThreads = ONE,
 ) -> ModeRollouts:
     """Roll out all modes of the deciding road users of `scene`, which made the `observation`.
@@ -78,7 +82,8 @@ def mode_rollouts(
     Each road user alone follows a mode as `advance` would move it; all others keep speed and yaw rate. With `context`
     (and what the models can do, `capability`) vehicles that have a route follow it at the speeds of the mode, so that
     a collision does not depend on how they turn in the next moment. `off_route` also gives `collision_off_route`.
-    With `steering`, modes are corrected by lookahead.steering. The road users are distributed over `threads`.
+    With `steering` and `braking`, modes are corrected by the modules of these names. The road users are distributed
+    over `threads`.
     """
     if scene.group is not None:
         acceleration, yaw_rate = bundle.motions(observation.vector, observation.type)
@@ -93,7 +98,7 @@ def mode_rollouts(
     def judged(some: slice) -> ModeRollouts:
         motions = bundle.motions(observation.vector[some], observation.type[some])
         part = replace(scene, rows=scene.rows[some])
-        return _judged(bundle, part, expected, *motions, context, capability, off_route, steering)
+        return _judged(bundle, part, expected, *motions, context, capability, off_route, steering, braking)
 
     return joined(threads.each(judged, len(scene)))
 
@@ -139,10 +144,14 @@ def _judged(
     capability: Capability | None = None,
     off_route: bool = False,
     steering: bool = False,
+    braking: bool = False,
 ) -> ModeRollouts:
     world, rows = scene.world, scene.rows
     users = world.take(rows)
-    top, residual = bundle.max_speed[users.type], None
+    top, residual, harder = bundle.max_speed[users.type], None, None
+    if context is not None and braking:
+        harder = braking_residual(acceleration, bundle.hardest_braking[users.type])
+        acceleration = acceleration + harder
     paths = mode_paths(users, acceleration, yaw_rate, top, halting=context is not None)
     if context is not None and steering:
         residual = steering_residual(context, users, rows, paths, yaw_rate, bundle.max_curvature)
@@ -168,4 +177,5 @@ def _judged(
         route=fit,
         collision_off_route=direct,
         steering_residual=residual,
+        braking_residual=harder,
     )

@@ -171,6 +171,11 @@ class ModelBundle:
         """Largest curvature of the turns of each type, (3,) 1/m."""
         return np.asarray(self.models.max_curvature, np.float64)
 
+    @cached_property
+    def hardest_braking(self) -> Floats:
+        """Least acceleration of each type, (3,) m/s²: the 1st percentile of what was recorded."""
+        return np.asarray(self.models.acceleration_bounds[:, 0], np.float64)
+
     def motions(self, vector: NDArray[np.float32], kind: NDArray[np.int8]) -> tuple[Floats, Floats]:
         """Acceleration (m/s²) and yaw rate (rad/s), each (n, modes), of road users of the types `kind` with the feature
         vectors `vector` (n, columns) in all modes."""
