@@ -26,8 +26,9 @@ TIGHT_SPACING = np.array([6.5, 2.4, 1.0])
 SIDE_GAP = 0.3
 """m that the claim of a road user is wider than its box at the start."""
 
-STRIP = np.array([3.0, 1.2, 0.9])
-"""m of a lane's width that a road user takes: on the wide lanes of a shared space several start side by side."""
+STRIP = np.array([np.inf, np.inf, 0.9])
+"""m of a lane's width that a road user takes: on wide lanes several pedestrians start side by side. Vehicles start in
+the middle of their lane, where they drive: from side by side they would meet there."""
 
 POINT_SPACING = SPACING / 4
 """m between the places that are tried."""
