@@ -115,7 +115,12 @@ def test_constraints_are_named() -> None:
 def test_constraints_can_be_switched_off() -> None:
     settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, extended=True)
     off = Constraints(
-        path_smoothing=False, steering_residual=False, deadlock_release=False, standing_still=False, speed_cap=False
+        path_smoothing=False,
+        steering_residual=False,
+        braking_residual=False,
+        deadlock_release=False,
+        standing_still=False,
+        speed_cap=False,
     )
     with Arena(find_scenario("signalised"), load_bundle("intersection"), settings, 3) as arena:
         session = arena._session
