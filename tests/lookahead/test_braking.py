@@ -18,7 +18,7 @@ def test_only_the_hardest_mode_brakes_harder_and_never_less_hard() -> None:
 
 @pytest.mark.parametrize("name", ["intersection", "shared-space"])
 def test_all_types_of_the_shipped_bundles_can_stop(name: str) -> None:
-    """Without the correction a car of shared-space needs 20 m from 4 m/s, a bicycle 8 m, a pedestrian 3 m from 1 m/s."""
+    """The models of shared-space alone take 20 m for a car from 4 m/s, 8 m for a bicycle, 3 m on foot from 1 m/s."""
     bundle = load_bundle(name)
     models = capability_of(bundle)
     stopping = with_braking(models, bundle).stopping
