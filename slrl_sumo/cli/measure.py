@@ -9,13 +9,13 @@ from slrl_sumo.cli.app import (
     DEFAULT_BUNDLE,
     BundleName,
     RayAddress,
-    ScenarioName,
     Verbose,
     Workers,
     app,
     backend_of,
     claim,
     numbers,
+    scenario_names,
 )
 from slrl_sumo.errors import InputError
 from slrl_sumo.extras import require
@@ -23,6 +23,7 @@ from slrl_sumo.formats.output_files import Output
 
 RESULTS = ("results.*", "comparison.html", "episodes.jsonl", "runs.jsonl", "conflicts.csv", "*.png")
 """What studies write into their folders."""
+ALL_SHARES = "car=1,bicycle=1,pedestrian=1"
 
 
 @app.command()
@@ -99,12 +100,19 @@ def evaluate(
 
 @app.command()
 def compare(
-    scenario: ScenarioName,
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO",
+            help="Shipped name, folder or .sumocfg; with --traces also a network, .net.xml or .net.xml.gz.",
+            autocompletion=scenario_names,
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="Folder to write: results.json, comparison.html and more.")],
     bundle: BundleName = DEFAULT_BUNDLE,
     takeover: Annotated[
         str, typer.Option(help="Shares of the scenario's own road users to take over. [default: all]")
-    ] = "car=1,bicycle=1,pedestrian=1",
+    ] = ALL_SHARES,
     region: Annotated[
         str | None,
         typer.Option(
@@ -129,9 +137,30 @@ def compare(
     step_length: Annotated[float | None, typer.Option(help="SUMO's step, s; must divide 0.4.")] = None,
     workers: Workers = None,
     ray: RayAddress = None,
+    traces: Annotated[
+        tuple[Path, Path] | None,
+        typer.Option(help="Run nothing: compare two traces (FCD) of the scenario, the second with the first."),
+    ] = None,
     verbose: Verbose = False,
 ) -> None:
-    """Run a scenario with SUMO's own models and with learned ones, and measure the differences."""
+    """Run a scenario with SUMO's own models and with learned ones, or take two traces, and measure the differences."""
+    if traces is not None:
+        own: dict[str, Any] = {
+            "bundle": bundle,
+            "takeover": takeover,
+            "region": region,
+            "selector": selector,
+            "guard": guard,
+            "seeds": seeds,
+            "seed": seed,
+        }
+        own |= {"steps": steps, "seconds": seconds, "step-length": step_length, "workers": workers, "ray": ray}
+        usual = {"bundle": DEFAULT_BUNDLE, "takeover": ALL_SHARES, "guard": False, "seeds": 5, "seed": 1}
+        for option, value in own.items():
+            if value != usual.get(option):
+                raise InputError(f"--{option}: belongs to a comparison of runs, and --traces runs none; leave it out")
+        _compare_traces(scenario, traces, out)
+        return
     claim(Output("out", out, RESULTS), inputs=[bundle], scenarios=[scenario])
     require("matplotlib", "compare")
     backend = backend_of(workers, ray)
@@ -154,6 +183,18 @@ def compare(
     interrupted_by = write_compared(settings, out)
     if interrupted_by:
         raise typer.Exit(128 + interrupted_by)
+
+
+def _compare_traces(scenario: str, traces: tuple[Path, Path], out: Path) -> None:
+    claim(Output("out", out, RESULTS), inputs=[*traces, scenario])
+    require("matplotlib", "compare")
+    from slrl_sumo.replay.vehicle_sizes import scenario_sizes
+    from slrl_sumo.studies.compare.traces import write_compared_traces
+    from slrl_sumo.sumo.net_file import find_net
+
+    net, known = find_net(scenario, "")
+    sizes, types = ({}, {}) if known is None else scenario_sizes(known)
+    write_compared_traces(net, traces, out, types, sizes)
 
 
 def _evaluate_recording(

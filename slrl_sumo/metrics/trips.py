@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
@@ -38,15 +39,36 @@ class Trip:
     """m."""
 
 
+class Stops:
+    """Adds distance, standing and stops to trips."""
+
+    def __init__(self) -> None:
+        self._moving: set[str] = set()
+        self._still: dict[str, float] = {}
+        """s for which each standing road user has stood."""
+
+    def add(self, trip: Trip, road_user: str, speed: float, dt: float) -> None:
+        """The road user of `trip` had `speed` (m/s) for `dt` s."""
+        trip.distance += speed * dt
+        if speed >= STANDING_SPEED:
+            self._still.pop(road_user, None)
+            if speed > MOVING_SPEED:
+                self._moving.add(road_user)
+            return
+        trip.standing += dt
+        still = self._still[road_user] = self._still.get(road_user, 0.0) + dt
+        if still > SHORTEST_STOP - 1e-9 and road_user in self._moving:
+            self._moving.remove(road_user)
+            trip.stops += 1
+
+
 class Trips:
     """Follows all road users through `api` (libsumo or a TraCI connection); call `update` after every SUMO step."""
 
     def __init__(self, api: SumoApi, step_length: float) -> None:
         self.all: dict[str, Trip] = {}
         self._api, self._step = api, step_length
-        self._moving: set[str] = set()
-        self._still: dict[str, float] = {}
-        """s for which each standing road user has stood."""
+        self._stops = Stops()
 
     def update(self, world: WorldState, now: float) -> None:
         """`world`: all road users after the step; `now`: the time then, s."""
@@ -63,17 +85,7 @@ class Trips:
             desired = wanted_speed(api, road_user, walking)
             if desired > 0.0:
                 trip.time_loss += dt * max(0.0, 1.0 - speed / desired)
-            trip.distance += speed * dt
-            if speed >= STANDING_SPEED:
-                self._still.pop(road_user, None)
-                if speed > MOVING_SPEED:
-                    self._moving.add(road_user)
-                continue
-            trip.standing += dt
-            still = self._still[road_user] = self._still.get(road_user, 0.0) + dt
-            if still > SHORTEST_STOP - 1e-9 and road_user in self._moving:
-                self._moving.remove(road_user)
-                trip.stops += 1
+            self._stops.add(trip, road_user, speed, dt)
 
     def _begin(self, road_user: str, kind: int, now: float) -> Trip:
         walks = kind == RoadUserType.PEDESTRIAN
@@ -81,3 +93,26 @@ class Trips:
         sumo_type = type_id(self._api, road_user, walks).split("@")[0]
         self.all[road_user] = trip = Trip(kind, sumo_type, now - self._step, delay)
         return trip
+
+
+def trips_of_trace(tracks: Trajectories) -> dict[str, Trip]:
+    """Trips of the road users of a trace that appear after its first time step; those before its last have arrived.
+
+    A trip runs from the first moment of a road user to that at which it is gone, in tracks `id`, `id#1`, … A trace
+    tells neither wanted speeds nor waits to depart: `time_loss` and `departure_delay` are 0.
+    """
+    trips: dict[str, Trip] = {}
+    stops, frames = Stops(), tracks.frames
+    speed = tracks.speed.tolist()
+    for track, name in enumerate(tracks.ids):
+        first, end = tracks.starts[track : track + 2].tolist()
+        begin, last = (int(tracks.frame[row]) for row in (first, end - 1))
+        road_user = name.partition("#")[0]
+        if begin == 0:
+            continue
+        departed, gone = (tracks.t0 + frame * tracks.dt for frame in (begin, last + 1))
+        trip = trips.setdefault(road_user, Trip(int(tracks.type[track]), "", departed, 0.0))
+        trip.arrived = gone if last < frames[-1] else None
+        for row in range(first + 1, end):
+            stops.add(trip, road_user, speed[row], tracks.dt)
+    return trips

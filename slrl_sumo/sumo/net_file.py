@@ -41,20 +41,22 @@ def _network(config: Path) -> tuple[Network, list[SignalLink]]:
         return session.network, signal_links(session.api)
 
 
-def find_net(text: str) -> tuple[Path, Scenario | None]:
-    """The network file that `text` names; with the scenario, if it names one (shipped, a folder, or a .sumocfg)."""
+def find_net(text: str, argument: str = "--net ") -> tuple[Path, Scenario | None]:
+    """The network file that `text` names; with the scenario, if it names one (shipped, a folder, or a .sumocfg).
+
+    `argument`: what messages begin with."""
     path = Path(text)
     if path.is_file() and path.suffix != ".sumocfg":
         return path, None
     if path.name.endswith((".xml", ".xml.gz")):
         raise InputError(
-            f"--net {text}: there is no such file; give a SUMO network (.net.xml), .sumocfg or shipped name"
+            f"{argument}{text}: there is no such file; give a SUMO network (.net.xml), .sumocfg or shipped name"
         )
     try:
         scenario = find_scenario(text)
     except InputError as error:
-        raise InputError(f"--net {error}") from None
+        raise InputError(f"{argument}{error}") from None
     nets = input_files(scenario, "net-file")
     if len(nets) != 1:
-        raise InputError(f"--net {text}: {scenario.config} names no network; give its .net.xml")
+        raise InputError(f"{argument}{text}: {scenario.config} names no network; give its .net.xml")
     return nets[0], scenario

@@ -15,7 +15,11 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WID
 _INTERVAL_MS = round(1000 * DECISION_INTERVAL)
 
 
-def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = None) -> Trajectories:
+def read_fcd(
+    path: str | os.PathLike[str],
+    types: Mapping[str, str] | None = None,
+    sizes: Mapping[str, tuple[float, float]] | None = None,
+) -> Trajectories:
     """Read an FCD file (.xml, .xml.gz, .csv, .parquet) of any constant step as Trajectories of 0.4 s.
 
     Rows at multiples of 0.4 s after its first time step are kept; others are interpolated linearly between two
@@ -24,9 +28,9 @@ def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = Non
 
     `types` maps vehicle type ids to road user types ('car', 'bicycle', 'pedestrian'). Others are guessed: persons are
     pedestrians, ids with "bike" or "cycl" and without "motor" are bicycles, the rest cars. In CSV and Parquet, where
-    SUMO does not mark persons, rows with an edge and no lane, or with "pedestrian" in the type id, are persons. Lengths
-    and widths are the defaults of the types. Containers, and persons at exactly the position of a vehicle (riding in
-    it), are omitted.
+    SUMO does not mark persons, rows with an edge and no lane, or with "pedestrian" in the type id, are persons.
+    `sizes` has lengths and widths (m) by vehicle type id; those of others are the defaults of the types. Containers,
+    and persons at exactly the position of a vehicle (riding in it), are omitted.
 
     Raises InputError, with file and line, if the file is missing, empty, malformed, cut off (with the number of
     complete time steps), has irregular steps or geographic coordinates.
@@ -38,12 +42,14 @@ def read_fcd(path: str | os.PathLike[str], types: Mapping[str, str] | None = Non
     if flaw is not None:
         raise flaw
     try:
-        return _resample(os.fspath(path), table, user_types(table, types or {}))
+        return _resample(os.fspath(path), table, user_types(table, types or {}), sizes or {})
     except ValueError as error:  # Trajectories that cannot be
         raise InputError(f"{os.fspath(path)}: {error}") from None
 
 
-def _resample(name: str, table: FcdTable, user_type: NDArray[np.int8]) -> Trajectories:
+def _resample(
+    name: str, table: FcdTable, user_type: NDArray[np.int8], sizes: Mapping[str, tuple[float, float]]
+) -> Trajectories:
     key, times = np.frombuffer(table.key, np.int32), np.array(table.steps, np.int64)
     time = times[np.frombuffer(table.step, np.int32)]
     step = int(np.diff(times).min()) if len(times) > 1 else _INTERVAL_MS
@@ -56,7 +62,10 @@ def _resample(name: str, table: FcdTable, user_type: NDArray[np.int8]) -> Trajec
     order = np.argsort(key, kind="stable")  # times came in order
     key, time = key[order], time[order]
     heading = heading_from_sumo(np.frombuffer(table.angle)[order])
-    length = DEFAULT_LENGTH[user_type]
+    length, width = DEFAULT_LENGTH[user_type], DEFAULT_WIDTH[user_type]
+    for user, (_, vtype) in enumerate(table.users):
+        if vtype in sizes:
+            length[user], width[user] = sizes[vtype]
     x, y = centre_from_front(np.frombuffer(table.x)[order], np.frombuffer(table.y)[order], heading, length[key])
 
     # Runs without a gap, [start, end), and the frames within each.
@@ -83,7 +92,7 @@ def _resample(name: str, table: FcdTable, user_type: NDArray[np.int8]) -> Trajec
         ids=track_names(table.users[user][0] for user in users),
         type=user_type[users],
         length=length[users],
-        width=DEFAULT_WIDTH[user_type[users]],
+        width=width[users],
         dt=DECISION_INTERVAL,
         t0=float(times[0] / 1000),
         source=name,

@@ -250,3 +250,8 @@ MEASURES = (
         "share of the road users' time in which learned models moved them; SUMO moves the others",
     ),
 )
+TRACE_MEASURES = (
+    *("trips", "travel_time", "way", "stops", "standing", "speed", "hard_braking", "off_surface"),
+    *("ttc", "ttc_rate", "pet", "collisions", "near_misses"),
+)
+"""Those that positions alone tell: no wanted speeds, signals and emission classes."""

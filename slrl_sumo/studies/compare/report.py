@@ -15,9 +15,10 @@ from slrl_sumo.metrics.surrogate_safety import deceleration_to_avoid_crash
 from slrl_sumo.studies.compare.figure import draw_comparison
 from slrl_sumo.studies.compare.measures import MEASURES
 from slrl_sumo.studies.compare.page import page
-from slrl_sumo.studies.compare.run import LEARNED, SUMO, Record, Run
-from slrl_sumo.studies.compare.tables import COLUMNS
-from slrl_sumo.studies.compare.verdicts import UNKNOWN, too_few
+from slrl_sumo.studies.compare.run import Record, Run
+from slrl_sumo.studies.compare.tables import columns
+from slrl_sumo.studies.compare.verdicts import UNKNOWN
+from slrl_sumo.studies.compare.words import arms, caveat, lead, percent, title
 
 CONFLICT_COLUMNS = (
     "seed",
@@ -38,12 +39,19 @@ CONFLICT_COLUMNS = (
 """Of conflicts.csv: see `conflicts.Conflicts`; drac only for TTC conflicts without contact."""
 
 
+PAIRED = (
+    "mean over seeds; difference: learned - sumo, with its 95 % confidence interval (Student's t, paired by seed); "
+    "* where 0 is outside of it, ? where it is too wide to say anything"
+)
+SINGLE = "one trace of each; difference: second - first, and its share of first"
+
+
 def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder: Path) -> None:
     """Write what `slrl_sumo.studies.compare.comparison.compare` found into `folder`, which is there."""
     with writing(folder):
         write_json(folder / "results.json", result)
         with open(folder / "results.csv", "w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+            writer = csv.DictWriter(file, columns(arms(result)), extrasaction="ignore")
             writer.writeheader()
             writer.writerows(result["rows"])
         with open(folder / "conflicts.csv", "w", encoding="utf-8", newline="") as file:
@@ -52,53 +60,58 @@ def write_comparison(result: dict[str, Any], runs: Mapping[Run, Record], folder:
             for run in sorted(runs):
                 for measure, found in runs[run]["conflicts"].items():
                     lines.writerows([run.seed, run.arm, measure, *_conflict(measure, row)] for row in found)
-        draw_comparison(result).savefig(folder / "comparison.png", dpi=110)
+        if "traces" not in result:
+            draw_comparison(result).savefig(folder / "comparison.png", dpi=110)
         (folder / "comparison.html").write_text(page(result), encoding="utf-8")
 
 
 def print_comparison(result: dict[str, Any], folder: Path, wall_s: float) -> None:
     """Print a line for each measure and type on stdout."""
-    seeds = result["seeds"]
+    first, second = arms(result)
+    single = "traces" in result
     table = Table(
-        title=f"{result['scenario']}, {result['seconds']:g} s, {len(seeds)} seed{'s' * (len(seeds) > 1)}, "
-        f"bundle {result['bundle']}, selector {result['selector']}{' with guard' * result['guard']}",
+        title=f"{title(result)}\n{lead(result)}",
         title_justify="left",
-        caption="mean over seeds; difference: learned - sumo, with its 95 % confidence interval (Student's t, paired "
-        "by seed); * where 0 is outside of it, ? where it is too wide to say anything",
+        caption=SINGLE if single else PAIRED,
         caption_justify="left",
     )
     table.add_column("measure", no_wrap=True)
     table.add_column("type", no_wrap=True)
-    for heading in (SUMO, LEARNED, "difference", "95 %"):
+    for heading in (first, second, "difference", "%" if single else "95 %"):
         table.add_column(heading, justify="right", no_wrap=True)
     for measure in MEASURES:
         mine = [row for row in result["rows"] if row["measure"] == measure.name]
         for row in mine:
-            title = f"{measure.title}{'' if measure.unit == '1' else f' ({measure.unit})'}"
-            table.add_row(title if row is mine[0] else "", row["type"], *_cells(row, measure.digits))
+            name = f"{measure.title}{'' if measure.unit == '1' else f' ({measure.unit})'}"
+            cells = _cells(row, measure.digits, (first, second), single=single)
+            table.add_row(name if row is mine[0] else "", row["type"], *cells)
         if mine:
             table.add_section()
     print_table(table)
     for one in result["distances"]:
         if one["quantity"] == "speed":
             distance = f"{one['distance']:.2f} (0: the same, 1: nothing in common)"
-            print(f"Jensen-Shannon distance of {one['type']} speeds from sumo's: {distance}")
+            print(f"Jensen-Shannon distance of {one['type']} speeds from {first}'s: {distance}")
     for one in result["left_out"]:
         print(f"left out: {one['arm']}, seed {one['seed']}: {one['reason']}; to repeat it: {one['command']}")
     for notice in result["notices"]:
         print(f"note: {notice}")
-    if few := too_few(result["rows"], len(seeds)):
-        print(few)
-    print(f"{folder}: comparison.html, comparison.png, results.json, results.csv, conflicts.csv ({wall_s:.0f} s)")
+    if words := caveat(result):
+        print(words)
+    picture = "" if single else "comparison.png, "
+    print(f"{folder}: comparison.html, {picture}results.json, results.csv, conflicts.csv ({wall_s:.0f} s)")
 
 
-def _cells(row: dict[str, Any], digits: int) -> list[str]:
+def _cells(row: dict[str, Any], digits: int, arms: tuple[str, str], *, single: bool) -> list[str]:
+    figures = [f"{row[arm]:.{digits}f}" for arm in arms]
+    if single:
+        return [*figures, _signed(row["difference"], digits), percent(row, arms[0])]
     low, high = row["difference_low"], row["difference_high"]
     between = "–" if low is None else f"{_signed(low, digits)} .. {_signed(high, digits)}"
     between += " ?" * (low is not None and row["verdict"] == UNKNOWN)
     sure = " *" if low is not None and (low > 0.0 or high < 0.0) else ""
     return [
-        *(f"{row[arm]:.{digits}f}" for arm in (SUMO, LEARNED)),
+        *figures,
         f"{_signed(row['difference'], digits)}{sure}",
         between,
     ]

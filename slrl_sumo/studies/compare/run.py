@@ -106,8 +106,6 @@ def play(common: ComparedScenario, run: Run) -> Record:
             builder.append(world, jumped(before, world) if before is not None else ())
             emissions.add(loop.world)
             before = world
-    tracks = builder.build()
-    values = kinematics(tracks)
     return {
         "notices": list(session.notices),
         "trips": {road_user: list(astuple(trip)) for road_user, trip in trips.all.items()},
@@ -119,11 +117,20 @@ def play(common: ComparedScenario, run: Run) -> Record:
             }
             for kind, name in enumerate(TYPE_NAMES)
         },
+        **motion_record(builder.build()),
+        "emissions": emissions.record(),
+        "learned": learned,
+    }
+
+
+def motion_record(tracks: Trajectories) -> Record:
+    """`conflicts` and `histograms` of a run: what positions alone tell."""
+    values = kinematics(tracks)
+    return {
         "conflicts": {
             "ttc": conflict_rows(ttc_conflicts(tracks).with_vehicles(tracks), tracks),
             "pet": conflict_rows(pet_conflicts(tracks).with_vehicles(tracks), tracks),
         },
-        "emissions": emissions.record(),
         "histograms": {
             quantity: {
                 name: histogram(values[quantity][kind], EDGES[quantity][kind]).round(6).tolist()
@@ -132,7 +139,6 @@ def play(common: ComparedScenario, run: Run) -> Record:
             }
             for quantity in QUANTITIES
         },
-        "learned": learned,
     }
 
 

@@ -3,21 +3,28 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-MORE, LESS, SAME, UNKNOWN = "higher", "lower", "no difference shown", "too few seeds"
+MORE, LESS, SAME, UNKNOWN, EQUAL = "higher", "lower", "no difference shown", "too few seeds", "the same"
 
 
-def verdict(row: Mapping[str, Any]) -> str:
-    """Of a row of `tables.rows`.
+def verdict(row: Mapping[str, Any], first: str) -> str:
+    """Of a row of `tables.rows`; `first`: the arm that the other one is compared with.
 
     An interval without 0 says the sign. One with 0 says that no difference was shown, unless it is so wide that it says
-    nothing: it reaches from less than -50 % to more than +50 % of SUMO's own figure, or there is none (one seed).
+    nothing: it reaches from less than -50 % to more than +50 % of the first arm's figure, or there is none (one seed).
     """
-    low, high, own = row["difference_low"], row["difference_high"], abs(row["sumo"])
+    low, high, own = row["difference_low"], row["difference_high"], abs(row[first])
     if low is None:
         return UNKNOWN
     if low > 0.0 or high < 0.0:
         return MORE if low > 0.0 else LESS
     return UNKNOWN if high - low > own > 0.0 or (own == 0.0 and high > low) else SAME
+
+
+def sign(difference: float) -> str:
+    """Of a difference between single runs, which have no interval."""
+    if difference == 0.0:
+        return EQUAL
+    return MORE if difference > 0.0 else LESS
 
 
 def too_few(rows: Sequence[Mapping[str, Any]], seeds: int) -> str:

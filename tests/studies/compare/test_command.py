@@ -18,7 +18,7 @@ import pytest
 from slrl_sumo.errors import InputError
 from slrl_sumo.studies.compare.comparison import ComparisonSettings, compare
 from slrl_sumo.studies.compare.report import CONFLICT_COLUMNS
-from slrl_sumo.studies.compare.tables import COLUMNS
+from slrl_sumo.studies.compare.tables import columns
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 SMALL = ("signalised", "--bundle", "intersection", "--seeds", "2", "--seconds", "100")
@@ -60,7 +60,7 @@ def test_what_is_written(compared: tuple[Path, str]) -> None:
     folder, printed = compared
     with open(folder / "results.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == columns()
     speed = values(folder)["speed", "car"]
     (line,) = (row for row in rows if (row["measure"], row["type"]) == ("speed", "car"))
     assert (float(line["difference_low"]), line["unit"]) == (speed["difference_low"], "m/s")

@@ -130,5 +130,5 @@ def test_an_interval_by_students_t() -> None:
 )
 def test_wide_intervals_say_nothing(low: float | None, high: float | None, own: float, expected: str) -> None:
     row = {"difference_low": low, "difference_high": high, "sumo": own}
-    assert verdict(row) == expected
-    assert bool(too_few([{"verdict": verdict(row)}], 2)) == (expected == "too few seeds")
+    assert verdict(row, "sumo") == expected
+    assert bool(too_few([{"verdict": verdict(row, "sumo")}], 2)) == (expected == "too few seeds")

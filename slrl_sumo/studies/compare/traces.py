@@ -1,0 +1,121 @@
+"""Two traces of one network beside each other: what differs between their road users."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+from pathlib import Path
+from typing import Any
+
+from slrl_sumo.errors import InputError
+from slrl_sumo.formats.fcd.read import read_fcd
+from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.metrics.driving_stats import DrivingStats
+from slrl_sumo.metrics.trips import Trip, trips_of_trace
+from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.studies.compare.measures import ALL, MEASURES, TRACE_MEASURES
+from slrl_sumo.studies.compare.report import print_comparison, write_comparison
+from slrl_sumo.studies.compare.run import Record, Run, motion_record
+from slrl_sumo.studies.compare.tables import distances, rows
+from slrl_sumo.studies.compare.verdicts import sign
+from slrl_sumo.studies.prediction.given_ground import given_ground
+
+FIRST, SECOND = "first", "second"
+LISTED = 10
+"""Road users that the page names."""
+APART = 1.0
+"""s between the ends of two traces from which counts are of different lengths."""
+
+
+def write_compared_traces(
+    net: Path,
+    traces: tuple[Path, Path],
+    folder: Path,
+    types: Mapping[str, str],
+    sizes: Mapping[str, tuple[float, float]],
+) -> None:
+    """Compare two traces (FCD) on the network `net`; write the result into `folder`, which is created, and print it.
+
+    `types`, `sizes`: of vehicle types, as in `read_fcd`. Raises InputError where a file cannot be used.
+    """
+    begin = time.perf_counter()
+    tracks = [read_fcd(trace, types, sizes) for trace in traces]
+    road_map = None
+    for each in tracks:
+        if not len(each):
+            raise InputError(f"{each.source}: holds no road user; give a trace with some")
+        road_map = given_ground(each, net, None, None)[0]
+    assert road_map is not None
+    result, runs = compare_traces((tracks[0], tracks[1]), road_map, str(net))
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); name another --out") from None
+    write_comparison(result, runs, folder)
+    print_comparison(result, folder, time.perf_counter() - begin)
+
+
+def compare_traces(
+    tracks: tuple[Trajectories, Trajectories], road_map: RoadMap, network: str
+) -> tuple[dict[str, Any], dict[Run, Record]]:
+    """What differs between two traces: a result as that of `comparison.compare`, with the arms FIRST and SECOND.
+
+    Each arm is one run, so `rows` have no intervals, and their `verdict` is the sign of the difference. `trips`: how
+    many road users have a whole trip in both, or appear in one trace alone, and the trips that differ most.
+    """
+    arms = (FIRST, SECOND)
+    runs = {Run(1, arm): _record(each, road_map) for arm, each in zip(arms, tracks, strict=True)}
+    there = {ALL, *(TYPE_NAMES[kind] for each in tracks for kind in set(each.type.tolist()))}
+    measures = [measure for measure in MEASURES if measure.name in TRACE_MEASURES]
+    found = [row for row in rows(runs, arms, measures) if row["type"] in there]
+    spans = [(each.t0, each.t0 + each.dt * each.frames[-1]) for each in tracks]
+    result = {
+        "network": network,
+        "traces": {arm: each.source for arm, each in zip(arms, tracks, strict=True)},
+        "spans_s": {arm: [round(time, 3) for time in span] for arm, span in zip(arms, spans, strict=True)},
+        "seeds": [1],
+        "notices": _notices(spans),
+        "rows": [row | {"verdict": sign(row["difference"])} for row in found],
+        "distances": distances(runs, arms),
+        "trips": _trips(tracks, list(runs.values())),
+        "left_out": [],
+    }
+    return result, runs
+
+
+def _record(tracks: Trajectories, road_map: RoadMap) -> Record:
+    stats = DrivingStats(road_map)
+    for frame in tracks.frames:
+        world = tracks.world(frame)
+        stats.add(world, frozenset(world.ids))
+    trips = {road_user: list(astuple(trip)) for road_user, trip in trips_of_trace(tracks).items()}
+    return {"trips": trips, "driving_stats": stats.record(), **motion_record(tracks)}
+
+
+def _notices(spans: list[tuple[float, float]]) -> list[str]:
+    lines = ["a trip counts where it begins after the first time step of a trace and ends before its last"]
+    if any(abs(a - b) > APART for a, b in zip(*spans, strict=True)):
+        between = " and ".join(f"{begin:g} to {end:g} s" for begin, end in spans)
+        lines.append(f"the traces cover {between}: compare counts (trips, conflicts, collisions) with care")
+    return lines
+
+
+def _trips(tracks: Sequence[Trajectories], records: Sequence[Record]) -> dict[str, Any]:
+    """Of road users, by id: counts, and the whole trips whose travel times differ most."""
+    here, there = ({name.partition("#")[0] for name in each.ids} for each in tracks)
+    first, second = ({i: Trip(*trip) for i, trip in record["trips"].items()} for record in records)
+    times = [
+        (road_user, one.arrived - one.departed, other.arrived - other.departed)
+        for road_user, one in first.items()
+        if (other := second.get(road_user)) is not None and one.arrived is not None and other.arrived is not None
+    ]
+    times.sort(key=lambda each: (-abs(each[2] - each[1]), each[0]))
+    return {
+        "in_both": len(times),
+        "only_first": len(here - there),
+        "only_second": len(there - here),
+        "largest": [
+            {"id": road_user, "type": TYPE_NAMES[first[road_user].type], FIRST: round(a, 1), SECOND: round(b, 1)}
+            for road_user, a, b in times[:LISTED]
+        ],
+    }
