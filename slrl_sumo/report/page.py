@@ -37,9 +37,12 @@ dt:target, dt:target + dd { background: #fff3c4; }
   img { background: #fff; border-radius: 4px; }
 }
 @media (max-width: 40rem) {
-  body { margin: 1rem auto; font-size: 16px; } nav a { display: inline-block; padding: 0.3rem 0; }
+  body { margin: 1rem auto; font-size: 16px; } th, td { padding: 0.25rem 0.5rem; }
+  img.panels { width: 50rem; max-width: none; } nav a { display: inline-block; padding: 0.3rem 0; }
 }
 """
+MAPS = ("paths", "queues")
+"""Figures of one panel: a phone shows them whole, the others are scrolled."""
 
 SUMMARY = (
     ("count", "count", "count", 1.0, "d"),
@@ -103,7 +106,8 @@ def _table(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 def _figure(name: str, pictures: Sequence[str], definition: str, caption: str) -> str:
     if name not in pictures:
         return ""
-    image = f'<img src="{name}.png" alt="{escape(caption)}">'
+    panels = "" if name in MAPS else ' class="panels"'
+    image = f'<div class="wide"><a href="{name}.png"><img src="{name}.png"{panels} alt="{escape(caption)}"></a></div>'
     more = _link(definition, "Definition.")
     return f"<figure>{image}<figcaption>{escape(caption)} {more}</figcaption></figure>"
 
