@@ -2,9 +2,11 @@
 
 import os
 import re
+import secrets
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -195,3 +197,24 @@ def test_the_example_trains_by_supersuit_and_stable_baselines(tmp_path: Path) ->
     assert done.returncode == 0, done.stderr
     assert re.fullmatch(r"512 decisions; 16 road users earned -?\d+\.\d each\n", done.stdout)
     assert (tmp_path / "policy.zip").is_file()
+
+
+@pytest.mark.slow
+def test_the_example_trains_by_rllib(tmp_path: Path) -> None:
+    pytest.importorskip("tree", reason="RLlib needs dm_tree, which no extra installs: pip install dm_tree")
+    example = Path(slrl_sumo.__file__).parent.parent / "docs" / "examples" / "train_rllib.py"
+    # Ray's sockets need a short path, and its token would be left in the home folder.
+    with tempfile.TemporaryDirectory(prefix="ray_", ignore_cleanup_errors=True) as folder:
+        token = Path(folder, "token")
+        token.write_text(secrets.token_hex(32))
+        done = subprocess.run(
+            [sys.executable, example, "1", tmp_path],
+            capture_output=True,
+            text=True,
+            timeout=300,
+            check=False,
+            env={**os.environ, "TMPDIR": folder, "RAY_AUTH_TOKEN_PATH": str(token), "RAY_USAGE_STATS_ENABLED": "0"},
+        )
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"^iteration 1: they earned -?\d+\.\d$", done.stdout, re.MULTILINE)
+    assert any((tmp_path / "rllib").iterdir())
