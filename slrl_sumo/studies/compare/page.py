@@ -23,7 +23,8 @@ th, td { padding: 0.25rem 0.7rem; border-bottom: 1px solid var(--line); text-ali
 th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
 svg { display: block; width: 100%; max-width: 40rem; height: auto; }
 text { font: 12px system-ui, sans-serif; fill: var(--ink); }
-@media (max-width: 30rem) { text { font-size: 13px; } }
+@media (max-width: 30rem) { text { font-size: 13px; } td:first-child { white-space: normal; }
+  th, td { padding: 0.25rem 0.3rem; font-size: 14px; } }
 .axis { stroke: var(--line); } .first { stroke: var(--first); fill: var(--first); }
 .second { stroke: var(--second); fill: var(--second); }
 dt { font-weight: 600; margin-top: 0.7rem; } dd { margin: 0 0 0 1.2rem; max-width: 58rem; }
