@@ -23,9 +23,10 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.cosimulation import HYSTERESIS, CoSimulation, Takeover
+from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.region import Region, parse_region
+from slrl_sumo.simulation.takeover import HYSTERESIS, Takeover
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.taken_over import TakenOverControl
 

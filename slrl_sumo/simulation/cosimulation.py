@@ -10,17 +10,15 @@ from slrl_sumo.agent.driver import Driver, Moved
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.background_state import Differences, background_world, places_of
 from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
-from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speeds
-from slrl_sumo.simulation.takeover import drawn
+from slrl_sumo.simulation.takeover import Handover, Takeover
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
@@ -28,20 +26,6 @@ from slrl_sumo.sumo.reader import Reader, Snapshot
 from slrl_sumo.sumo.road_users import arrived_ids
 from slrl_sumo.sumo.spawned import SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
-
-WALKING = 0.1
-"""m/s: slower persons are not taken over."""
-HYSTERESIS = 5.0
-"""m that a road user may be outside the region before it is handed back."""
-
-FAST_LANE = 1.2
-"""Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
-TURNING = 10.0
-"""s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
-FAST = "fast lane"
-"""Why a road user stays SUMO's there."""
-RIM = 8.0
-"""m outside the network's bounding box that a road user of the scenario may be."""
 
 
 class Simulation(Protocol):
@@ -61,17 +45,6 @@ class Simulation(Protocol):
     def step(self) -> None:
         """One SUMO step."""
         ...
-
-
-@dataclass(frozen=True)
-class Takeover:
-    """Which road users of the scenario become learned: a share of each type, (3,), inside a region, drawn by seed."""
-
-    shares: Floats
-    region: Region
-    seed: int
-    most: float = np.inf
-    """Road users that are learned at the same time; further ones stay SUMO's until there is room."""
 
 
 @dataclass
@@ -106,28 +79,23 @@ class CoSimulation:
     ) -> None:
         self.surfaces = simulation.network.surfaces()
         self.road_map = RoadMap(self.surfaces)
-        self._simulation, self._driver, self._takeover = simulation, driver, takeover
+        self._simulation, self._driver = simulation, driver
         self._substeps = round(DECISION_INTERVAL / simulation.step_length)
         self._taken_over_control = TakenOverControl(simulation.api, simulation.network)
         self.population = Population(simulation.spawned, self._taken_over_control)
+        self._handover = Handover(
+            takeover, self.population, self._taken_over_control, driver, simulation.network, self.road_map
+        )
         self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
         self._differences = Differences()
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._taken_at_start: tuple[str, ...] = ()
-        self._left: dict[str, str] = {}
-        """Road users in the network that a takeover wants but cannot take, and why."""
-        self._finished: set[str] = set()
-        self._turning: dict[str, float] = {}
-        """Until when (s) SUMO keeps road users that cannot follow a turn."""
-        self._handed_back: set[str] = set()
-        """Road users of the scenario that were learned before, and have not arrived."""
         self._refusals = [simulation.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
         self._refusals += [] if self._yielding is None else [self._yielding.refusals]
         self._refused: dict[str, str] = {}
         self._time: float | None = None
-        self._fast = fast_lanes(simulation.network, driver.max_speed)
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
 
@@ -151,7 +119,7 @@ class CoSimulation:
         self._taken_at_start = self._close(
             _Interval([users], Moved(users, None, {}), no_rows, [step], set(), 0)
         ).taken_over
-        self._left = {}  # so that the first decision names them
+        self._handover.left = {}  # so that the first decision names them
         return step
 
     def decide(self) -> Decision:
@@ -245,17 +213,21 @@ class CoSimulation:
         arrived = np.zeros(len(users), np.bool_)
         if not interval.arrived.isdisjoint(users.ids):
             arrived[:] = [road_user in interval.arrived for road_user in users.ids]
-        returned = self._return_to_route()
-        handed_back = returned + self._hand_back()
+        time = self._simulation.time
+        returned = self._handover.return_to_route()
+        handed_back = returned + self._handover.hand_back(self._snapshot, time)
         background = background_world(self._snapshot, self._simulation.time, frozenset())
-        told = self._left
-        taken_over = self._taken_at_start + self._take_over(self._differences.complete(background), handed_back)
+        told, present = self._handover.left, self._differences.complete(background)
+        taken_over = self._taken_at_start
+        taken_over += self._handover.take_over(present, self._snapshot, handed_back, time, self._yielding)
+        self._assemble(present)
         self._taken_at_start = ()
         arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))
         self._driver.forget(tuple(set(users.ids) - self.population.ids))
-        arrived_later = tuple(sorted(self._handed_back & interval.arrived))
-        self._handed_back.update(handed_back, self._refused.keys() & set(users.ids))
-        self._handed_back.difference_update(arrived_later, self.population.ids)
+        outstanding = self._handover.handed_back
+        arrived_later = tuple(sorted(outstanding & interval.arrived))
+        outstanding.update(handed_back, self._refused.keys() & set(users.ids))
+        outstanding.difference_update(arrived_later, self.population.ids)
         self._stopwatch.lap("read")
         return Decision(
             steps=tuple(interval.steps),
@@ -266,12 +238,12 @@ class CoSimulation:
             wrapped_around=interval.wrapped_around,
             lost=gone & ~arrived,
             arrived=arrived_learned + arrived_later,
-            under_way=len(self.population.ids) + len(self._handed_back.intersection(self._snapshot.ids)),
+            under_way=len(self.population.ids) + len(outstanding.intersection(self._snapshot.ids)),
             taken_over=taken_over,
             handed_back=handed_back,
             returned_to_route=returned,
             interventions=interval.interventions,
-            left_to_sumo=tuple(item for item in self._left.items() if item not in told.items()),
+            left_to_sumo=tuple(item for item in self._handover.left.items() if item not in told.items()),
             refused=tuple(self._refused.items()),
         )
 
@@ -280,7 +252,7 @@ class CoSimulation:
         for refusals in self._refusals:
             if reasons := refusals.take():
                 self.population.drop(reasons)
-                self._finished.update(reasons)
+                self._handover.finished.update(reasons)
                 self._refused = reasons | self._refused
 
     def _resume(self) -> None:
@@ -290,97 +262,10 @@ class CoSimulation:
         self._driver.forget(self.population.resume(present))
         self._assemble(present)
 
-    def _return_to_route(self) -> tuple[str, ...]:
-        """Taken-over road users that have left the scene do not wrap around: SUMO puts them back on their route."""
-        if not self.population.taken_over.any():
-            return ()
-        learned = self.population.world
-        # Walks lead around the ends of streets, on the rim of the network.
-        gone = left_scene(learned, self.road_map, rim=RIM) | self._driver.off_route(learned.ids)
-        returned = self.population.hand_back(gone, off_route=True)
-        # They would leave it again: from here on SUMO drives them.
-        self._finished.update(returned)
-        return returned
-
-    def _hand_back(self) -> tuple[str, ...]:
-        if self._takeover is None or not self.population.taken_over.any():
-            return ()
-        learned = self.population.world
-        ending = self._driver.near_end(learned.ids)
-        leaving = ending | ~self._takeover.region.inside(learned.x, learned.y, HYSTERESIS)
-        leaving |= self.population.unsupported()
-        if self._fast:
-            leaving |= self._on_fast_lane(learned.ids)
-        turning = self._driver.cannot_follow(learned.ids)
-        leaving |= turning
-        ending_ids = {learned.ids[row] for row in np.flatnonzero(ending)}
-        back = self.population.hand_back(leaving)
-        # A road user that is about to arrive is not taken over again.
-        self._finished.update(ending_ids.intersection(back))
-        until = self._simulation.time + TURNING
-        self._turning = {user: end for user, end in self._turning.items() if end > self._simulation.time}
-        self._turning |= {learned.ids[row]: until for row in np.flatnonzero(turning)}
-        return back
-
-    def _on_fast_lane(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which road users are on a lane where SUMO's vehicles are faster than learned ones can be, (n,)."""
-        assert self._snapshot is not None
-        lane = dict(zip(self._snapshot.ids, self._snapshot.lane, strict=True))
-        return np.array([lane.get(road_user, "") in self._fast for road_user in ids], np.bool_)
-
-    def _take_over(self, users: WorldState, handed_back: tuple[str, ...]) -> tuple[str, ...]:
-        """Take over `users` in the region, and set `world`."""
-        learned_before = self.population.ids
-        taken: tuple[str, ...] = ()
-        if self._takeover is not None and self._snapshot is not None:
-            rule = self._takeover
-            turning = {user for user, end in self._turning.items() if end > self._simulation.time}
-            skip = learned_before.union(handed_back, self._finished, turning)
-            wanted = drawn(users.ids, users.type, rule.shares, rule.seed)
-            wanted &= rule.region.inside(users.x, users.y)
-            # Ids of spawned road users are those of road users without a route.
-            own = SPAWNED_PREFIX
-            wanted &= np.array([i not in skip and not i.startswith(own) for i in users.ids], np.bool_)
-            # SUMO sets the heading of a person with its first step: until then it may face the other way.
-            wanted &= (users.type != RoadUserType.PEDESTRIAN) | (users.speed > WALKING)
-            room = int(min(rule.most - len(learned_before), len(users)))
-            rows = np.flatnonzero(wanted) if room > 0 else np.zeros(0, np.intp)
-            ids = tuple(users.ids[row] for row in rows)
-            obstacles = self._taken_over_control.obstacles(
-                ids, self._snapshot.person[rows], models=self._driver.has_models
-            )
-            if self._fast:
-                fast = self._on_fast_lane(ids).tolist()
-                obstacles = tuple(why or FAST * on for why, on in zip(obstacles, fast, strict=True))
-            # Where one was learned before, it is counted as handed back.
-            self._left = {
-                user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self._handed_back
-            }
-            rows = rows[np.array([not why for why in obstacles], np.bool_)][:room]
-            taken = tuple(users.ids[row] for row in rows)
-            if taken:
-                if self._yielding is not None:
-                    self._yielding.release(taken)
-                self.population.take_over(users.take(rows), tuple(self._snapshot.sumo_type[row] for row in rows))
-                taken = tuple(i for i in taken if i in self.population.ids)
-        self._assemble(users)
-        return taken
-
     def _assemble(self, users: WorldState) -> None:
         """Set `world`: the learned road users first, then all other `users`."""
         others = np.array([i for i, user in enumerate(users.ids) if user not in self.population.ids], np.intp)
         self.world = self.population.world.join(users.take(others))
-
-
-def fast_lanes(network: Network, max_speed: Floats) -> frozenset[str]:
-    """Ids of car lanes with a limit above FAST_LANE times the top speed of learned cars (`max_speed`: of each type,
-    (3,) m/s): no vehicle is learned there, because all others would queue behind it. None where no cars are learned."""
-    most = FAST_LANE * float(max_speed[RoadUserType.CAR]) or np.inf
-    return frozenset(
-        lane.id
-        for lane in network.lanes
-        if lane.max_speed > most and lane.surface == Surface.ROAD and not lane.internal
-    )
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:

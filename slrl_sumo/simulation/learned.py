@@ -7,11 +7,12 @@ from slrl_sumo.agent.driver import SELECTORS, TRAINED, Driver, make_driver, unkn
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation, Takeover, fast_lanes
+from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.settings import LearnedSettings
 from slrl_sumo.simulation.shares import parse_mix, parse_shares, served_shares
 from slrl_sumo.simulation.spawn import type_counts
+from slrl_sumo.simulation.takeover import Takeover, fast_lanes
 
 
 def load_models(settings: LearnedSettings) -> ModelBundle:

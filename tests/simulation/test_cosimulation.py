@@ -20,11 +20,12 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover, fast_lanes
+from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
+from slrl_sumo.simulation.takeover import Takeover, fast_lanes
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

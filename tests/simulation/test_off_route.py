@@ -4,8 +4,9 @@ import numpy as np
 
 from slrl_sumo.agent.driver import make_driver
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.simulation.takeover import Takeover
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

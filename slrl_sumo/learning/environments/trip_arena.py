@@ -15,8 +15,9 @@ from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_s
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.simulation.takeover import Takeover
 
 EMPTY = 300
 """Decisions (2 min) for which an empty network waits for a first road user."""

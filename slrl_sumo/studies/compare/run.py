@@ -20,9 +20,10 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.shares import parse_shares
+from slrl_sumo.simulation.takeover import Takeover
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.emissions import POLLUTANTS, emission_rates
 from slrl_sumo.sumo.road_users import emission_class

@@ -18,8 +18,9 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
-from slrl_sumo.simulation.cosimulation import CoSimulation, Takeover
+from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region
+from slrl_sumo.simulation.takeover import Takeover
 from slrl_sumo.studies.flow.behaviour import behaviour_figures
 from slrl_sumo.studies.flow.figures import motion_figures, trip_figures
 from slrl_sumo.studies.flow.fundamental_diagram import edge_states
