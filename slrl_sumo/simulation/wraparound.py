@@ -75,12 +75,16 @@ def reinsert(
                 fastest = np.minimum(fastest, safe_speed(source.rest_of_lane(rows)))
             free = (gap >= ROOM[kind]) & (source.offset[rows] >= ENTRANCE[kind])
             free &= slowest <= np.minimum(wish, fastest)
+            away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
+            # On the other side; at the end that it has left there is room, but it would leave again.
+            near = away > np.hypot(source.x[rows] - x[row], source.y[rows] - y[row])
+            free &= ~near
             if (free & (fastest >= wish) & (turn <= 0.5 * np.pi)).any():
                 break
-        away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
-        # By priority: room to stop, else as much as there is; the same direction; its speed; near the mirrored point.
+        # By priority: the other side; room to stop, else as much as there is; the same direction; its speed; near the
+        # mirrored point.
         crowded = np.where(free, -np.inf, -gap)
-        order = np.lexsort((away, np.maximum(wish - fastest, 0.0), turn > 0.5 * np.pi, crowded))
+        order = np.lexsort((away, np.maximum(wish - fastest, 0.0), turn > 0.5 * np.pi, crowded, near))
         best = rows[order[0]]
         x[row], y[row] = source.x[best], source.y[best]
         direction = source.heading[best]
