@@ -1,4 +1,4 @@
-"""At which speeds a road user can be put at a place: as SUMO inserts vehicles, so that nobody has to brake hard."""
+"""Speeds at which a road user can be put at a place so that all can stop in comfort, as SUMO inserts vehicles."""
 
 import math
 
