@@ -13,6 +13,7 @@ from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
 from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import STATES
+from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
@@ -63,6 +64,15 @@ def make_world(
         width=column(DEFAULT_WIDTH[kinds] if width is None else width),
         learned=column(learned, np.bool_),
     )
+
+
+def make_levels() -> Levels:
+    """A street eastwards along y = 0, on level 1, that crosses one northwards along x = 0, on level 2: 20 m of each."""
+    s = np.arange(-20.0, 21.0, 2.0)
+    zero, one = np.zeros(len(s)), np.ones(len(s))
+    table = np.concatenate([np.stack([s, zero, one, zero, one]), np.stack([zero, s, zero, one, 2.0 * one])], axis=1)
+    x, y, cos, sin, level = table[:, np.argsort(table[0], kind="stable")]
+    return Levels(x, y, cos, sin, level.astype(np.int8))
 
 
 def make_crowd(n: int, seed: int, side: float, corner: float = 0.0) -> WorldState:

@@ -130,10 +130,11 @@ def _context(scene: Scene, agent: Agent) -> tuple[RouteContext | None, Changed]:
     """The routes of the learned road users of a scene as their models can drive them."""
     if scene.route is None:
         return None, {}
+    levels = scene.road_map.shapes.levels
     if not agent.constraints.path_smoothing:
-        return route_context(scene.route, scene.world, agent.threads), {}
+        return route_context(scene.route, scene.world, agent.threads, levels), {}
     route, smoothed = smooth_paths(scene.route, scene.world, agent.capability)
-    return route_context(route, scene.world, agent.threads), {"path_smoothing": smoothed[scene.rows]}
+    return route_context(route, scene.world, agent.threads, levels), {"path_smoothing": smoothed[scene.rows]}
 
 
 def _masks(scene: Scene, agent: Agent, context: RouteContext, judged: ModeRollouts) -> dict[str, Mask]:

@@ -46,7 +46,7 @@ class LaneDriver:
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.refusals = Refusals()
-        self._api = api
+        self._api, self._levels = api, network.levels
         self._graph = LaneGraph(api, network)
         self._vehicles = VehicleTracker(api, network, self._graph)
         self._speed_limits = SpeedLimits(api, self._graph, self._vehicles, RightOfWay(api, self._graph))
@@ -119,7 +119,7 @@ class LaneDriver:
             limits=np.array([[d.accel, d.decel, d.emergency] for d in tracks]),
             ignores_standing=np.array([world.time < d.ignores_standing_until for d in tracks]),
         )
-        safe, standing = slowed(approach, world, dt)
+        safe, standing = slowed(approach, world, dt, self._levels)
         return list(zip(safe.tolist(), standing.tolist(), strict=True))
 
     def _advance(

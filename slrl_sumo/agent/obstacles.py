@@ -11,6 +11,7 @@ from slrl_sumo.background.safe_speed import safe_speeds
 from slrl_sumo.background.swept_boxes import sweep
 from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
 from slrl_sumo.scene.geometry import Floats, cos_sin, front_from_centre
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
@@ -40,7 +41,7 @@ class Approach:
     """Vehicles that standing vehicles do not stop, (n,)."""
 
 
-def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, NDArray[np.bool_]]:
+def slowed(approach: Approach, world: WorldState, dt: float, levels: Levels = FLAT) -> tuple[Floats, NDArray[np.bool_]]:
     """Speeds that road users on the paths allow, m/s (inf on free paths), and where the decisive one stands, (n,) each.
 
     Persons are predicted as in `yielding`; vehicles count where they are now.
@@ -75,7 +76,7 @@ def slowed(approach: Approach, world: WorldState, dt: float) -> tuple[Floats, ND
             continue
         count, certain = moments[other], np.full(len(other), np.inf)
         margin = np.where((count == 1) & walks[other], MARGIN, 0.0)
-        enter, leave = conflicts(mine, vehicle, boxes, other, moments, margin)
+        enter, leave = conflicts(mine, vehicle, boxes, other, moments, margin, levels)
         leading = speed_along(mine, vehicle, enter, boxes, other, world.speed)
         mine_speed, limits = approach.speed[vehicle], approach.limits[vehicle]
         target, _ = safe_speeds(enter, leave, leading, count, certain, mine_speed, limits, dt, 0.0)

@@ -245,7 +245,7 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
         )
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
         _tell((*started.notices, *((started.compiling,) if started.compiling else ())), quiet)
-        counters = RunCounters(started.step.world)
+        counters = RunCounters(started.step.world, started.surfaces.levels)
         recorder = RunRecorder(started) if keep else None
         end = started.step.time
         writer = TraceWriter(fcd) if fcd is not None else None

@@ -9,7 +9,8 @@ from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Box, Floats, cos_sin
-from slrl_sumo.scene.kernels import overlap
+from slrl_sumo.scene.kernels import apart, overlap
+from slrl_sumo.scene.levels import FLAT, Levels
 
 SMALLEST = 0.1
 """m: least size of a box with a negative margin."""
@@ -62,15 +63,17 @@ def conflicts(
     agent: NDArray[np.intp],
     count: NDArray[np.intp],
     margin: Floats,
+    levels: Levels = FLAT,
 ) -> tuple[Floats, Floats]:
     """Where vehicles would touch road users: m driven at first and last touch, (p, q); inf and -inf: never.
 
     For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments, of which the
     first `count` (n,) are predicted). Road users are larger by `margin` (m, (p,)) on every side. One that a vehicle is
-    passing, or that drives into its side or rear, is no reason to stop, unless the vehicle would cut into it.
+    passing, or that drives into its side or rear, is no reason to stop, unless the vehicle would cut into it; nor is
+    one on another of the `levels`.
     """
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
-    return _conflicts(ahead, vehicle, boxes, agent, count, margin)
+    return _conflicts(ahead, vehicle, boxes, agent, count, margin, levels)
 
 
 @compiled
@@ -81,6 +84,7 @@ def _conflicts(
     agent: NDArray[np.intp],
     count: NDArray[np.intp],
     margin: Floats,
+    levels: Levels,
 ) -> tuple[Floats, Floats]:
     """See `conflicts`."""
     enter = np.full((len(vehicle), boxes.shape[1]), np.inf)
@@ -109,7 +113,10 @@ def _conflicts(
                 mine = Box(math.cos(headings[j]), math.sin(headings[j]), length, widths[j])
                 theirs = boxes[a, m, 2]
                 size = max(their_length + more, SMALLEST), max(their_width + more, SMALLEST)
-                if not overlap(dx, dy, mine, Box(math.cos(theirs), math.sin(theirs), size[0], size[1])):
+                c, s = math.cos(theirs), math.sin(theirs)
+                if not overlap(dx, dy, mine, Box(c, s, size[0], size[1])):
+                    continue
+                if apart(levels, x_ahead[j], y_ahead[j], mine.cos, mine.sin, x, y, c, s):
                     continue
                 if j == 0 and not before:
                     aside = True

@@ -49,7 +49,7 @@ class Yielding:
     def __init__(self, api: SumoApi, network: Network, step_length: float) -> None:
         self._api = api
         self._dt = step_length
-        self._paths = Paths(api, network)
+        self._paths, self._levels = Paths(api, network), network.levels
         self._control = SpeedControl(api)
         self.refusals = self._control.refusals
         self._types: dict[str, TypeParameters] = {}
@@ -138,7 +138,7 @@ class Yielding:
         margin = np.append(margin, np.full(len(standing), MARGIN))
         vehicle, agent = np.append(vehicle, vehicle[standing]), np.append(agent, agent[standing])
         beside = margin > 0.0
-        enter, leave = conflicts(ahead, vehicle, boxes, agent, moments, margin)
+        enter, leave = conflicts(ahead, vehicle, boxes, agent, moments, margin, self._levels)
         leading = speed_along(ahead, vehicle, enter, boxes, agent, learned.speed)
         certain = np.where(beside, -1.0, np.where(moments[agent] == 1, np.inf, committed[agent]))
         target, hard = safe_speeds(

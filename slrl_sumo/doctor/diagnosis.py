@@ -2,9 +2,6 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-from scipy.spatial import cKDTree
-
 from slrl_sumo.doctor.demand_checks import demand_findings, output_findings, unknown_names
 from slrl_sumo.doctor.finding import Finding, Severity, counted, some
 from slrl_sumo.doctor.model_checks import fast_lane_findings, turn_findings
@@ -15,7 +12,6 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.types import DEFAULT_LENGTH, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.spawn import legal_lanes, starting_points
-from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import LANE_WIDTH, Network
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.demand import Demand, read_demand
@@ -25,9 +21,6 @@ __all__ = ["SEVERITIES", "Finding", "examine"]
 
 SEVERITIES: tuple[Severity, ...] = ("problem", "warning", "note", "ok")
 """The gravest first."""
-
-BRIDGE_END = 5.0
-"""m. Lanes that meet at a junction may touch over this length; those that cross beyond it do so on two levels."""
 
 
 def examine(scenario: Scenario) -> list[Finding]:
@@ -179,28 +172,14 @@ def _junction_findings(network: Network) -> Iterator[Finding]:
 
 
 def _bridges(network: Network) -> Iterator[Finding]:
-    """Streets that cross without a junction: the world of the learned road users is flat."""
-    lanes = [lane for lane in legal_lanes(network, RoadUserType.CAR) if lane.length > 2 * BRIDGE_END]
-    points = LanePoints(lanes, spacing=2.0)
-    length = np.array([lane.length for lane in lanes])[points.lane] if lanes else np.zeros(0)
-    rows = np.flatnonzero(np.minimum(points.offset, length - points.offset) > BRIDGE_END)
-    if len(rows) == 0:
-        return
-    pairs = cKDTree(np.column_stack([points.x, points.y])[rows]).query_pairs(1.5, output_type="ndarray")
-    first, second = rows[pairs[:, 0]], rows[pairs[:, 1]]
-    # Lanes side by side are parallel, however near; those that cross are not.
-    across = np.abs(np.sin(points.heading[first] - points.heading[second])) > 0.35
-    crossing = {
-        tuple(sorted((lanes[a].edge, lanes[b].edge)))
-        for a, b in zip(points.lane[first[across]].tolist(), points.lane[second[across]].tolist(), strict=True)
-        if lanes[a].edge != lanes[b].edge
-    }
+    """Streets that cross without a junction: whether that was meant, only the user knows."""
+    crossing = sorted({separation.edges for separation in network.grade_separations})
     if crossing:
-        named = ", ".join(" over or under ".join(pair) for pair in sorted(crossing)[:2])
+        named = ", ".join(" over or under ".join(pair) for pair in crossing[:2])
         yield Finding(
-            "warning",
+            "note",
             "bridges",
             f"{len(crossing)} pairs of edges cross without a junction ({named}{', …' if len(crossing) > 2 else ''}): "
-            "learned road users see those on the other level, and meet them",
-            "choose a --region without bridges and tunnels, or leave them out of the analysis",
+            "learned road users do not meet those on the other level, as in SUMO",
+            "where a junction was meant, insert it with netedit, or draw the streets anew",
         )

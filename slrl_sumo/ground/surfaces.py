@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.types import RoadUserType
 
 SHIFT = 6
@@ -61,6 +62,8 @@ class SurfaceShapes:
     """The ground of a scene in paint order: later shapes cover earlier ones. Frame: m, x east, y north."""
 
     shapes: tuple[Shape, ...]
+    levels: Levels = FLAT
+    """Where its streets cross on different levels."""
 
 
 def paint(

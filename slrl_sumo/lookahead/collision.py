@@ -11,7 +11,8 @@ from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.lookahead.precedence import Precedence, goes_first
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Box, Floats
-from slrl_sumo.scene.kernels import clearance, overlap
+from slrl_sumo.scene.kernels import apart, clearance, overlap
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 
 REACH = 30.0
@@ -39,13 +40,18 @@ class Others(NamedTuple):
 
 
 def collision_scores(
-    paths: ModePaths, excused: NDArray[np.bool_], others: Others, world: WorldState, rows: NDArray[np.intp]
+    paths: ModePaths,
+    excused: NDArray[np.bool_],
+    others: Others,
+    world: WorldState,
+    rows: NDArray[np.intp],
+    levels: Levels = FLAT,
 ) -> Floats:
     """How soon each mode collides: 0 where it does not within STEPS, up to 1 where it does at once, (n, modes).
 
     `paths`: of the n road users `rows` of `world`; `others`: all its road users, of which those within REACH count.
     An `excused` road user, (n,), is not to blame where it stands by then, or where the other one comes from behind or
-    is beside its rear.
+    is beside its rear. Boxes on different `levels` do not collide.
     """
     return _collision_scores(
         paths,
@@ -56,6 +62,7 @@ def collision_scores(
         others.order,
         _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading)),
         np.argsort(world.x),
+        levels,
     )
 
 
@@ -79,6 +86,7 @@ def _collision_scores(
     precedence: Precedence,
     now: _Now,
     order: NDArray[np.intp],
+    levels: Levels,
 ) -> Floats:
     """`order`: rows of all road users from west to east."""
     x, y, cos, sin, speed = paths.x, paths.y, paths.cos, paths.sin, paths.speed
@@ -162,9 +170,14 @@ def _collision_scores(
                             if before <= 0.0:
                                 continue
                     mine = Box(c, s, size[me, 0], size[me, 1])
-                    theirs = Box(their_cos[other, step], their_sin[other, step], size[other, 0], size[other, 1])
-                    if overlap(dx, dy, mine, theirs) and not (
-                        contact and clearance(dx, dy, mine, theirs) > least - DEEPER
+                    there_c, there_s = their_cos[other, step], their_sin[other, step]
+                    theirs = Box(there_c, there_s, size[other, 0], size[other, 1])
+                    if (
+                        overlap(dx, dy, mine, theirs)
+                        and not (contact and clearance(dx, dy, mine, theirs) > least - DEEPER)
+                        and not apart(
+                            levels, x[i, step, mode], y[i, step, mode], c, s, there_x, there_y, there_c, there_s
+                        )
                     ):
                         first[mode] = step
         if candidates:

@@ -163,10 +163,11 @@ def _judged(
     following, others = expected
     if context is not None and capability is not None:
         fit, excused = route_fit(context, capability, users, rows, paths, yaw_rate), following.follows[rows]
-    direct = collision_scores(paths, excused, others, world, rows) if off_route else None
+    levels = scene.road_map.shapes.levels
+    direct = collision_scores(paths, excused, others, world, rows, levels) if off_route else None
     if context is not None:
         bring_to_paths(paths, following, rows)
-    collision = collision_scores(paths, excused, others, world, rows)
+    collision = collision_scores(paths, excused, others, world, rows, levels)
     return ModeRollouts(
         acceleration=acceleration,
         yaw_rate=yaw_rate,

@@ -11,6 +11,7 @@ from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.metrics.density import Density
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts, per_road_user
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.simulation.events import Decision
@@ -85,7 +86,7 @@ class RunCounters:
     surface by more than 1 m, and without being lost.
     """
 
-    def __init__(self, start: WorldState) -> None:
+    def __init__(self, start: WorldState, levels: Levels = FLAT) -> None:
         self.decisions = 0
         self.constraints: Counter[str] = Counter()
         self.wraparounds: list[tuple[str, float]] = []
@@ -98,7 +99,7 @@ class RunCounters:
         self._sums = UserSums()
         learned = start.take(np.flatnonzero(start.learned))
         self._sums.columns(learned.ids, learned.type)
-        self._encounters = EncounterCounts(start)
+        self._encounters = EncounterCounts(start, levels=levels)
         self._density = Density(start)
 
     def add(self, decision: Decision) -> None:

@@ -27,7 +27,7 @@ class DrivingStats:
         self._speed: dict[str, float] = {}
         self._speed_changes = np.zeros(ALL, np.int64)
         self._hard_braking = np.zeros(ALL, np.int64)
-        self._encounters = EncounterCounts()
+        self._encounters = EncounterCounts(levels=roadmap.shapes.levels)
 
     def add(self, world: WorldState, counted: frozenset[str]) -> None:
         """Count the road users `counted` of `world`, the state of all road users at the end of the interval."""

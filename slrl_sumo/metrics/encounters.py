@@ -1,6 +1,6 @@
 """Collisions and near misses: their one definition, and their counts while a simulation goes on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.metrics.surrogate_safety import time_to_collision
 from slrl_sumo.scene.contacts import Pairs, close_pairs
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.levels import FLAT, Levels, apart
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES, RoadUserType
 
@@ -96,6 +97,20 @@ def moments(*, box: Floats, speed: Floats, kind: NDArray[np.int8], i: NDArray[np
     )
 
 
+def _together(found: Moments, box: Floats, speed: Floats, levels: Levels) -> Moments:
+    """Those of the Moments whose road users will be on the same one of `levels` when they touch."""
+    if not len(levels.x):
+        return found
+    cos, sin = np.cos(box[:, 2]), np.sin(box[:, 2])
+    place = [
+        np.column_stack([box[k, 0] + way * cos[k], box[k, 1] + way * sin[k], cos[k], sin[k]]).tolist()
+        for k in (found.i, found.j)
+        for way in [speed[k] * found.ttc]
+    ]
+    same = np.array([not apart(levels, *a, *b) for a, b in zip(*place, strict=True)], np.bool_)
+    return Moments(**{field.name: getattr(found, field.name)[same] for field in fields(Moments)})
+
+
 @dataclass
 class _Overlap:
     """An encounter of two road users whose boxes overlap."""
@@ -122,13 +137,20 @@ class EncounterCounts:
     """Counts collisions and near misses of some road users, decision by decision, by DEFINITIONS.
 
     A pair counts once, and once for each type that a counted road user of it has. Boxes that overlap when a road user
-    appears, or when the first of the two becomes a counted one, have not collided by driving and do not count.
+    appears, or when the first of the two becomes a counted one, have not collided by driving and do not count. Nor do
+    those on different `levels`.
 
     `collisions`, `near_misses`: by RoadUserType, and ALL, (4,). `with_background`: collisions with one counted road
     user. `start`: all road users before the first decision, and which of them are counted.
     """
 
-    def __init__(self, start: WorldState | None = None, counted: NDArray[np.bool_] | None = None) -> None:
+    def __init__(
+        self,
+        start: WorldState | None = None,
+        counted: NDArray[np.bool_] | None = None,
+        levels: Levels = FLAT,
+    ) -> None:
+        self._levels = levels
         self.collisions, self.near_misses, self.with_background = (np.zeros(ALL + 1, np.int64) for _ in range(3))
         self._overlaps: dict[tuple[str, str], _Overlap] = {}
         self._approaches: dict[tuple[str, str], _Approach] = {}
@@ -184,7 +206,8 @@ class EncounterCounts:
         pairs = close_pairs(world, 2.0 * float(reach.max())) if counted.any() else np.zeros((0, 2), np.intp)
         i, j = pairs[counted[pairs].any(axis=1)].T
         near = np.hypot(world.x[i] - world.x[j], world.y[i] - world.y[j]) < reach[i] + reach[j]
-        return moments(box=box, speed=world.speed, kind=world.type, i=i[near], j=j[near])
+        found = moments(box=box, speed=world.speed, kind=world.type, i=i[near], j=j[near])
+        return _together(found, box, world.speed, self._levels)
 
     def _forget(self, now: float) -> None:
         """Ended encounters are dropped from time to time: memory does not grow with the run."""

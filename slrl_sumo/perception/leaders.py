@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import apart
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.route import AHEAD, SPACING, RouteAhead, beside, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -33,6 +35,8 @@ class _Users(NamedTuple):
     """All road users of a world, (m,) each."""
 
     type: NDArray[np.int8]
+    x: Floats
+    y: Floats
     heading: Floats
     speed: Floats
     length: Floats
@@ -72,8 +76,9 @@ def way_code(ego: int, other: int, users: int) -> int:
     return ego * users + other
 
 
-def leaders(route: RouteAhead, world: WorldState, threads: RowThreads = ONE) -> Leaders:
-    """The nearest road user on the path of each of the n road users of `route`, the first ones of `world`."""
+def leaders(route: RouteAhead, world: WorldState, threads: RowThreads = ONE, levels: Levels = FLAT) -> Leaders:
+    """The nearest road user on the path of each of the n road users of `route`, the first ones of `world`, and on the
+    same one of `levels`."""
     n = len(route)
     if len(world) < 2:
         return Leaders(np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.zeros(0, np.int64))
@@ -85,14 +90,14 @@ def leaders(route: RouteAhead, world: WorldState, threads: RowThreads = ONE) -> 
 
     parts = threads.each(paired, n)
     pairs = parts[0] if len(parts) == 1 else _Pairs(*map(np.concatenate, zip(*parts, strict=True)))
-    users = _Users(world.type, world.heading, world.speed, world.length, world.width)
-    gap, speed, row, in_way = _leaders(n, pairs, users, route.spacing)
+    users = _Users(world.type, world.x, world.y, world.heading, world.speed, world.length, world.width)
+    gap, speed, row, in_way = _leaders(n, pairs, users, route.spacing, levels)
     return Leaders(gap, speed, row, np.sort(in_way))
 
 
 @compiled
 def _leaders(
-    n: int, pairs: _Pairs, users: _Users, spacing: Floats
+    n: int, pairs: _Pairs, users: _Users, spacing: Floats, levels: Levels
 ) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
     gap, leading, row = np.full(n, math.inf), np.zeros(n), np.full(n, -1)
     in_way, found = np.empty(len(pairs.follower), np.int64), 0
@@ -105,7 +110,7 @@ def _leaders(
         same, across = math.cos(turn), abs(math.sin(turn))
         ahead, wide = abs(same) * length + across * width, across * length + abs(same) * width
         clear = abs(pairs.lateral_offset[pair, 0]) - 0.5 * wide - 0.5 * users.width[ego]
-        if clear >= SIDE_GAP[kind]:
+        if clear >= SIDE_GAP[kind] or _on_another_level(levels, users, other, pairs, pair):
             continue
         between = along - 0.5 * ahead - 0.5 * users.length[ego]
         if kind != PEDESTRIAN and between < IN_WAY:
@@ -120,3 +125,14 @@ def _leaders(
         if between < gap[ego]:
             gap[ego], leading[ego], row[ego] = between, max(users.speed[other] * same, 0.0), other
     return gap, leading, row, in_way[:found]
+
+
+@compiled
+def _on_another_level(levels: Levels, users: _Users, other: int, pairs: _Pairs, pair: int) -> bool:
+    """Whether a road user is not on the level of the path beside it."""
+    if len(levels.x) == 0:
+        return False
+    x, y, aside = users.x[other], users.y[other], pairs.lateral_offset[pair, 0]
+    theirs_c, theirs_s = math.cos(users.heading[other]), math.sin(users.heading[other])
+    c, s = math.cos(pairs.direction[pair, 0]), math.sin(pairs.direction[pair, 0])
+    return apart(levels, x, y, theirs_c, theirs_s, x + aside * s, y - aside * c, c, s)

@@ -9,6 +9,7 @@ from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.perception.leaders import Leaders, leaders
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.route import RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 
@@ -51,11 +52,13 @@ class RouteContext:
         return RouteContext(self.route.take(rows), in_way=self.in_way, **arrays)
 
 
-def route_context(route: RouteAhead, world: WorldState, threads: RowThreads = ONE) -> RouteContext:
+def route_context(
+    route: RouteAhead, world: WorldState, threads: RowThreads = ONE, levels: Levels = FLAT
+) -> RouteContext:
     """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
     n = len(route)
     _, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
-    found = leaders(route, world, threads)
+    found = leaders(route, world, threads, levels)
     stop, follow = stop_distances(route, world, found)
     return RouteContext(
         route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, stop, follow, found.in_way

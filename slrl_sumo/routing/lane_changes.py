@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.kernels import apart
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
@@ -70,9 +72,9 @@ class _Around(NamedTuple):
     """m between the boxes along the lane; negative beside each other."""
 
 
-def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = ()) -> bool:
+def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels: Levels = FLAT) -> bool:
     """Whether there is room in the next lane; `entering`: rows of vehicles that are changing to it as well."""
-    around, speed = _around(world, wish), world.speed[wish.row]
+    around, speed = _around(world, wish, levels), world.speed[wish.row]
     around.in_lane[list(entering)] = True
     faster = np.maximum(np.where(around.ahead > 0, speed - world.speed, world.speed - speed), 0.0)
     hurried = wish.left < HURRY
@@ -81,24 +83,25 @@ def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = ()) -> bool
     return bool(np.all(around.clear[around.in_lane] > needed[around.in_lane]))
 
 
-def faster_there(world: WorldState, wish: Wish, desired: float) -> bool:
+def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels = FLAT) -> bool:
     """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: to the left where it is
     held up, back to the right where it is not held up there."""
-    here = min(_ahead(world, wish, 0.0), desired)
-    there = min(_ahead(world, wish, -wish.lateral_offset), desired)
+    here = min(_ahead(world, wish, 0.0, levels), desired)
+    there = min(_ahead(world, wish, -wish.lateral_offset, levels), desired)
     return there > here + GAIN if wish.lateral_offset < 0.0 else there > desired - 0.5 * GAIN
 
 
-def _ahead(world: WorldState, wish: Wish, aside: float) -> float:
+def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
     """m/s of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is none."""
     c, s = math.cos(wish.direction), math.sin(wish.direction)
     dx, dy = world.x - world.x[wish.row], world.y - world.y[wish.row]
     along, across = c * dx + s * dy, c * dy - s * dx
     rows = np.flatnonzero((along > 0.0) & (along < FAR_SIGHT) & (np.abs(across - aside) < HALF_LANE))
+    rows = _on_the_level(levels, world, wish, rows)
     return math.inf if not len(rows) else world.speed.item(rows[along[rows].argmin()])
 
 
-def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish]) -> Floats:
+def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish], levels: Levels = FLAT) -> Floats:
     """m/s that make room for the lane changes that are wished for, (n,), of the first `n` road users of `world`, which
     are those that may let others in; inf where nothing is to be done."""
     allowed = np.full(n, math.inf)
@@ -107,7 +110,7 @@ def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish]) -> Flo
         i, speed = wish.row, world.speed.item(wish.row)
         if wish.left > max(SOON[0] * speed, SOON[1]):
             continue
-        around = _around(world, wish)
+        around = _around(world, wish, levels)
         near = np.flatnonzero(around.in_lane & (np.abs(around.ahead) < SIGHT))
         behind = [j for j in near.tolist() if around.ahead[j] < 0.0 and around.clear[j] >= 0.0]
         # Of two that are beside each other and want each other's lane, the one in front goes first.
@@ -122,7 +125,17 @@ def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish]) -> Flo
     return allowed
 
 
-def _around(world: WorldState, wish: Wish) -> _Around:
+def _on_the_level(levels: Levels, world: WorldState, wish: Wish, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Those of `rows` in the way of a vehicle that are not above or below it."""
+    if not len(levels.x):
+        return rows
+    x, y, cos, sin = world.x[rows], world.y[rows], np.cos(world.heading[rows]), np.sin(world.heading[rows])
+    c, s = math.cos(wish.direction), math.sin(wish.direction)
+    theirs = zip(x.tolist(), y.tolist(), cos.tolist(), sin.tolist(), strict=True)
+    return rows[np.array([not apart(levels, *place[:2], c, s, *place) for place in theirs], np.bool_)]
+
+
+def _around(world: WorldState, wish: Wish, levels: Levels) -> _Around:
     row, lateral_offset = wish.row, wish.lateral_offset
     c, s = math.cos(wish.direction), math.sin(wish.direction)
     dx, dy = world.x - world.x[row], world.y - world.y[row]
@@ -133,6 +146,8 @@ def _around(world: WorldState, wish: Wish) -> _Around:
         (-math.copysign(BESIDE, lateral_offset), -lateral_offset - math.copysign(BEYOND, lateral_offset))
     )
     in_lane = (across > low) & (across < high) & same_way & (np.arange(len(world)) != row)
+    rows = np.flatnonzero(in_lane)
+    in_lane[rows] = np.isin(rows, _on_the_level(levels, world, wish, rows))
     return _Around(in_lane, along, np.abs(along) - 0.5 * (world.length + world.length[row]))
 
 

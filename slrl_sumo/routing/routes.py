@@ -45,6 +45,7 @@ class Routes:
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.refusals = Refusals()
         graph = LaneGraph(api, network)
+        self._levels = network.levels
         self._vehicles = VehicleTracker(api, network, graph)
         right_of_way = RightOfWay(api, graph, trust_sumo=False)
         self._speed_limits = SpeedLimits(api, graph, self._vehicles, right_of_way)
@@ -66,7 +67,7 @@ class Routes:
                     self._add_pedestrian(route, world, i)
                 else:
                     self._add_vehicle(route, world, i, wishes)
-        route.desired[:] = np.minimum(route.desired, cooperative_speeds(world, n, wishes))
+        route.desired[:] = np.minimum(route.desired, cooperative_speeds(world, n, wishes, self._levels))
         return route
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:

@@ -89,7 +89,7 @@ class VehicleTracker:
     """The tracks of the learned vehicles of a simulation, by id."""
 
     def __init__(self, api: SumoApi, network: Network, graph: LaneGraph) -> None:
-        self._api, self._graph = api, graph
+        self._api, self._graph, self._levels = api, graph, network.levels
         self._vehicles: dict[str, VehicleTrack] = {}
         self._carriageway = LanePoints(
             [lane for lane in network.lanes if lane.allowed & (MOTOR_CLASSES | {"bicycle"})], spacing=2.0
@@ -294,9 +294,9 @@ class VehicleTracker:
             return None
         wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
         desired = min(track.path.limits[0] * track.speed_factor, track.max_speed)
-        if not always and not faster_there(world, wish, desired):
+        if not always and not faster_there(world, wish, desired, self._levels):
             return None
-        if has_gap(world, wish, self._entering(target, track, world)):
+        if has_gap(world, wish, self._entering(target, track, world), self._levels):
             track.path, track.s, track.lateral_offset, track.changed = path, s, lateral_offset, world.time
         return wish
 

@@ -1,13 +1,14 @@
-"""Angles, boxes and motion of single road users, for compiled loops of other modules."""
+"""Angles, boxes, levels and motion of single road users, for compiled loops of other modules."""
 
 import math
 
-from slrl_sumo.scene import geometry
+from slrl_sumo.scene import geometry, levels
 from slrl_sumo.scene.compiled import compiled
 
 wrapped = compiled(geometry.wrapped)
 overlap = compiled(geometry.overlap)
 clearance = compiled(geometry.clearance)
+apart = compiled(levels.apart)
 
 
 @compiled

@@ -6,7 +6,6 @@ from contextlib import closing
 from dataclasses import replace
 
 from slrl_sumo.errors import SumoError
-from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.jobs.process import EXIT_S, WorkerDiedError, WorkerProcess
 from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.settings import RunSettings
@@ -16,7 +15,7 @@ from slrl_sumo.sumo.isolation import death_message, loading_error
 def run_isolated(
     settings: RunSettings, views_at: frozenset[int] = frozenset(), *, with_surfaces: bool = False
 ) -> Generator[Event, None, None]:
-    """The same events as `slrl_sumo.simulation.run.run`, from a child process. Started.surfaces are empty unless
+    """The same events as `slrl_sumo.simulation.run.run`, from a child process. Started.surfaces have no shapes unless
     `with_surfaces`: those of a city take 80 MiB in each of the two processes.
 
     Raises the errors of `run`, InputError if SUMO crashes on loading, SumoError if the child dies later (segmentation
@@ -55,5 +54,5 @@ def _events(job: tuple[RunSettings, frozenset[int], bool]) -> Generator[Event, N
     with closing(run(settings, views_at)) as events:
         for event in events:
             if isinstance(event, Started) and not with_surfaces:
-                event = replace(event, surfaces=SurfaceShapes(()))
+                event = replace(event, surfaces=replace(event.surfaces, shapes=()))
             yield event

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
+from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.types import MAX_POSITION
 from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.grade_separations import GradeSeparation, grade_separations, levels_of
 from slrl_sumo.sumo.lanes import ALL_CLASSES, MOTOR_CLASSES, Lane, LanePoints
 from slrl_sumo.sumo.scenario.vaporizers import OPTIONS, vaporized_edges
 
@@ -56,12 +58,22 @@ class Network:
         walkable = [lane for lane in self.lanes if not lane.internal and "pedestrian" in lane.allowed]
         return LanePoints(walkable, spacing=2.0)
 
+    @cached_property
+    def grade_separations(self) -> tuple[GradeSeparation, ...]:
+        """Where streets cross without a junction."""
+        return grade_separations(self.lanes)
+
+    @cached_property
+    def levels(self) -> Levels:
+        """The levels of the streets there."""
+        return levels_of(self.lanes, self.grade_separations)
+
     def surfaces(self) -> SurfaceShapes:
         """The surfaces in paint order: junctions, walking areas, sidewalks, cycle lanes, carriageway, crossings.
 
         Later shapes lie on earlier ones, so that a cycle lane inside a junction does not cut the carriageway.
         """
-        return SurfaceShapes(tuple(shape for shape, _ in self.painted()))
+        return SurfaceShapes(tuple(shape for shape, _ in self.painted()), self.levels)
 
     def painted(self) -> Iterator[tuple[Area | Ribbon, Lane | None]]:
         """The shapes of `surfaces`, each with its lane; None for outlines of junctions."""

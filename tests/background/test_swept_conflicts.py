@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_levels, make_world
 
 from slrl_sumo.background.forecast import MOMENTS, forecast
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.swept_boxes import Sweep, sweep
 from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
+from slrl_sumo.scene.levels import FLAT
 from slrl_sumo.scene.state import WorldState
 
 ONE = np.array([0])
@@ -115,3 +116,18 @@ def test_vehicles_of_any_length_are_straight_on_a_straight_way(length: float) ->
     ahead = sweep(s, 0.0 * s + 3.0, np.full(1, 100.0), zero, three, zero, size)
     assert ahead.heading == pytest.approx(0.0)
     assert ahead.width == pytest.approx(1.8)
+
+
+def test_a_road_user_on_a_bridge_above_the_path_is_not_met() -> None:
+    # The bridge crosses 20 m ahead of the front.
+    levels = make_levels()
+    levels = levels._replace(x=levels.x + 20.0)
+    for user, meets in (
+        (road_user(20.0, 0.0, np.pi / 2, length=5.0, width=1.8), False),
+        (road_user(20.0, -12.0, np.pi / 2, 8.0, length=5.0, width=1.8), False),
+        (road_user(20.0, 0.0, 0.0, length=5.0, width=1.8), True),
+    ):
+        boxes, count, _ = forecast(user)
+        for ground, met_there in ((FLAT, True), (levels, meets)):
+            enter, _ = conflicts(straight_on(), ONE, boxes, ONE, count, np.zeros(1), ground)
+            assert np.isfinite(enter).any() == met_there

@@ -259,11 +259,11 @@ def netconvert(folder: Path, nodes: str, edges: str) -> Path:
 STRAIGHT = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/>'
 
 
-def test_a_bridge_is_a_warning_and_a_junction_is_none(make: Make, tmp_path: Path) -> None:
+def test_a_bridge_is_noted_and_a_junction_is_none(make: Make, tmp_path: Path) -> None:
     nodes = STRAIGHT + '<node id="c" x="50" y="-50"/><node id="d" x="50" y="50"/>'
     edges = '<edge id="ab" from="a" to="b" speed="8"/><edge id="cd" from="c" to="d" speed="8"/>'
     net = netconvert(tmp_path, nodes, edges)
-    assert network_topics(make, net) == [("warning", "bridges")]
+    assert network_topics(make, net) == [("note", "bridges")]
     assert "ab over or under cd" in one(make("", net=net), "bridges").what
     nodes += '<node id="m" x="50" y="0"/>'
     edges = "".join(f'<edge id="{n}" from="{n[0]}" to="{n[1]}" speed="8"/>' for n in ("am", "mb", "cm", "md"))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import make_crowd
+from builders import make_crowd, make_levels, make_world
 from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.collision import DEEPER, MARGIN, REACH, STANDING, Others, collision_scores
@@ -134,3 +134,21 @@ def test_without_others_nothing_is_hit() -> None:
         alone = collision_scores(on, np.zeros(n, np.bool_), expected(along_a_mode(some, on), some), some, np.arange(n))
         assert not alone.any()
         assert alone.shape == (n, MODES)
+
+
+def test_boxes_on_two_levels_do_not_collide() -> None:
+    """One drives east and one north; both are at the crossing after three intervals."""
+    world = make_world([-12.0, 0.0], [0.0, -12.0], heading=[0.0, 0.5 * np.pi], speed=10.0)
+    way, zero, one = 4.0 * np.arange(1, STEPS + 1) - 12.0, np.zeros(STEPS), np.ones(STEPS)
+    columns = np.stack([way, zero]), np.stack([zero, way]), np.stack([one, zero]), np.stack([zero, one])
+    theirs = Boxes(*columns, sizes(world, MARGIN))
+    mine = ModePaths(*(column[:1, :, None].copy() for column in (*columns, 10.0 * np.ones((2, STEPS)), columns[0])))
+    rows, blamed = np.zeros(1, np.intp), np.zeros(1, np.bool_)
+    # Boxes of 5 m meet after the third interval, at the crossing.
+    assert collision_scores(mine, blamed, expected(theirs, world), world, rows).item() == 1.0 - 2 / STEPS
+    assert collision_scores(mine, blamed, expected(theirs, world), world, rows, make_levels()).item() == 0.0
+    behind = theirs._replace(x=columns[0][[0, 0]] + 3.0, y=np.stack([zero, zero]), cos=np.stack([one, one]))
+    behind = behind._replace(sin=np.stack([zero, zero]))
+    same = world.take(np.array([0, 0]))
+    same = replace(same, x=np.array([-12.0, -6.0]))
+    assert collision_scores(mine, blamed, expected(behind, same), same, rows, make_levels()).item() > 0.0

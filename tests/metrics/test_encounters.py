@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_levels, make_world
 
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts
 from slrl_sumo.metrics.near_misses import find_conflicts
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.events import Decision, Started
@@ -136,3 +137,23 @@ def test_a_run_counts_what_its_trace_shows(worlds: list[WorldState]) -> None:
     kinds = [conflict.kind for conflict in conflicts]
     assert counts.collisions[ALL] == kinds.count("collision") > 10
     assert counts.near_misses[ALL] == kinds.count("near miss") > 10
+
+
+def test_road_users_on_two_levels_neither_collide_nor_nearly_so() -> None:
+    def counted(levels: Levels, heading: float) -> EncounterCounts:
+        counts = EncounterCounts(levels=levels)
+        for step in range(6):
+            # Both come to the crossing at the same time, from 20 m before it.
+            way = 4.0 * step - 20.0
+            world = make_world(
+                [way, way * np.cos(heading)], [0.0, way * np.sin(heading)],
+                heading=[0.0, heading], speed=10.0, ids=("a", "b"), time=DECISION_INTERVAL * step,
+            )  # fmt: skip
+            counts.add(world, world.learned)
+        return counts
+
+    assert counted(FLAT, 0.5 * np.pi).collisions[ALL] == 1
+    above = counted(make_levels(), 0.5 * np.pi)
+    assert above.collisions[ALL] == above.near_misses[ALL] == 0
+    # Opposite directions of one street share its level.
+    assert counted(make_levels(), np.pi).collisions[ALL] == 1

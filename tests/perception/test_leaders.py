@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import ALONG, make_routes, make_world
+from builders import ALONG, make_levels, make_routes, make_world
 
 from slrl_sumo.perception.leaders import ALIKE, BESIDE, NEAREST, SIDE_GAP, STANDING, leaders, way_code
 from slrl_sumo.scene.geometry import Floats, wrap_angle
@@ -178,3 +178,21 @@ def test_fast_vehicles_see_as_far_as_they_need_to_stop_in_comfort(speed: float, 
         found = leaders(route, world(EGO, (x, 0.5, 0.0, 0.0, 5.0, 1.8)))
         assert found.row[0] == (1 if leads else -1)
         assert found.gap[0] == pytest.approx(x - 5.0 if leads else np.inf)
+
+
+def test_a_road_user_on_a_bridge_above_the_path_neither_leads_nor_is_in_the_way() -> None:
+    levels = make_levels()
+    # A street crosses at x = 0; the follower is 15 m before it, and one stands on the bridge, one in its own street.
+    route, there = eastwards(0.0), (1.0, 1.5, 0.5 * np.pi, 0.0, 5.0, 1.8)
+    route = replace(route, x=route.x - 9.0)
+    follower = (-9.0, 0.0, 0.0, 8.0, 5.0, 1.8)
+    flat = leaders(route, world(follower, there))
+    assert flat.gap[0] == pytest.approx(10.0 - 2.5 - 0.9)
+    assert len(flat.in_way) == 1
+    above = leaders(route, world(follower, there), levels=levels)
+    assert np.isinf(above.gap[0])
+    assert len(above.in_way) == 0
+    # In the street itself one leads on all levels, also behind the one on the bridge.
+    both = leaders(route, world(follower, there, (6.0, 0.0, 0.0, 3.0, 5.0, 1.8)), levels=levels)
+    assert both.gap[0] == pytest.approx(10.0)
+    assert both.row[0] == 2

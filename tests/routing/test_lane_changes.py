@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_levels, make_world
 
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, faster_there, has_gap
 
@@ -84,3 +84,27 @@ def test_a_vehicle_that_changes_to_the_same_lane_from_its_other_side_takes_the_g
     world = make_world([0.0, 3.0], [0.0, 6.4], speed=10.0)
     assert has_gap(world, LEFT)
     assert not has_gap(world, LEFT, [1])
+
+
+def test_vehicles_on_a_bridge_above_the_lanes_count_neither_as_held_up_nor_as_beside() -> None:
+    # Its own lane lies along y = 0; a street crosses at 0.9 rad above the end of the view.
+    levels = make_levels()
+    turned = levels.level == 2
+    levels = levels._replace(
+        cos=np.where(turned, math.cos(0.9), levels.cos), sin=np.where(turned, math.sin(0.9), levels.sin)
+    )
+    wish = Wish(0, -3.2, 0.0, 40.0)
+    world = make_world([-4.0, 1.0, 0.0], [0.0, 2.9, 0.0], heading=[0.0, 0.9, 0.9], speed=[10.0, 5.0, 5.0])
+    levels = levels._replace(
+        x=np.append(levels.x, [0.0, 2.0]), y=np.append(levels.y, [3.2, 3.2]),
+        cos=np.append(levels.cos, [1.0, 1.0]), sin=np.append(levels.sin, [0.0, 0.0]),
+        level=np.append(levels.level, [1, 1]).astype(np.int8),
+    )  # fmt: skip
+    order = np.argsort(levels.x, kind="stable")
+    levels = levels._replace(**{name: column[order] for name, column in levels._asdict().items()})
+    assert not has_gap(world, wish)
+    assert has_gap(world, wish, levels=levels)
+    assert np.isfinite(cooperative_speeds(world, 3, [wish])).any()
+    assert np.isinf(cooperative_speeds(world, 3, [wish], levels)).all()
+    assert faster_there(world.take(np.array([0, 2])), wish, 30.0)
+    assert not faster_there(world.take(np.array([0, 2])), wish, 30.0, levels)

@@ -97,7 +97,7 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
         takeover = Takeover(shares, parse_region(None, network), run.seed) if learning else None
         loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
         trips, signals, greens = Trips(api, session.step_length), SignalCrossings(api, network), Greens(api)
-        builder, encounters = TraceBuilder(), EncounterCounts()
+        builder, encounters = TraceBuilder(), EncounterCounts(levels=network.levels)
         passed = red = 0
         loop.start()
         while session.time < seconds:

@@ -1,0 +1,64 @@
+"""Places where streets cross on different levels: road users there do not meet, although their boxes overlap."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.geometry import Floats
+
+REACH = 3.0
+"""m from a point of a lane within which a road user is on that lane: half a lane, and the way between two points."""
+ALIGNED = 0.5
+"""Sine of the angle between a lane and a road user on it, in either direction, beyond which its level is unknown."""
+
+
+class Levels(NamedTuple):
+    """p points along the lanes of streets that cross without a junction, near these crossings, from west to east."""
+
+    x: Floats
+    """m, (p,)."""
+    y: Floats
+    cos: Floats
+    """Of the direction of the lane."""
+    sin: Floats
+    level: NDArray[np.int8]
+    """From 1 on: a number that differs from those of the streets that its street crosses, not a height."""
+
+
+FLAT = Levels(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
+"""Where no streets cross on different levels."""
+
+
+def apart(
+    levels: Levels, x: float, y: float, cos: float, sin: float, to_x: float, to_y: float, to_cos: float, to_sin: float
+) -> bool:
+    """Whether two places are on different levels; each by its position (m) and the cosine and sine of the direction of
+    the road user there, because two streets share the place where they cross.
+
+    A place has the level of the lane within REACH that has its direction best; none where no lane has it.
+    """
+    mine = 0
+    for place in range(2):
+        if place == 1:
+            x, y, cos, sin = to_x, to_y, to_cos, to_sin
+        low, high = 0, len(levels.x)
+        while low < high:
+            middle = (low + high) // 2
+            if levels.x[middle] < x - REACH:
+                low = middle + 1
+            else:
+                high = middle
+        best, level = ALIGNED, 0
+        while low < len(levels.x) and levels.x[low] <= x + REACH:
+            dx, dy = levels.x[low] - x, levels.y[low] - y
+            turned = abs(cos * levels.sin[low] - sin * levels.cos[low])
+            if turned < best and dx * dx + dy * dy < REACH * REACH:
+                best, level = turned, int(levels.level[low])
+            low += 1
+        if level == 0:
+            return False
+        if place == 1:
+            return level != mine
+        mine = level
+    return False

@@ -1,0 +1,150 @@
+"""Streets that cross without a junction, as at bridges: their lanes are on different levels.
+
+SUMO needs no heights for that: vehicles of different lanes meet at junctions only. Networks rarely have heights.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.levels import FLAT, Levels
+from slrl_sumo.sumo.lanes import Lane
+
+FROM_ENDS = 5.0
+"""m. Lanes that meet at a junction may touch over this length; those that cross beyond it do so on two levels."""
+ACROSS = 0.35
+"""rad between the directions of two lanes from which they cross, instead of lying side by side."""
+AROUND = 20.0
+"""m from a crossing in which road users have a level: half of a vehicle of 16.5 m, and the way across a lane of 3.2 m
+at the angle ACROSS."""
+SPACING = 2.0
+"""m between the points with a level."""
+
+
+class GradeSeparation(NamedTuple):
+    """A place where a lane of each of two edges cross on different levels."""
+
+    edges: tuple[str, str]
+    """In alphabetical order."""
+    x: float
+    """m."""
+    y: float
+
+
+def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
+    """Where carriageways cross farther than FROM_ENDS from the ends of their lanes: about 0.1 s in a city."""
+    lanes = [
+        lane
+        for lane in lanes
+        if lane.surface == Surface.ROAD and not lane.internal and lane.length > 2.0 * FROM_ENDS and len(lane.shape) > 1
+    ]
+    if len(lanes) < 2:
+        return ()
+    edges = {name: k for k, name in enumerate(dict.fromkeys(lane.edge for lane in lanes))}
+    pieces, of_edge = [], []
+    for lane in lanes:
+        line = _within(lane.shape, FROM_ENDS)
+        pieces.append(np.column_stack([line[:-1], line[1:]]))
+        of_edge += [edges[lane.edge]] * (len(line) - 1)
+    segments, edge = np.concatenate(pieces), np.array(of_edge, np.int64)
+    order = np.argsort(np.minimum(segments[:, 0], segments[:, 2]), kind="stable")
+    first, second, x, y = _crossings(segments[order], edge[order], np.sin(ACROSS))
+    names = list(edges)
+    found = [
+        GradeSeparation((min(names[a], names[b]), max(names[a], names[b])), *place)
+        for a, b, *place in zip(first.tolist(), second.tolist(), x.tolist(), y.tolist(), strict=True)
+    ]
+    return tuple(sorted(found))
+
+
+def levels_of(lanes: Sequence[Lane], separations: Sequence[GradeSeparation]) -> Levels:
+    """Points on all lanes, also sidewalks, of the streets of `separations`, around these.
+
+    Lanes are extended straight beyond their ends: bridges are often edges of their own that end soon.
+    """
+    if not separations:
+        return FLAT
+    over: dict[str, set[str]] = {}
+    places: dict[str, list[tuple[float, float]]] = {}
+    for edges, x, y in separations:
+        for mine, theirs in (edges, edges[::-1]):
+            over.setdefault(mine, set()).add(theirs)
+            places.setdefault(mine, []).append((x, y))
+    level: dict[str, int] = {}
+    for edge, others in over.items():
+        taken = {level.get(other) for other in others}
+        level[edge] = next(k for k in range(1, len(over) + 1) if k not in taken)
+    rows = [
+        np.column_stack([points, np.full(len(points), level[lane.edge])])
+        for lane in lanes
+        if lane.edge in level and len(lane.shape) > 1
+        for points in [_around(lane.shape, np.array(places[lane.edge]))]
+    ]
+    table = np.concatenate(rows)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    columns = np.ascontiguousarray(table.T)
+    return Levels(columns[0], columns[1], columns[2], columns[3], columns[4].astype(np.int8))
+
+
+def _within(line: Floats, margin: float) -> Floats:
+    """A polyline (k, 2) without its first and last `margin` m; its middle where it is not longer."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    begin, end = min(margin, 0.5 * along[-1]), max(along[-1] - margin, 0.5 * along[-1])
+    s = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
+    return np.column_stack([np.interp(s, along, line[:, 0]), np.interp(s, along, line[:, 1])])
+
+
+def _around(line: Floats, places: Floats) -> Floats:
+    """Points every SPACING m of a polyline within AROUND of one of the `places` (k, 2): x, y, cosine and sine of the
+    direction, (p, 4)."""
+    steps = np.diff(line, axis=0)
+    lengths = np.hypot(*steps.T)
+    steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
+    if not len(steps):
+        return np.zeros((0, 4))
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    s = np.arange(-AROUND, along[-1] + AROUND, SPACING)
+    k = np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(steps) - 1)
+    direction = steps[k] / lengths[k, None]
+    corners = line[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    points: Floats = corners[k] + (s - along[k])[:, None] * direction
+    near = (np.hypot(*(points[:, None] - places).transpose(2, 0, 1)) < AROUND).any(axis=1)
+    return np.asarray(np.column_stack([points, direction])[near], np.float64)
+
+
+@compiled
+def _crossings(
+    segments: Floats, edge: NDArray[np.int64], across: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
+    """Edges and places of the crossings of `segments` (x, y of both ends, (s, 4), by their western ends) of different
+    edges; `across`: sine of the least angle."""
+    room, found = 64, 0
+    first, second, x, y = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room), np.empty(room)
+    for i in range(len(segments)):
+        ax, ay, bx, by = segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3]
+        east, south, north = max(ax, bx), min(ay, by), max(ay, by)
+        for j in range(i + 1, len(segments)):
+            cx, cy, dx, dy = segments[j, 0], segments[j, 1], segments[j, 2], segments[j, 3]
+            if min(cx, dx) > east:
+                break
+            if edge[i] == edge[j] or min(cy, dy) > north or max(cy, dy) < south:
+                continue
+            ux, uy, vx, vy = bx - ax, by - ay, dx - cx, dy - cy
+            turn = ux * vy - uy * vx
+            if turn * turn <= across * across * (ux * ux + uy * uy) * (vx * vx + vy * vy):
+                continue
+            s, t = ((cx - ax) * vy - (cy - ay) * vx) / turn, ((cx - ax) * uy - (cy - ay) * ux) / turn
+            if not (0.0 <= s <= 1.0 and 0.0 <= t <= 1.0):
+                continue
+            if found == room:
+                room *= 2
+                first, second = np.concatenate((first, first)), np.concatenate((second, second))
+                x, y = np.concatenate((x, x)), np.concatenate((y, y))
+            first[found], second[found], x[found], y[found] = edge[i], edge[j], ax + s * ux, ay + s * uy
+            found += 1
+    return first[:found], second[:found], x[:found], y[:found]
