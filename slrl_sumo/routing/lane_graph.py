@@ -4,10 +4,12 @@ import math
 import random
 from bisect import bisect_right
 from collections import OrderedDict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from slrl_sumo.routing.polyline import Polyline, line_through
+from slrl_sumo.routing.path_line import path_line
+from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks
@@ -22,9 +24,6 @@ REACH = 250.0
 SHARPEST = 2.2
 """rad (126 degrees): vehicles without a destination take sharper turns, as turnarounds are, only where there are no
 others."""
-
-VIEW = 4.0
-"""m by which a line is extended beyond its end, so that vehicles see road users that cross there."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ class LaneGraph:
             length += self.lanes[chain[-1]].length
             if not via and remaining and self.lanes[target].edge == remaining[0]:
                 remaining = remaining[1:]
-        return _joined([self.lanes[i] for i in chain], entries, before)
+        return _joined([self.lanes[i] for i in chain], entries, before, self.lanes)
 
     def origin(self, lane: str) -> str:
         """The lane outside the junction that leads to an internal lane; of any other lane, the lane itself."""
@@ -220,26 +219,15 @@ class LaneGraph:
         return self._tables[key]
 
 
-def _joined(lanes: list[Lane], entries: list[tuple[int, str, str, str]], before: list[tuple[float, float]]) -> LanePath:
-    points, last = list(before), []
-    for lane in lanes:
-        points += [(px, py) for px, py in lane.shape.tolist()]
-        last.append(len(points) - 1)
-    points.append(_beyond(points))
-    line, along = line_through(points)
-    ends = tuple(along[i] for i in last)
+def _joined(
+    lanes: list[Lane],
+    entries: list[tuple[int, str, str, str]],
+    before: list[tuple[float, float]],
+    network: Mapping[str, Lane],
+) -> LanePath:
+    line, ends = path_line(lanes, before, network)
     found = []
     for position, here, via, target in entries:
         end = next((ends[i - 1] for i in range(position + 1, len(lanes)) if not lanes[i].internal), ends[-1])
         found.append(JunctionEntry(ends[position], here, via, target, end))
     return LanePath(tuple(i.id for i in lanes), ends, tuple(i.max_speed for i in lanes), tuple(found), line)
-
-
-def _beyond(points: list[tuple[float, float]]) -> tuple[float, float]:
-    """A point `VIEW` m straight ahead of the last one."""
-    x, y = points[-1]
-    for px, py in reversed(points):
-        step = math.hypot(x - px, y - py)
-        if step > 0.1:
-            return x + VIEW * (x - px) / step, y + VIEW * (y - py) / step
-    return x + VIEW, y

@@ -1,0 +1,88 @@
+"""The line on which a vehicle drives along its lanes."""
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import zip_longest
+
+from slrl_sumo.routing.polyline import Polyline, line_through
+from slrl_sumo.sumo.lanes import Lane
+
+PARALLEL = 0.35
+"""rad between the directions of two lanes up to which one may begin beside the other, and between both and the way from
+one to the other from which that goes aside."""
+BESIDE, WIDEST = 0.5, 5.0
+"""m between a lane and the next one that begins beside it, at least and at most."""
+SIDEWAYS = 1.5
+"""m/s at which vehicles then move over: 3.2 m within 2.1 s."""
+VIEW = 4.0
+"""m by which a line is extended beyond its end, so that vehicles see road users that cross there."""
+
+
+def path_line(
+    lanes: Sequence[Lane], before: Sequence[tuple[float, float]], network: Mapping[str, Lane]
+) -> tuple[Polyline, tuple[float, ...]]:
+    """A line along `lanes` of a `network` (by id), and m along it of the end of each of them.
+
+    `before`: points before the first lane, for the rear of a vehicle that has just entered it.
+    """
+    points, last = list(before), []
+    for lane, following in zip_longest(lanes, lanes[1:]):
+        points += _eased(points, lane, following, network)
+        last.append(len(points) - 1)
+    points.append(_beyond(points))
+    line, along = line_through(points)
+    return line, tuple(along[i] for i in last)
+
+
+def _eased(
+    points: list[tuple[float, float]], lane: Lane, following: Lane | None, network: Mapping[str, Lane]
+) -> list[tuple[float, float]]:
+    """The points of a lane after `points`, without a jump to the side: a lane that begins beside the last one, as for
+    an exit, is reached at SIDEWAYS, as in a lane change. SUMO's lanes inside such junctions go aside within 3 m."""
+    shape = [(x, y) for x, y in lane.shape.tolist()]
+    if len(points) < 2 or len(shape) < 2:
+        return shape
+    here = _direction(points[-2], points[-1])
+    if not lane.internal:
+        aside = _beside(points[-1], here, lane, network)
+        if not aside:
+            return shape
+        line, _ = line_through(shape)
+        return [points[-1], *line.between(min(aside / SIDEWAYS * lane.max_speed, 0.5 * line.end), line.end)]
+    (x0, y0), (x1, y1) = points[-1], shape[-1]
+    along = (x1 - x0) * math.cos(here) + (y1 - y0) * math.sin(here)
+    ahead = x0 + along * math.cos(here), y0 + along * math.sin(here)
+    if following is None or along < 0.0 or _beside(ahead, here, following, network) <= along * math.tan(PARALLEL):
+        return shape
+    return [points[-1], ahead]
+
+
+def _beside(place: tuple[float, float], direction: float, lane: Lane, network: Mapping[str, Lane]) -> float:
+    """m from a place that is passed in a `direction` (rad) to the begin of a lane beside it; 0 where it is none, or
+    where there is no carriageway on the way."""
+    if lane.internal or len(lane.shape) < 2:
+        return 0.0
+    begin, then = ((x, y) for x, y in lane.shape[:2].tolist())
+    along = _direction(begin, then)
+    dx, dy = place[0] - begin[0], place[1] - begin[1]
+    left = dy * math.cos(along) - dx * math.sin(along)
+    parallel = abs(math.remainder(along - direction, math.tau)) < PARALLEL
+    if not parallel or math.hypot(dx, dy) > WIDEST or abs(left) < BESIDE:
+        return 0.0
+    edge, _, number = lane.id.rpartition("_")
+    between = network.get(f"{edge}_{int(number) + (1 if left > 0.0 else -1)}")
+    return abs(left) if between is not None and between.surface == lane.surface else 0.0
+
+
+def _direction(begin: tuple[float, float], end: tuple[float, float]) -> float:
+    return math.atan2(end[1] - begin[1], end[0] - begin[0])
+
+
+def _beyond(points: list[tuple[float, float]]) -> tuple[float, float]:
+    """A point `VIEW` m straight ahead of the last one."""
+    x, y = points[-1]
+    for px, py in reversed(points):
+        step = math.hypot(x - px, y - py)
+        if step > 0.1:
+            return x + VIEW * (x - px) / step, y + VIEW * (y - py) / step
+    return x + VIEW, y

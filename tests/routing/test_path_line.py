@@ -1,0 +1,64 @@
+"""Lines along lanes, by hand."""
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.routing.path_line import SIDEWAYS, VIEW, path_line
+from slrl_sumo.sumo.lanes import Lane
+
+LIMIT = 25.0
+BEFORE = [(-10.0, 0.0)]
+
+
+def lane(name: str, *points: tuple[float, float], surface: Surface = Surface.ROAD) -> Lane:
+    shape: ArrayLike = points
+    length = float(np.hypot(*np.diff(np.array(shape), axis=0).T).sum())
+    internal = name.startswith(":")
+    return Lane(name, name.rpartition("_")[0], np.array(shape), 3.2, length, LIMIT, frozenset(), internal, surface)
+
+
+ROAD = lane("in_0", (0.0, 0.0), (100.0, 0.0))
+ASIDE = lane(":j_0_0", (100.0, 0.0), (103.0, -3.2))
+EXIT, THROUGH = lane("out_0", (103.0, -3.2), (303.0, -3.2)), lane("out_1", (103.0, 0.0), (303.0, 0.0))
+
+
+def heights(lanes: list[Lane], *others: Lane, at: list[float]) -> list[float]:
+    """y of the line of `lanes` at m along it from the begin of the first one, in a network with `others`."""
+    line, ends = path_line(lanes, BEFORE, {one.id: one for one in (*lanes, *others)})
+    begin = ends[0] - lanes[0].length
+    assert line.end == pytest.approx(ends[-1] + VIEW)
+    return [line.at(begin + s)[1] for s in at]
+
+
+def test_an_exit_beside_the_road_is_reached_as_in_a_lane_change() -> None:
+    # SUMO goes 3.2 m aside within 3 m; at 25 m/s, 1.5 m/s sideways take 53 m.
+    way = 3.2 / SIDEWAYS * LIMIT
+    found = heights([ROAD, ASIDE, EXIT], THROUGH, at=[50.0, 103.0, 103.0 + 0.5 * way, 103.0 + way + 1.0, 250.0])
+    assert found == pytest.approx([0.0, 0.0, -1.6, -3.2, -3.2], abs=0.05)
+    # The same where the path begins on the exit, and its rear is still on the road.
+    line, ends = path_line([EXIT], [(90.0, 0.0), (103.0, 0.0)], {one.id: one for one in (EXIT, THROUGH)})
+    assert line.at(13.0 + 0.5 * way)[1] == pytest.approx(-1.6, abs=0.05)
+    assert ends[0] == pytest.approx(13.0 + 200.0, abs=0.2)
+
+
+def test_where_no_lane_lies_beside_it_sumo_s_way_is_kept() -> None:
+    sidewalk = lane("out_1", (103.0, 0.0), (303.0, 0.0), surface=Surface.SIDEWALK)
+    for others in ([], [sidewalk], [lane("out_2", (103.0, 3.2), (303.0, 3.2))]):
+        assert heights([ROAD, ASIDE, EXIT], *others, at=[100.0, 105.0, 120.0]) == pytest.approx(
+            [0.0, -3.2, -3.2], abs=0.2
+        )
+
+
+def test_ways_through_junctions_are_kept() -> None:
+    # A turn, a gentle shift across a wide junction, and a far one.
+    turn = [lane(":j_1_0", (100.0, 0.0), (108.0, 8.0)), lane("up_0", (108.0, 8.0), (108.0, 99.0))]
+    shift = [lane(":j_2_0", (100.0, 0.0), (120.0, -3.2)), lane("out_0", (120.0, -3.2), (220.0, -3.2))]
+    far = [lane(":j_3_0", (100.0, 0.0), (108.0, -8.0)), lane("out_0", (108.0, -8.0), (208.0, -8.0))]
+    for lanes in (turn, shift, far):
+        line, ends = path_line([ROAD, *lanes], BEFORE, {"out_1": THROUGH, "up_1": THROUGH})
+        drawn = np.concatenate([BEFORE, *[one.shape for one in (ROAD, *lanes)]])
+        for x, y in drawn:
+            assert line.place(x, y, -np.inf, np.inf)[2] < 1e-9
+        assert ends[-1] == pytest.approx(10.0 + sum(one.length for one in (ROAD, *lanes)))
