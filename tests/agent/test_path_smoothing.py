@@ -11,9 +11,11 @@ from slrl_sumo.agent.path_smoothing import (
     BRAKING,
     CHORD,
     COMFORT,
+    CORNER,
     NEIGHBOURS,
     PASSES,
     REACTION,
+    ROUNDED,
     SLOWEST,
     SPARE,
     STRAIGHT,
@@ -21,7 +23,7 @@ from slrl_sumo.agent.path_smoothing import (
 )
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
@@ -192,16 +194,49 @@ def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
     after = fitted(before, users(*zip(kinds.tolist(), speeds.tolist(), strict=True)), limits)
     possible = SPARE * limits.sharpest[0]
     for i in range(n):
-        path, signed = banded(before.x[i] + 1j * before.y[i], *possible[:, 0])
+        path, _ = banded(before.x[i] + 1j * before.y[i], *possible[:, 0])
         assert np.abs(after.x[i] + 1j * after.y[i] - path).max() < 1e-9
         least = np.inf
-        for way, curve in enumerate(signed[HERE:]):
+        for way, curve in enumerate(driven(path)[HERE:]):
             can = possible[int(curve > 0.0)]
             fast = SPEEDS[(can >= np.abs(curve)) | (can >= BEST_TURNING * can[0])].max()
             allowed = SPEEDS[-1] if abs(curve) < STRAIGHT else min(fast, np.sqrt(COMFORT / abs(curve)))
             early = max(way * SPACING - REACTION * speeds[i], 0.0)
             least = min(least, np.sqrt(max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kinds[i]] * early))
         assert after.desired[i] == pytest.approx(least)
+
+
+def driven(path: Floats) -> Floats:
+    """Curvatures of one path (x + iy) that has no sharp corners, each over the length over which a circle that leaves a
+    corner by ROUNDED joins its legs."""
+    curves = curvature(routes((path.real, path.imag)))[0]
+    for k in range(CHORD, POINTS - CHORD):
+        usual = path[[k - CHORD, k, k + CHORD]]
+        turn = abs(np.angle((usual[2] - usual[1]) * (usual[1] - usual[0]).conj()))
+        # The middle of an arc of length L that turns by a is L * a / 8 from the corner of its tangents.
+        length = np.inf if turn < 1e-9 else 8.0 * ROUNDED / turn
+        reach = min(int(min(length, POINTS * SPACING) / SPACING), k, POINTS - 1 - k)
+        if turn <= CORNER and reach > CHORD:
+            before, after = path[k] - path[k - reach], path[k + reach] - path[k]
+            longer = np.angle(after * before.conj()) / (0.5 * (abs(before) + abs(after)))
+            curves[k] = min(curves[k], longer, key=abs)
+    return curves
+
+
+def test_a_corner_of_a_fast_road_slows_a_queue_no_more_than_free_traffic() -> None:
+    # Lanes of the motorway A10KW turn by 0.076 rad from piece to piece; SUMO drives 25 m/s there.
+    speeds = np.array([5.0, 15.0, 25.0])
+    spacing = np.array([spacing_at(v) for v in speeds])
+    x = np.minimum(ALONG, 15.0) + np.maximum(ALONG - 15.0, 0.0) * np.cos(0.076)
+    y = np.maximum(ALONG - 15.0, 0.0) * np.sin(0.076)
+    before = routes(*[(x * each, y * each) for each in spacing], desired=40.0)
+    before = replace(before, spacing=spacing)
+    after = fitted(before, users(*((CAR, v) for v in speeds)), able(0.3, 0.3))
+    assert after.desired.min() > 27.0
+    # An arc as long as the view is no corner: 1/100 m allows 20 m/s whatever the speed.
+    long = routes(*[tuple(each * p for p in circle(100.0 / each)) for each in spacing], desired=40.0)
+    bent = fitted(replace(long, spacing=spacing), users(*((CAR, v) for v in speeds)), able(0.3, 0.3))
+    assert bent.desired == pytest.approx(20.0, rel=0.03)
 
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE])
@@ -213,7 +248,7 @@ def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
     speeds = np.array([2.0, 8.0])
     after = fitted(routes((x, y), (x, y), desired=25.0), users(*((kind, v) for v in speeds)), limits)
     way = np.arange(AHEAD + 1.0)
-    allowed = np.sqrt(COMFORT / np.maximum(np.abs(curvature(after)[0, HERE:]), 1e-6))
+    allowed = np.sqrt(COMFORT / np.maximum(np.abs(driven(after.x[0] + 1j * after.y[0])[HERE:]), 1e-6))
     early = np.maximum(way - REACTION * speeds[:, None], 0.0)
     expected = np.sqrt(allowed**2 + 2.0 * BRAKING[kind] * early).min(axis=1)
     assert after.desired == pytest.approx(expected)
