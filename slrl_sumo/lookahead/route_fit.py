@@ -49,6 +49,8 @@ class RouteFit(NamedTuple):
     MAX_RATIO."""
     follow_ratio: Floats
     """The same for stopping behind the leader."""
+    leader_ratio: Floats
+    """How much of that is the distance in which the leader stops."""
 
 
 def route_fit(
@@ -139,7 +141,7 @@ def _route_fit(
     n, modes = heading.shape
     dt = DECISION_INTERVAL
     heading_error, lateral_offset, speed_error = np.zeros((n, modes)), np.zeros((n, modes)), np.zeros((n, modes))
-    stop_ratio, follow_ratio = np.zeros((n, modes)), np.zeros((n, modes))
+    stop_ratio, follow_ratio, leader_ratio = np.zeros((n, modes)), np.zeros((n, modes)), np.zeros((n, modes))
     for i in range(n):
         if not here.known[i]:
             continue
@@ -153,8 +155,10 @@ def _route_fit(
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             stop_ratio[i, mode] = _ratio(needed, here.stop[i] - first * dt)
-            follow_ratio[i, mode] = _ratio(
-                needed, here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
+            behind = here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
+            follow_ratio[i, mode] = _ratio(needed, behind)
+            leader_ratio[i, mode] = min(
+                _ratio(min(ahead * ahead / (2.0 * LEADER_BRAKES), alike), behind), follow_ratio[i, mode]
             )
             covered = (first + speed) * dt
             room = here.room[i] + 2.0 * ahead * dt - covered
@@ -162,7 +166,7 @@ def _route_fit(
             allowed, slow = _interpolated(within, ways, STOPPING, slow)
             allowed = min(allowed, wanted)
             speed_error[i, mode] = min(max((speed - allowed) / max(allowed, 1.0), -1.0), 1.0)
-    return RouteFit(heading_error, lateral_offset, speed_error, stop_ratio, follow_ratio)
+    return RouteFit(heading_error, lateral_offset, speed_error, stop_ratio, follow_ratio, leader_ratio)
 
 
 @compiled

@@ -22,11 +22,11 @@ from slrl_sumo.simulation.settings import RunSettings
 
 CAR, BICYCLE, PEDESTRIAN = RoadUserType
 NAMES = ("collision", "off_surface", "speed", "turn", *RouteFit._fields)
-MEETING, OFF, SPEED, TURN, STEER, ASIDE, PACE, BRAKE, FOLLOW = range(9)
+MEETING, OFF, SPEED, TURN, STEER, ASIDE, PACE, BRAKE, FOLLOW, _ = range(10)
 
 
 def rolled_out(columns: NDArray[np.float64], off_route: NDArray[np.float64]) -> ModeRollouts:
-    """Rollouts of these values, (n, modes, 9), columns as in NAMES."""
+    """Rollouts of these values, (n, modes, 10), columns as in NAMES."""
     fields = {name: columns[..., column] for column, name in enumerate(NAMES)}
     route = RouteFit(**{name: fields.pop(name) for name in RouteFit._fields})
     still = np.zeros(off_route.shape)
@@ -41,7 +41,7 @@ def left(
     touching: tuple[float, ...] = (),
 ) -> list[int]:
     """The modes that are left of `modes`, which lead to these values by column and to nothing in the others."""
-    ahead = np.zeros((1, len(modes), 9))
+    ahead = np.zeros((1, len(modes), 10))
     for mode, values in enumerate(modes):
         for column, value in values.items():
             ahead[0, mode, column] = value
@@ -104,7 +104,7 @@ def test_where_nothing_is_left_the_latest_conflict_is() -> None:
 def test_each_keeps_at_least_one_mode_and_is_judged_alone() -> None:
     random = np.random.default_rng(1)
     n = 300
-    ahead = random.random((n, 20, 9)) * (random.random((n, 20, 9)) < 0.6) * 8.0
+    ahead = random.random((n, 20, 10)) * (random.random((n, 20, 10)) < 0.6) * 8.0
     ahead[..., :2] = np.minimum(ahead[..., :2], 1.0)
     kind = random.integers(0, 3, n).astype(np.int8)
     route = make_routes(np.zeros((n, 1)), known=random.random(n) < 0.8, closed=random.random(n) < 0.5)

@@ -14,11 +14,11 @@ from slrl_sumo.scene.types import RoadUserType
 CAR, BICYCLE, PEDESTRIAN = RoadUserType
 NOTHING = CostWeights(**{field.name: 0.0 for field in fields(CostWeights)})
 NAMES = ("collision", "off_surface", "speed", "turn", *RouteFit._fields)
-COLLISION, OFF, SPEED, TURN, STEER, ASIDE, PACE, BRAKE, FOLLOW = range(9)
+COLLISION, OFF, SPEED, TURN, STEER, ASIDE, PACE, BRAKE, FOLLOW, LEADER = range(10)
 
 
 def _rollouts(columns: NDArray[np.float64]) -> ModeRollouts:
-    """Rollouts of these values, (n, modes, 4 or 9), columns as in NAMES."""
+    """Rollouts of these values, (n, modes, 4 or 10), columns as in NAMES."""
     fields = {name: columns[..., column] for column, name in zip(range(columns.shape[-1]), NAMES, strict=False)}
     route = RouteFit(**{name: fields.pop(name) for name in RouteFit._fields}) if len(fields) > 4 else None
     still = np.zeros(columns.shape[:2])
@@ -58,7 +58,7 @@ def test_without_a_route_every_part_counts_by_its_weight() -> None:
 
 def _on_route(weights: CostWeights, column: int, value: float, kind: int = CAR, speed: float = 8.0) -> float:
     """Cost of a mode with `value` in one column, and zeros in the others."""
-    ahead = np.zeros((1, 2, 9))
+    ahead = np.zeros((1, 2, 10))
     ahead[0, 1, column] = value
     against = cost_on_route(_rollouts(ahead), weights, np.array([kind], np.int8), np.array([speed]))
     assert against.shape == (1, 2)
@@ -84,6 +84,18 @@ def test_with_a_route_every_part_counts_by_its_weight() -> None:
     assert _on_route(replace(every, lane=0.0), TURN, 1.0) == _on_route(every, TURN, 1.0)
 
 
+def test_the_distance_in_which_the_leader_stops_is_not_shortened() -> None:
+    weights = replace(NOTHING, braking=7.0)
+    ahead = np.zeros((1, 2, 10))
+    for leader, late in ((0.0, 0.95 - EASY), (0.5, 0.85 - EASY), (0.8, 0.0), (0.95, 0.0)):
+        ahead[0, 1, [FOLLOW, LEADER]] = 0.95, leader
+        cost = cost_on_route(_rollouts(ahead), weights, np.zeros(1, np.int8), np.array([30.0]))
+        assert cost[0, 1] == pytest.approx(7.0 * late), leader
+    # Too late is too late, whatever the leader does.
+    ahead[0, 1, [FOLLOW, LEADER]] = 1.05, 1.0
+    assert cost_on_route(_rollouts(ahead), weights, np.zeros(1, np.int8), np.array([30.0]))[0, 1] > 0.0
+
+
 def test_a_road_user_that_hardly_moves_need_not_steer() -> None:
     weights = replace(NOTHING, heading_error=10.0)
     assert [_on_route(weights, STEER, 1.0, speed=speed) for speed in (0.0, 1.0, 2.0, 13.0)] == pytest.approx(
@@ -102,7 +114,7 @@ def test_pedestrians_mind_their_path_and_their_pavement_less() -> None:
 
 def test_each_road_user_is_judged_alone() -> None:
     random = np.random.default_rng(1)
-    ahead, kind, speed = random.random((6, 4, 9)), np.array([0, 1, 2, 0, 1, 2], np.int8), random.random(6) * 4
+    ahead, kind, speed = random.random((6, 4, 10)), np.array([0, 1, 2, 0, 1, 2], np.int8), random.random(6) * 4
     together = cost_on_route(_rollouts(ahead), CostWeights(), kind, speed)
     assert (together >= 0).all()
     for i in range(6):

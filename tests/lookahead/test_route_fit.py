@@ -98,6 +98,11 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         np.testing.assert_allclose(
             fits.follow_ratio[i], np.minimum(need / np.maximum(behind, AT), MAX_RATIO), atol=1e-12
         )
+        theirs = min(
+            leading[i] ** 2 / (2.0 * LEADER_BRAKES), np.interp(leading[i], STOPPING, capability.stopping[kind])
+        )
+        shared = np.minimum(theirs, need) / np.maximum(behind, AT)
+        np.testing.assert_allclose(fits.leader_ratio[i], np.minimum(shared, MAX_RATIO), atol=1e-12)
         covered, braking = (first + speed) * DECISION_INTERVAL, leading[i] ** 2 / (2.0 * LEADER_BRAKES)
         later = room[i] + 2.0 * leading[i] * DECISION_INTERVAL - covered - braking
         braking = min(braking, np.interp(leading[i], STOPPING, capability.stopping[kind]))
