@@ -3,6 +3,7 @@
 SUMO needs no heights for that: vehicles of different lanes meet at junctions only. Networks rarely have heights.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -37,27 +38,29 @@ class GradeSeparation(NamedTuple):
 
 
 def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
-    """Where carriageways cross farther than FROM_ENDS from the ends of their lanes: about 0.1 s in a city."""
-    lanes = [
-        lane
-        for lane in lanes
-        if lane.surface == Surface.ROAD and not lane.internal and lane.length > 2.0 * FROM_ENDS and len(lane.shape) > 1
-    ]
+    """Where carriageways cross farther than FROM_ENDS from the ends of their lanes: 1.6 s for 66,000 lanes on a
+    busy core."""
+    lanes = [lane for lane in lanes if lane.surface == Surface.ROAD and not lane.internal and len(lane.shape) > 1]
     if len(lanes) < 2:
         return ()
     edges = {name: k for k, name in enumerate(dict.fromkeys(lane.edge for lane in lanes))}
-    pieces, of_edge = [], []
-    for lane in lanes:
-        line = _within(lane.shape, FROM_ENDS)
-        pieces.append(np.column_stack([line[:-1], line[1:]]))
-        of_edge += [edges[lane.edge]] * (len(line) - 1)
-    segments, edge = np.concatenate(pieces), np.array(of_edge, np.int64)
+    points = np.concatenate([lane.shape for lane in lanes])
+    lane_of = np.repeat(np.arange(len(lanes)), [len(lane.shape) for lane in lanes])
+    inside = lane_of[1:] == lane_of[:-1]
+    steps = np.where(inside, np.hypot(*np.diff(points, axis=0).T), 0.0)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    first = np.searchsorted(lane_of, np.arange(len(lanes)))
+    last = np.append(first[1:], len(points)) - 1
+    of = lane_of[:-1][inside]
+    edge = np.array([edges[lane.edge] for lane in lanes])[of]
+    ends = np.column_stack([along[:-1][inside] - along[first[of]], along[last[of]] - along[:-1][inside]])
+    segments = np.column_stack([points[:-1][inside], points[1:][inside], ends])
     order = np.argsort(np.minimum(segments[:, 0], segments[:, 2]), kind="stable")
-    first, second, x, y = _crossings(segments[order], edge[order], np.sin(ACROSS))
+    one, other, x, y = _crossings(segments[order], edge[order], np.sin(ACROSS), FROM_ENDS)
     names = list(edges)
     found = [
         GradeSeparation((min(names[a], names[b]), max(names[a], names[b])), *place)
-        for a, b, *place in zip(first.tolist(), second.tolist(), x.tolist(), y.tolist(), strict=True)
+        for a, b, *place in zip(one.tolist(), other.tolist(), x.tolist(), y.tolist(), strict=True)
     ]
     return tuple(sorted(found))
 
@@ -91,14 +94,6 @@ def levels_of(lanes: Sequence[Lane], separations: Sequence[GradeSeparation]) -> 
     return Levels(columns[0], columns[1], columns[2], columns[3], columns[4].astype(np.int8))
 
 
-def _within(line: Floats, margin: float) -> Floats:
-    """A polyline (k, 2) without its first and last `margin` m; its middle where it is not longer."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
-    begin, end = min(margin, 0.5 * along[-1]), max(along[-1] - margin, 0.5 * along[-1])
-    s = np.concatenate([[begin], along[(along > begin) & (along < end)], [end]])
-    return np.column_stack([np.interp(s, along, line[:, 0]), np.interp(s, along, line[:, 1])])
-
-
 def _around(line: Floats, places: Floats) -> Floats:
     """Points every SPACING m of a polyline within AROUND of one of the `places` (k, 2): x, y, cosine and sine of the
     direction, (p, 4)."""
@@ -119,10 +114,14 @@ def _around(line: Floats, places: Floats) -> Floats:
 
 @compiled
 def _crossings(
-    segments: Floats, edge: NDArray[np.int64], across: float
+    segments: Floats, edge: NDArray[np.int64], across: float, margin: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """Edges and places of the crossings of `segments` (x, y of both ends, (s, 4), by their western ends) of different
-    edges; `across`: sine of the least angle."""
+    """Edges and places of the crossings of `segments` of different edges, farther than `margin` m from the ends of
+    their lanes; `across`: sine of the least angle.
+
+    `segments`: x, y of both ends, m from the first one back to the begin of the lane and on to its end, (s, 6), by
+    their western ends.
+    """
     room, found = 64, 0
     first, second, x, y = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room), np.empty(room)
     for i in range(len(segments)):
@@ -135,11 +134,15 @@ def _crossings(
             if edge[i] == edge[j] or min(cy, dy) > north or max(cy, dy) < south:
                 continue
             ux, uy, vx, vy = bx - ax, by - ay, dx - cx, dy - cy
-            turn = ux * vy - uy * vx
-            if turn * turn <= across * across * (ux * ux + uy * uy) * (vx * vx + vy * vy):
+            turn, mine, theirs = ux * vy - uy * vx, math.sqrt(ux * ux + uy * uy), math.sqrt(vx * vx + vy * vy)
+            if abs(turn) <= across * mine * theirs:
                 continue
             s, t = ((cx - ax) * vy - (cy - ay) * vx) / turn, ((cx - ax) * uy - (cy - ay) * ux) / turn
             if not (0.0 <= s <= 1.0 and 0.0 <= t <= 1.0):
+                continue
+            near_mine = min(segments[i, 4] + s * mine, segments[i, 5] - s * mine)
+            near_theirs = min(segments[j, 4] + t * theirs, segments[j, 5] - t * theirs)
+            if min(near_mine, near_theirs) <= margin:
                 continue
             if found == room:
                 room *= 2
