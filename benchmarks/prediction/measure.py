@@ -6,11 +6,11 @@
 
 Prints mean errors over 6.4 s relative to those of constant velocity: of single predictions, and of the best of 20; and
 the realism score of the package's selectors. A fold TRAIN:TEST names the recordings (files of the folder) by the
-beginnings of their names, with commas; those of TEST are never learned from, and without TRAIN all others are. SL is
-the prior of a bundle that is fitted to the fold, or of BUNDLE; SL+RL is the trained selector of BUNDLE (`--selector`),
-whose single prediction is the most central mode at each step, as that of SL; greedily it is the most probable one.
-Both simulate all road users together; all predictions of a road user that has 2 s before and 6.4 s after it count,
-every 2 s.
+beginnings of their names, with commas; those of TEST are never learned from, and without TRAIN all others are, so that
+`--fold :sdd-gates --fold :sdd-nexus` leaves out one site at a time. SL is the prior of a bundle that is fitted to the
+fold, or of BUNDLE; SL+RL is the trained selector of BUNDLE (`--selector`), whose single prediction is the most central
+mode at each step, as that of SL; greedily it is the most probable one. Both simulate all road users together; all
+predictions of a road user that has 2 s before and 6.4 s after it count, every 2 s.
 """
 
 import argparse

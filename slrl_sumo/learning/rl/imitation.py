@@ -15,8 +15,8 @@ from torch.nn.functional import cross_entropy
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.learning.supervised.goals import HORIZONS, modes_of, trained_ranges
-from slrl_sumo.learning.supervised.network_training import mode_errors
 from slrl_sumo.learning.supervised.windows import FUTURE, windows
+from slrl_sumo.learning.supervised.winner_takes_all import mode_errors
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy, policy_logits
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_images

@@ -28,6 +28,8 @@ OBSERVED = {
 
 LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
 """Part of the windows that the models learn, where it is not all of them."""
+TOP_SPEED = {"paths": "99.9th"}
+"""Percentile of the recorded speeds that is the top speed, where it is not the 99th (see fit.TOP_SPEED)."""
 ALONE = {"accelerations": " (others only the prior, not the displacement models)"}
 """What the models do not observe, where it is not the same for all."""
 
@@ -124,8 +126,9 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "## Limits",
             "",
             "The output of the models is bounded by the recorded range: accelerations by the 1st and 99th percentile "
-            "of moving road users, yaw rates by those of turning road users, the top speed by the 99th percentile of "
-            "all. The curvature of a path is bounded as well.",
+            "of moving road users, yaw rates by those of turning road users, the top speed by the "
+            f"{TOP_SPEED.get(training['modes_by'], '99th')} percentile of all. The curvature of a path is bounded as "
+            "well.",
             "",
             "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
             "|---|---|---|---|---|",

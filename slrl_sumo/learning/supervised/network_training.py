@@ -13,6 +13,7 @@ from torch.nn import functional
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, new_speed
 from slrl_sumo.models.prior import Prior
+from slrl_sumo.models.stacked_networks import StackedNetworks
 from slrl_sumo.perception.features import FEATURES, NEAR_FIRST, PAST_SPEED, PAST_YAW_RATE, YAW_RATE
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -35,13 +36,6 @@ EPOCH_PATHS = 120_000
 """Maximum number of windows of an epoch of path training: successive windows share 11 of 12 intervals, so one in eight
 of a million contains as much. Each mode gets the same share, or all of its windows: modes of rare manoeuvres have a few
 hundred of a million windows and would hardly learn otherwise."""
-
-FIRST_PART = 4
-"""With `winner_takes_all` the modes are first trained on their clusters, for this part of the epochs."""
-ASSIGN_EVERY = 4
-"""Epochs after which windows are assigned anew to the mode that predicts them best."""
-AT_ONCE = 1024
-"""Windows that are rolled out in all modes at once."""
 
 ALONE = 0.5
 """Share of the windows in which the nearest road users are hidden: with them, models learn the few encounters of the
@@ -71,7 +65,7 @@ def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
     return turned
 
 
-def _epochs(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator[int]:
+def epochs_of(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator[int]:
     """Run through `count` epochs with a falling learning rate, and a progress bar on stderr in a terminal."""
     console = Console(stderr=True)
     for epoch in track(range(count), what, console=console, transient=True, disable=not console.is_terminal):
@@ -79,7 +73,7 @@ def _epochs(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator
         yield epoch
 
 
-def _batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) -> Iterator[Tensor]:
+def batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) -> Iterator[Tensor]:
     """One epoch: int64 indices (up to `blocks`, `rows`) of windows, in blocks that share a group.
 
     Every window occurs once, and the last block of a group is padded with windows of the group. The blocks of each
@@ -106,8 +100,8 @@ def train_displacement(
     *,
     forget: float = 0.0,
     horizon: int = FUTURE,
-    winner_takes_all: bool = False,
-) -> Longs:
+    tied: bool = False,
+) -> None:
     """Train all displacement models at once, each on the windows of its type and mode (N,).
 
     A model is rolled out over `horizon` intervals, usually the 4.8 s to the destination, with its own speed and
@@ -116,8 +110,7 @@ def train_displacement(
     observe them continue the present motion instead of starting the motion of the mode. The models start as constant
     velocity; the modes of a type share their weights for TYPE_EPOCHS and are then trained separately.
 
-    With `winner_takes_all` they are then trained once more, each on the windows that it predicts best of all modes, so
-    that modes become what covers the recorded paths. Returns the modes of the windows, (N,), in that case those.
+    With `tied` the modes of a type differ in biases and in the last layer only.
     """
     networks = models.networks
     networks.initialise(generator)
@@ -127,40 +120,7 @@ def train_displacement(
     with torch.no_grad():
         for parameter in networks.parameters():
             parameter.copy_(parameter[:, :1].expand_as(parameter))
-    if not winner_takes_all:
-        _train_paths(models, train, mode, epochs, "paths of modes", generator, forget, horizon)
-        return mode
-    shared = [weight.detach().clone() for weight in networks.weight]
-    _train_paths(models, train, mode, -(-epochs // FIRST_PART), "paths of modes", generator, forget, horizon)
-    some = _some(train.type * models.networks.members + mode, np.random.default_rng(0))
-    part = train.take(some)
-    _train_paths(models, part, mode[some], epochs, "winners", generator, forget, horizon, True, shared)
-    return np.asarray(mode_errors(models, train, horizon).argmin(-1), np.int64)
-
-
-@torch.inference_mode()
-def mode_errors(models: DisplacementModels, every: Windows, horizon: int) -> Floats:
-    """Mean error of each mode's rollout over `horizon` intervals, m, (N, modes)."""
-    modes = torch.arange(models.networks.members)
-    result = np.zeros((len(every), len(modes)))
-    for t in RoadUserType:
-        for rows in np.array_split(mine := np.flatnonzero(every.type == t), -(-len(mine) // AT_ONCE) or 1):
-            if len(rows):
-                vector = torch.from_numpy(every.vector[rows]).expand(len(modes), -1, -1)
-                path = rolled(models, vector, torch.full_like(modes, int(t)), modes, horizon)[0]
-                target = torch.from_numpy(every.path[rows, :horizon]).float()
-                result[rows] = (path - target).norm(dim=-1).mean(-1).T.numpy()
-    return result
-
-
-def responsibilities(errors: Floats, kind: Longs) -> Floats:
-    """How likely each mode was that of a window, (N, modes), by its error (N, modes) in the unit of the type `kind`
-    (N,): the mean error of the best mode."""
-    unit = np.ones(len(errors))
-    for t in np.unique(kind):
-        unit[kind == t] = max(errors[kind == t].min(-1).mean(), 1e-6)
-    likely = np.exp((errors.min(-1, keepdims=True) - errors) / unit[:, None])
-    return np.asarray(likely / likely.sum(-1, keepdims=True), np.float64)
+    _train_paths(models, train, mode, epochs, "paths of modes", generator, forget, horizon, tied)
 
 
 def rolled(
@@ -213,9 +173,9 @@ def _train_paths(
     generator: torch.Generator,
     forget: float,
     horizon: int,
-    winner_takes_all: bool = False,
-    common: list[Tensor] | None = None,
+    tied: bool = False,
 ) -> None:
+    """Train each model on the windows of its type and mode (N,); with `tied` as `tie` has it."""
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
     target = torch.from_numpy(train.path[:, :horizon].astype(np.float32))
     # Motion beyond the bounds cannot be learned; the position errors still contain it.
@@ -224,41 +184,60 @@ def _train_paths(
     kinematics = kinematics.clamp(bounds[:, 0], bounds[:, 1])
     # Errors are relative to those of constant velocity at the same time, so that walking and driving, and the first
     # step and the last, have equal weight.
-    ahead = torch.arange(1, horizon + 1) * DECISION_INTERVAL
-    usual, unit = [], []
-    for t in RoadUserType:
-        mine = kind == int(t)
-        straight = torch.stack([vector[mine, SPEED, None] * ahead, torch.zeros(int(mine.sum()), horizon)], -1)
-        usual.append((straight - target[mine]).square().mean((0, 2)).sqrt().clamp_min(1e-2))
-        unit.append(kinematics[mine].square().mean(0).sqrt().clamp_min(1e-3))
-    path_scale, kinematic_scale = torch.stack(usual), torch.stack(unit)
+    path_scale = usual_errors(vector, kind, target)
+    moved = [kinematics[kind == int(t)].square().mean(0).sqrt().clamp_min(1e-3) for t in RoadUserType]
+    kinematic_scale = torch.stack(moved)
     random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
     group = train.type * models.networks.members + mode
-    common = common or [weight.detach().clone() for weight in models.networks.weight]
+    common = [weight.detach().clone() for weight in models.networks.weight]
     optimizer = torch.optim.Adam(models.parameters())
-    for epoch in _epochs(epochs, what, optimizer):
-        if winner_takes_all and epoch % ASSIGN_EVERY == 0:
-            mode = mode_errors(models, train, horizon).argmin(-1)
-            group, chosen = train.type * models.networks.members + mode, torch.from_numpy(mode)
-        some = _some(group, random)
-        for rows in _batches(group[some], 64, 120, random):
+    for _ in epochs_of(epochs, what, optimizer):
+        some = some_windows(group, random)
+        for rows in batches(group[some], 64, 120, random):
             rows = torch.from_numpy(some)[rows]
             of = kind[rows[:, 0]]
-            seen = turned(vector[rows], generator)
-            if forget:
-                seen[..., ACCELERATION] *= torch.rand(rows.shape, generator=generator) >= forget
+            seen = seen_in_training(vector[rows], forget, generator)
             path, first = rolled(models, seen, of, chosen[rows[:, 0]], horizon)
-            error = _huber((path - target[rows]) / path_scale[of][:, None, :, None])
-            error = error + KINEMATIC_WEIGHT * _huber((first - kinematics[rows]) / kinematic_scale[of][:, None])
+            error = huber((path - target[rows]) / path_scale[of][:, None, :, None])
+            error = error + KINEMATIC_WEIGHT * huber((first - kinematics[rows]) / kinematic_scale[of][:, None])
             apart = [(w - c).square().sum() for w, c in zip(models.networks.weight, common, strict=True)]
             error = error + MODE_PENALTY / len(train) * torch.stack(apart).sum()
             optimizer.zero_grad()
             torch.autograd.backward(error)
+            if tied:
+                tie(models.networks)
             optimizer.step()
 
 
-def _some(group: Longs, random: np.random.Generator) -> Longs:
-    """Windows of one epoch, int64 indices in a random order; `group` (N,) as in `_batches`."""
+def tie(networks: StackedNetworks) -> None:
+    """Give all members of a type the same gradient in the weights of all layers but the last: equal ones stay equal."""
+    for weight in networks.weight[:-1]:
+        if weight.grad is not None:
+            weight.grad.copy_(weight.grad.sum(1, keepdim=True).expand_as(weight))
+
+
+def seen_in_training(vector: Tensor, forget: float, generator: torch.Generator) -> Tensor:
+    """What a model observes of the windows `vector` (..., columns) in training (see `turned`, `train_displacement`)."""
+    seen = turned(vector, generator)
+    if forget:
+        seen[..., ACCELERATION] *= torch.rand(seen.shape[:-1], generator=generator) >= forget
+    return seen
+
+
+def usual_errors(vector: Tensor, kind: Tensor, target: Tensor) -> Tensor:
+    """Root mean square errors of constant velocity after each interval of `target` (N, horizon, 2), m per coordinate,
+    (3, horizon)."""
+    ahead = torch.arange(1, target.shape[1] + 1) * DECISION_INTERVAL
+    usual = []
+    for t in RoadUserType:
+        mine = kind == int(t)
+        straight = torch.stack([vector[mine, SPEED, None] * ahead, torch.zeros(int(mine.sum()), len(ahead))], -1)
+        usual.append((straight - target[mine]).square().mean((0, 2)).sqrt().clamp_min(1e-2))
+    return torch.stack(usual)
+
+
+def some_windows(group: Longs, random: np.random.Generator) -> Longs:
+    """Windows of one epoch, int64 indices in a random order; `group` (N,) as in `batches`."""
     order = random.permutation(len(group))
     if len(group) <= EPOCH_PATHS:
         return order
@@ -271,7 +250,7 @@ def _some(group: Longs, random: np.random.Generator) -> Longs:
     return order[chosen[order]]
 
 
-def _huber(error: Tensor) -> Tensor:
+def huber(error: Tensor) -> Tensor:
     """Mean Huber loss: outliers in recorded positions must not dominate a model with few windows."""
     return functional.smooth_l1_loss(error, torch.zeros_like(error))
 
@@ -288,8 +267,8 @@ def train_prior(prior: Prior, train: Windows, mode: Longs | Floats, epochs: int,
         chosen = chosen.float()
     random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
     optimizer = torch.optim.Adam(prior.parameters())
-    for _ in _epochs(epochs, "prior", optimizer):
-        for rows in _batches(train.type, 128, 36, random):
+    for _ in epochs_of(epochs, "prior", optimizer):
+        for rows in batches(train.type, 128, 36, random):
             t = kind[rows[:, 0]]
             logits = prior.networks(turned(vector[rows], generator), t, torch.zeros_like(t))
             size = torch.stack([weight.square().sum() for weight in prior.networks.weight]).sum()

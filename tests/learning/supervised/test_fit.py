@@ -229,15 +229,15 @@ def test_modes_of_accelerations_do_the_same_in_company(traffic: list[Trajectorie
 def test_every_group_has_its_share_of_an_epoch(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervised, "EPOCH_PATHS", 40)
     group = np.repeat([0, 3, 5, 9], [1000, 4, 100, 12])
-    some = supervised._some(group, np.random.default_rng(0))
+    some = supervised.some_windows(group, np.random.default_rng(0))
     assert len(set(some.tolist())) == len(some)
     assert np.bincount(group[some])[[0, 3, 5, 9]].tolist() == [10, 4, 10, 10]
-    again = supervised._some(group, np.random.default_rng(1))
+    again = supervised.some_windows(group, np.random.default_rng(1))
     assert set(some.tolist()) != set(again.tolist())
     # In a random order, not one group after another.
     assert (np.diff(group[some]) < 0).any()
     # What fits into an epoch is taken whole.
-    assert sorted(supervised._some(group[-30:], np.random.default_rng(0)).tolist()) == list(range(30))
+    assert sorted(supervised.some_windows(group[-30:], np.random.default_rng(0)).tolist()) == list(range(30))
 
 
 @pytest.mark.parametrize("kind", RoadUserType)

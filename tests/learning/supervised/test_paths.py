@@ -8,8 +8,9 @@ from builders import make_bundle, make_recording
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.learning.supervised.fit import fit
-from slrl_sumo.learning.supervised.network_training import HEADING, mode_errors, responsibilities, rolled
+from slrl_sumo.learning.supervised.network_training import HEADING, rolled
 from slrl_sumo.learning.supervised.windows import mirrored, windows
+from slrl_sumo.learning.supervised.winner_takes_all import mode_errors, responsibilities
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.features import PAST_SPEED, PAST_YAW_RATE, STATES, YAW_RATE
 from slrl_sumo.studies.prediction.predictors import held_mode
@@ -80,6 +81,25 @@ def test_each_mode_learns_what_it_predicts_best(walkers: Trajectories, learned: 
 
     with torch.inference_mode():
         assert best(learned) < best(clusters)
+
+
+def test_modes_differ_in_biases_and_the_last_layer_only(learned: ModelBundle) -> None:
+    *shared, last = learned.displacement.networks.weight
+    for weight in shared:
+        torch.testing.assert_close(weight[2], weight[2, :1].expand_as(weight[2]))
+    assert float(last[2].std(0).max()) > 0.01
+    assert float(learned.displacement.networks.bias[0][2].std(0).max()) > 0.001
+
+
+def test_fast_road_users_need_not_slow_down(walkers: Trajectories, learned: ModelBundle) -> None:
+    """A jogger is in less than 1 % of the moments; the models reach its speed, and the card says so."""
+    jogger = make_recording((1.0 * np.arange(26), np.zeros(26), np.zeros(26)), type=2)
+    bundle = fit([*[walkers] * 3, jogger], name="jogger", seed=1, epochs=1, modes="paths", preset="history")
+    clusters = fit([*[walkers] * 3, jogger], name="jogger", seed=1, epochs=1)
+    assert clusters.max_speed[2] < 1.7  # as the walkers
+    assert bundle.max_speed[2] == pytest.approx(2.5, abs=0.01)
+    assert "99.9th percentile" in bundle.card
+    assert "99.9th percentile" not in clusters.card
 
 
 def test_modes_that_predict_a_path_nearly_as_well_share_it() -> None:

@@ -1,0 +1,112 @@
+"""Modes that compete for recorded paths: each is trained on those that it predicts best (`fit --modes paths`)."""
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import nn
+
+from slrl_sumo.learning.supervised.network_training import (
+    batches,
+    epochs_of,
+    huber,
+    rolled,
+    seen_in_training,
+    some_windows,
+    tie,
+    train_displacement,
+    usual_errors,
+)
+from slrl_sumo.learning.supervised.windows import Windows
+from slrl_sumo.models.displacement import DisplacementModels
+from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.types import RoadUserType
+
+CLUSTERS_PART = 4
+"""The modes are first trained on their clusters, for one in CLUSTERS_PART of the epochs."""
+ASSIGN_EVERY = 4
+"""Epochs after which windows are assigned anew to the mode that predicts them best."""
+RELAXATION = 0.05
+"""Share of the windows that a random mode learns instead of the best one, so that none is left behind untrained."""
+WEIGHT_DECAY = 0.01
+"""Of the optimiser (AdamW)."""
+LONGEST_GRADIENT = 1.0
+"""Norm to which longer gradients are cut, as is usual for those that go through many steps."""
+ROWS, BLOCKS = 16, 32
+"""Windows of one block, which share type and mode, and blocks of an optimiser step."""
+AT_ONCE = 1024
+"""Windows that are rolled out in all modes at once where nothing is learned."""
+
+Longs = NDArray[np.int64]
+
+
+def train_winners(
+    models: DisplacementModels,
+    train: Windows,
+    mode: Longs,
+    epochs: int,
+    generator: torch.Generator,
+    *,
+    forget: float,
+    horizon: int,
+) -> Longs:
+    """Train displacement models so that the modes of a type cover the recorded paths over `horizon` intervals.
+
+    Begins as `train_displacement` with the modes (N,) of clusters. Then every few epochs each window is rolled out in
+    all modes, and the one with the least error learns it. The unit of errors is the same at all times of a path, as in
+    the mean error by which the best of many predictions is found. The modes of a type differ in biases and the last
+    layer only: otherwise each learns its other layers from a twentieth of the windows, and predicts other recordings
+    worse.
+    Returns the modes that predict the windows best, (N,).
+    """
+    train_displacement(
+        models, train, mode, -(-epochs // CLUSTERS_PART), generator, forget=forget, horizon=horizon, tied=True
+    )
+    random = np.random.default_rng(int(torch.randint(2**31, (), generator=generator)))
+    members = models.networks.members
+    part = train.take(some_windows(train.type * members + mode, random))
+    vector, kind = torch.from_numpy(part.vector), torch.from_numpy(part.type)
+    target = torch.from_numpy(part.path[:, :horizon].astype(np.float32))
+    unit = usual_errors(vector, kind, target).square().mean(1).sqrt()
+    optimizer = torch.optim.AdamW(models.parameters(), weight_decay=WEIGHT_DECAY)
+    for epoch in epochs_of(epochs, "winners", optimizer):
+        if epoch % ASSIGN_EVERY == 0:
+            best = mode_errors(models, part, horizon).argmin(-1)
+        left = random.random(len(part)) < RELAXATION
+        learns = np.where(left, random.integers(members, size=len(part)), best)
+        chosen = torch.from_numpy(learns)
+        for rows in batches(part.type * members + learns, ROWS, BLOCKS, random):
+            of = kind[rows[:, 0]]
+            seen = seen_in_training(vector[rows], forget, generator)
+            path = rolled(models, seen, of, chosen[rows[:, 0]], horizon)[0]
+            error = huber((path - target[rows]) / unit[of][:, None, None, None])
+            optimizer.zero_grad()
+            torch.autograd.backward(error)
+            tie(models.networks)
+            nn.utils.clip_grad_norm_(models.parameters(), LONGEST_GRADIENT)
+            optimizer.step()
+    return np.asarray(mode_errors(models, train, horizon).argmin(-1), np.int64)
+
+
+@torch.inference_mode()
+def mode_errors(models: DisplacementModels, every: Windows, horizon: int) -> Floats:
+    """Mean error of each mode's rollout over `horizon` intervals, m, (N, modes)."""
+    modes = torch.arange(models.networks.members)
+    result = np.zeros((len(every), len(modes)))
+    for t in RoadUserType:
+        for rows in np.array_split(mine := np.flatnonzero(every.type == t), -(-len(mine) // AT_ONCE) or 1):
+            if len(rows):
+                vector = torch.from_numpy(every.vector[rows]).expand(len(modes), -1, -1)
+                path = rolled(models, vector, torch.full_like(modes, int(t)), modes, horizon)[0]
+                target = torch.from_numpy(every.path[rows, :horizon]).float()
+                result[rows] = (path - target).norm(dim=-1).mean(-1).T.numpy()
+    return result
+
+
+def responsibilities(errors: Floats, kind: Longs) -> Floats:
+    """How likely each mode was that of a window, (N, modes), by its error (N, modes) in the unit of the type `kind`
+    (N,): the mean error of the best mode."""
+    unit = np.ones(len(errors))
+    for t in np.unique(kind):
+        unit[kind == t] = max(errors[kind == t].min(-1).mean(), 1e-6)
+    likely = np.exp((errors.min(-1, keepdims=True) - errors) / unit[:, None])
+    return np.asarray(likely / likely.sum(-1, keepdims=True), np.float64)
