@@ -32,11 +32,10 @@ MARGIN = 0.3
 """m beside its box within which a vehicle slows down for standing road users ..."""
 PASSING = 2.0
 """m/s ... to this speed, at which it passes them."""
-GRAZE = 0.4
-"""m by which boxes of vehicles on crossing lanes may overlap in SUMO's networks where one stands and waits."""
 PATIENCE = 20.0
-"""s after which a vehicle passes a standing one that it would only graze: by then learned road users that stand for
-others try to go on (agent/deadlock.py)."""
+"""s after which a vehicle slowly passes one that stands on its own lane, where SUMO lets it: in SUMO's networks
+vehicles touch those that wait beside their lane. By then learned road users that stand for others try to go on
+(agent/deadlock.py)."""
 
 
 class Yielding:
@@ -133,11 +132,10 @@ class Yielding:
         # Beside standing road users a vehicle slows down, for those on its path it stops.
         patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < PATIENCE for row in rows], np.bool_)
         on_lanes = np.zeros(len(learned), np.bool_) if context is None else context.route.known
-        grazes = ~patient[vehicle] & (on_lanes & (learned.type != RoadUserType.PEDESTRIAN))[agent]
-        margin = np.where(grazes & (moments[agent] == 1), -GRAZE, 0.0)
-        margin = np.append(margin, np.full(len(standing), MARGIN))
+        passes = ~patient[vehicle] & (on_lanes & (learned.type != RoadUserType.PEDESTRIAN) & (moments == 1))[agent]
+        margin = np.append(np.zeros(len(agent)), np.full(len(standing), MARGIN))
         vehicle, agent = np.append(vehicle, vehicle[standing]), np.append(agent, agent[standing])
-        beside = margin > 0.0
+        beside = np.append(passes, np.ones(len(standing), np.bool_))
         enter, leave = conflicts(ahead, vehicle, boxes, agent, moments, margin, self._levels)
         leading = speed_along(ahead, vehicle, enter, boxes, agent, learned.speed)
         certain = np.where(beside, -1.0, np.where(moments[agent] == 1, np.inf, committed[agent]))

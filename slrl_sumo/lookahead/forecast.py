@@ -64,7 +64,7 @@ def path_following(context: RouteContext | None, world: WorldState) -> PathFollo
 
 
 def forecast_boxes(world: WorldState, following: PathFollowing, margin: Floats, *, yielding: bool = False) -> Boxes:
-    """Boxes of all road users of `world` after each interval, larger by the `margin` (m) of their type, (3,).
+    """Boxes of all m road users of `world` after each interval, larger by `margin`, (m,) in m.
 
     Path-following vehicles keep their speed along the path up to the line before which they must stop; all others
     keep speed and yaw rate. With `yielding`, path-following vehicles brake to a stop with YIELD_BRAKING instead.
@@ -75,11 +75,8 @@ def forecast_boxes(world: WorldState, following: PathFollowing, margin: Floats, 
 
 
 def sizes(users: WorldState, margin: Floats) -> Floats:
-    """Length and width of road users in m, larger by the `margin` (m) of their type, (3,): (n, 2)."""
-    room = margin[users.type]
-    result = np.empty((len(users), 2))
-    result[:, 0], result[:, 1] = users.length + room, users.width + room
-    return result
+    """Length and width of n road users in m, larger by `margin`, (n,): (n, 2)."""
+    return np.column_stack([users.length + margin, users.width + margin])
 
 
 def bring_to_paths(paths: ModePaths, following: PathFollowing, rows: NDArray[np.intp]) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.braking import braking_residual
-from slrl_sumo.lookahead.collision import MARGIN, Others, collision_scores
+from slrl_sumo.lookahead.collision import MARGIN, STANDING, Others, collision_scores
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
@@ -126,8 +126,12 @@ class _Expected(NamedTuple):
 
 def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
     following = path_following(context, world)
-    # A vehicle that keeps to its path cannot step aside, as pedestrians do.
-    margin = np.full_like(MARGIN, MARGIN.max()) if context is None else MARGIN
+    if context is None:
+        margin = np.full(len(world), MARGIN.max())
+    else:
+        # What stands does not sway: else vehicles stand for ever before those that wait where SUMO's lanes pass each
+        # other with less than the margin.
+        margin = np.where(world.speed < STANDING, 0.0, MARGIN[world.type])
     going = forecast_boxes(world, following, margin)
     # Without routes there is no order, and none waits.
     yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)

@@ -16,7 +16,8 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 SIDE_GAP = np.array([0.25, 0.25, 0.1])
-"""m of clearance beside a box from which another road user is no leader, by the type of the follower."""
+"""m of clearance beside a box from which another road user is no leader, by the type of the follower; 0 for vehicles
+beside one that stands."""
 NEAREST = np.array([0.5, 0.5, 0.25])
 """m ahead from which a road user can be a leader: one beside the follower is none."""
 ALIKE = 1.1
@@ -110,14 +111,15 @@ def _leaders(
         same, across = math.cos(turn), abs(math.sin(turn))
         ahead, wide = abs(same) * length + across * width, across * length + abs(same) * width
         clear = abs(pairs.lateral_offset[pair, 0]) - 0.5 * wide - 0.5 * users.width[ego]
-        if clear >= SIDE_GAP[kind] or _on_another_level(levels, users, other, pairs, pair):
+        stands = kind != PEDESTRIAN and users.speed[other] < STANDING
+        if clear >= (0.0 if stands else SIDE_GAP[kind]) or _on_another_level(levels, users, other, pairs, pair):
             continue
         between = along - 0.5 * ahead - 0.5 * users.length[ego]
         if kind != PEDESTRIAN and between < IN_WAY:
             in_way[found] = way_code(ego, other, len(users.type))
             found += 1
         # Pedestrians walk around a road user in their way, unless it waits where they want to wait.
-        if not (same > COS_ALIKE or (kind != PEDESTRIAN and users.speed[other] < STANDING)):
+        if not (same > COS_ALIKE or stands):
             continue
         # One that is already beside the follower does not lead, unless the follower would drive into it.
         if between < 0.0 and clear > -BESIDE:

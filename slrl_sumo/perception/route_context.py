@@ -69,9 +69,8 @@ def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tupl
     """`stop_distance` and `follow_distance` (see RouteContext) of the first road users of `world`, those of `route`,
     with these leaders, (n,) each."""
     n = len(route)
-    return _stop_distances(
-        world.type[:n], world.length[:n], route.stop, route.line, route.out, ahead.gap, ahead.speed, ahead.row
-    )
+    lines = route.stop, route.line, route.out, route.wait
+    return _stop_distances(world.type[:n], world.length[:n], *lines, ahead.gap, ahead.speed, ahead.row)
 
 
 @compiled
@@ -81,6 +80,7 @@ def _stop_distances(
     stop: Floats,
     line: Floats,
     out: Floats,
+    wait: Floats,
     gap: Floats,
     leading: Floats,
     leader: NDArray[np.int64],
@@ -97,6 +97,8 @@ def _stop_distances(
     for i in range(n):
         must[i] = stop[i] - STOP_MARGIN
         exit_taken = leader[i] >= 0 and line[i] < stand[i] < min(out[i] + length[i], stop[i])
+        # Behind another one that waits for its turn inside there is room for the whole vehicle.
+        exit_taken &= not line[i] + length[i] <= stand[i] <= wait[i]
         if exit_taken and 1.0 < line[i] < np.inf and out[i] < np.inf:
             must[i] = min(stop[i], line[i] - 1.0) - STOP_MARGIN
         room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)

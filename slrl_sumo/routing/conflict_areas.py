@@ -15,6 +15,10 @@ STEP = 0.1
 """m: areas are computed for distances of the lanes in these steps."""
 SPACING = 0.5
 """m between the points of lanes that are compared."""
+TURNS = 0.35
+"""rad between the first direction of a way and another one, from which vehicles on it swing out."""
+TOGETHER = 0.9
+"""Least cosine between two lanes where an area begins and where it ends, if they lead through it side by side."""
 
 
 def half_width(length: float, width: float) -> float:
@@ -29,6 +33,12 @@ class ConflictArea(NamedTuple):
     end: float
     other_begin: float
     other_end: float
+    together: bool
+    """Both lead through it in the same direction: one road user can follow the other."""
+
+    def swapped(self) -> "ConflictArea":
+        """The area as the other lane has it."""
+        return ConflictArea(self.other_begin, self.other_end, self.begin, self.end, self.together)
 
 
 class SharedArea(NamedTuple):
@@ -48,7 +58,8 @@ class ConflictAreas:
         self._graph = graph
         self._points: dict[str, Floats] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
-        self._of_ways: dict[tuple[tuple[str, ...], tuple[str, ...], float], tuple[SharedArea, ...]] = {}
+        self._turns: dict[tuple[str, ...], bool] = {}
+        self._of_ways: dict[tuple[tuple[str, ...], tuple[str, ...], float, float], tuple[SharedArea, ...]] = {}
 
     def add_line(self, name: str, line: Floats) -> None:
         """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""
@@ -62,26 +73,38 @@ class ConflictAreas:
         key = (lane, other, steps)
         if key not in self._areas:
             self._areas[key] = area = _area(self._points_of(lane), self._points_of(other), steps * STEP)
-            self._areas[other, lane, steps] = None if area is None else ConflictArea(*area[2:], *area[:2])
+            self._areas[other, lane, steps] = None if area is None else area.swapped()
         return self._areas[key]
 
-    def of_ways(self, lanes: tuple[str, ...], others: tuple[str, ...], apart: float) -> tuple[SharedArea, ...]:
+    def of_ways(
+        self, lanes: tuple[str, ...], others: tuple[str, ...], apart: float, abreast: float
+    ) -> tuple[SharedArea, ...]:
         """The conflict areas of the lanes of a way with those of another one, see `between`; none where both ways come
-        from the same lane.
+        from the same lane. Where both lead in the same direction, `abreast` m are enough instead of `apart`.
 
         Kept by ways: vehicles ask this of each other in each decision, and most ways share nothing.
         """
-        key = (lanes, others, apart)
+        key = (lanes, others, apart, abreast)
         shared = self._of_ways.get(key)
         if shared is None:
             found = []
             if self._graph.origin(lanes[0]) != self._graph.origin(others[0]):
                 for i, lane in enumerate(lanes):
                     for j, other in enumerate(others):
-                        if (area := self.between(lane, other, apart)) is not None:
+                        area = self.between(lane, other, apart)
+                        if area is not None and area.together:
+                            area = self.between(lane, other, abreast)
+                        if area is not None:
                             found.append(SharedArea(i, j, area))
             shared = self._of_ways[key] = tuple(found)
         return shared
+
+    def turns(self, lanes: tuple[str, ...]) -> bool:
+        """Whether a way turns (TURNS), so that vehicles on it need more room than their width."""
+        if lanes not in self._turns:
+            directions = np.concatenate([_directions(self._points_of(lane)) for lane in lanes])
+            self._turns[lanes] = bool((directions @ directions[0] < math.cos(TURNS)).any())
+        return self._turns[lanes]
 
     def _points_of(self, lane: str) -> Floats:
         """x, y and m along a lane, (points, 3), every SPACING m."""
@@ -102,4 +125,14 @@ def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea | None:
     if not near.any():
         return None
     at, other = (np.flatnonzero(near.any(axis)) for axis in (1, 0))
-    return ConflictArea(mine[at[0], 2], mine[at[-1], 2], theirs[other[0], 2], theirs[other[-1], 2])
+    ends = [0, -1]
+    directions = np.sum(_directions(mine)[at[ends]] * _directions(theirs)[other[ends]], axis=1)
+    together = bool((directions > TOGETHER).all())
+    return ConflictArea(mine[at[0], 2], mine[at[-1], 2], theirs[other[0], 2], theirs[other[-1], 2], together)
+
+
+def _directions(points: Floats) -> Floats:
+    """Unit vectors along a lane at its points, (points, 2)."""
+    steps = np.diff(points[:, :2], axis=0)
+    steps = np.append(steps, steps[-1:], axis=0)
+    return np.asarray(steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None])

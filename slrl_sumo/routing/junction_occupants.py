@@ -31,7 +31,7 @@ UNUSED = 3.0
 
 
 SIDE_GAP = 0.1
-"""m beside a vehicle that waits inside a junction."""
+"""m between vehicles that pass each other straight on, or where one waits inside a junction."""
 
 
 class Size(NamedTuple):
@@ -75,12 +75,15 @@ class Occupant(NamedTuple):
     acceleration: float = ACCELERATION
     """m/s² that is expected of it."""
     swings: bool = True
-    """It needs room for its turn. Not so on the way to a waiting position of SUMO's: those that cross would wait for it
-    there, and it for them."""
+    """It needs room where it turns. Not so on the way to a waiting position of SUMO's: those that cross would wait for
+    it there, and it for them."""
 
-    def apart(self, other: "Occupant") -> float:
-        """m between the centre lines of two lanes at which the two road users just do not touch."""
-        return _apart(self.size, other.size, self.swings and other.swings)
+    on_foot: bool = False
+    """Vehicles pass it with the room that they need for a turn."""
+
+    def half_width(self, *, turns: bool) -> float:
+        """m to either side of its lanes' centre line that it needs; `turns`: where its way turns."""
+        return _half_width(self.size, swing=turns and self.swings)
 
     @property
     def lanes(self) -> tuple[str, ...]:
@@ -89,10 +92,8 @@ class Occupant(NamedTuple):
 
 
 @lru_cache(10_000)
-def _apart(size: Size, other: Size, swing: bool) -> float:
-    if swing:
-        return half_width(*size) + half_width(*other)
-    return 0.5 * (size.width + other.width) + SIDE_GAP
+def _half_width(size: Size, *, swing: bool) -> float:
+    return half_width(*size) if swing else 0.5 * (size.width + SIDE_GAP)
 
 
 def reserves_from(speed: float) -> float:

@@ -20,7 +20,7 @@ from slrl_sumo.routing.junction_occupants import (
 )
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
 from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay, time_to_cover
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 
@@ -88,8 +88,9 @@ class JunctionReservations:
         line, until = _next_line(track)
         idle, closed = track.standing_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
         mine = Occupant(
-            pieces, track.speed, size, until, self._time, yields=False, idle=idle, entered=track.entered, closed=closed
-        )
+            pieces, track.speed, size, until, self._time, yields=False, idle=idle, entered=track.entered, closed=closed,
+            swings=line is None or until < -STOPS_OVER,
+        )  # fmt: skip
         junction, lanes = junction_of(pieces[0].lane), mine.lanes
         waits = math.inf
         for name, other in self._occupants(junction, vehicle):
@@ -123,27 +124,30 @@ class JunctionReservations:
         if not pieces:
             return True
         junction = junction_of(pieces[0].lane)
-        pause, exits = _stops(track, stop_line)
-        yields = not priority and distance > track.speed * track.speed / (2.0 * HARD)
+        pause, exits = stops_inside(track, stop_line)
+        # Where it would stop, not at the line: over that it stands in the way of those that go first.
+        yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
         idle = track.standing_time > UNUSED
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
         lanes = mine.lanes
         others = [
-            (other, areas)
+            (name, other)
             for name, other in self._occupants(junction, vehicle)
-            if (areas := self._shared(mine, lanes, other)) and not self._in_way(track, size, self._learned(name))
+            if not self._in_way(track, size, self._learned(name))
         ]
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
+            mine = mine._replace(until=until, swings=until == exits)
             free = too_late or not any(
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
-                for other, areas in others
+                for _, other in others
+                if (areas := self._shared(mine, lanes, other))
             )
             if free:
                 if too_late or distance <= reserves_from(track.speed):
                     # With the lanes that it is on, where it waits inside the junction.
                     held = tuple(pieces_of(track, track.s - size.length)) if track.entry else pieces
-                    self._hold(vehicle, junction, mine._replace(pieces=held, until=until))
+                    self._hold(vehicle, junction, mine._replace(pieces=held))
                 return True
         return False
 
@@ -171,12 +175,19 @@ class JunctionReservations:
 
     def _shared(self, mine: Occupant, lanes: tuple[str, ...], other: Occupant) -> list[_Shared]:
         """The conflict areas that a vehicle, with its `lanes`, shares with an occupant, and that neither of the two has
-        left; none with a leader or follower."""
-        shared = []
-        for i, j, area in self._areas.of_ways(lanes, other.lanes, mine.apart(other)):
+        left; none with a leader or follower, such as one that is wholly in an area through which both lead together."""
+        shared, theirs = [], other.lanes
+        apart = mine.half_width(turns=other.on_foot or self._areas.turns(lanes))
+        apart += other.half_width(turns=other.on_foot or self._areas.turns(theirs))
+        # Neither of two that turn side by side needs room for its turn.
+        abreast = mine.half_width(turns=False) + other.half_width(turns=False)
+        for i, j, area in self._areas.of_ways(lanes, theirs, apart, abreast):
             ahead, their_ahead = mine.pieces[i].ahead, other.pieces[j].ahead
             leave = ahead + area.end + mine.size.length
             their_leave = their_ahead + area.other_end + other.size.length
+            passed = max(-ahead - area.begin - mine.size.length, -their_ahead - area.other_begin - other.size.length)
+            if area.together and passed > 0.0:
+                continue
             if leave > 0.0 and their_leave > 0.0:
                 shared.append((ahead + area.begin, leave, their_ahead + area.other_begin, their_leave))
         return shared
@@ -217,8 +228,9 @@ def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:
     return enter > 0.0 and gone + GAP < time_to_cover(enter, max(other.speed, SLOWEST), other.acceleration)
 
 
-def _stops(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
-    """m from the front to the next waiting position after a line, and to the exit of its junction."""
+def stops_inside(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
+    """m from the front to the next waiting position after a line (the exit where there is none), and to the exit of its
+    junction."""
     exits = next(entry.exit for entry in track.path.entries if entry.stop_line >= stop_line - 1e-6)
     later = [entry.stop_line for entry in track.path.entries if stop_line + 1e-6 < entry.stop_line < exits]
     return min((line - STOP_LINE for line in later), default=exits) - track.s, exits - track.s

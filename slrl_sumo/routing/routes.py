@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.routing.junction_occupants import Size
-from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.junction_reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
@@ -105,6 +105,8 @@ class Routes:
             line = entry.stop_line - s
             if line > -0.5:
                 route.line[i], route.out[i] = line, entry.exit - s
+                pause, exits = stops_inside(track, entry.stop_line)
+                route.wait[i] = pause if pause < exits else -math.inf
                 route.signal[i] = shown = self._speed_limits.signal(entry)
                 route.closed[i] = shown >= 2 and stop <= line
                 break

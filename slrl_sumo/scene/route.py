@@ -55,6 +55,9 @@ class RouteAhead:
     """Distance to the next line at which a junction or a signalised crossing begins."""
     out: Floats
     """Distance to the end of that junction."""
+    wait: Floats
+    """Distance to the first position beyond that line where vehicles wait inside the junction, as before a left turn;
+    -inf where there is none."""
     signal: NDArray[np.int8]
     """At that line: 0 none, 1 green, 2 yellow, 3 red."""
     closed: NDArray[np.bool_]
@@ -83,6 +86,7 @@ class RouteAhead:
             stop=np.full(n, np.inf),
             line=np.full(n, np.inf),
             out=np.full(n, np.inf),
+            wait=np.full(n, -np.inf),
             signal=np.zeros(n, np.int8),
             closed=np.zeros(n, np.bool_),
             left=np.full(n, np.inf),

@@ -38,6 +38,9 @@ LEFT_TO_SUMO = frozenset(
 """Vehicle classes that are never taken over
 (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
+MOVED = 16
+"""SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but expects them to wait at red. With 0
+its own vehicles that turn left give way to those, too."""
 KEEP_ROUTE_STRICTLY = 1
 """Onto the route, wherever the given position is."""
 EVERYWHERE = 1e5
@@ -256,7 +259,7 @@ class TakenOverControl:
     def _take_over_vehicle(self, road_user: str) -> bool:
         vehicle = self._api.vehicle
         speed, lane_change = vehicle.getSpeedMode(road_user), vehicle.getLaneChangeMode(road_user)
-        vehicle.setSpeedMode(road_user, 0)
+        vehicle.setSpeedMode(road_user, MOVED)
         vehicle.setLaneChangeMode(road_user, 0)
         self._modes[road_user] = _Modes(speed, lane_change, vehicle.getLaneChangeMode(road_user))
         return True
@@ -301,7 +304,7 @@ class TakenOverControl:
         """Let SUMO choose the speed again, with the modes from before; a mode that a script has set meanwhile stays."""
         vehicle, modes = self._api.vehicle, self._modes[road_user]
         vehicle.setSpeed(road_user, -1.0)
-        if vehicle.getSpeedMode(road_user) == 0:
+        if vehicle.getSpeedMode(road_user) == MOVED:
             vehicle.setSpeedMode(road_user, modes.speed)
         if vehicle.getLaneChangeMode(road_user) == modes.lane_change_meanwhile:
             vehicle.setLaneChangeMode(road_user, modes.lane_change)

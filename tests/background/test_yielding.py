@@ -55,7 +55,10 @@ Pose = tuple[float, float, float]
 class Scene:
     """One car on its way north along x = `x`, and one learned road user beside or on its way."""
 
-    def __init__(self, session: SumoSession, kind: RoadUserType, yields: bool = True) -> None:
+    def __init__(
+        self, session: SumoSession, kind: RoadUserType, yields: bool = True, width: float | None = None
+    ) -> None:
+        self._width = width
         self.session, self.kinds, self.ids = session, np.array([kind], np.int8), ("learned.0",)
         shape = next(lane.shape for lane in session.network.lanes if lane.id == "in3_2")
         self.x, self.y = float(shape[0, 0]), float(shape[:, 1].mean())
@@ -94,7 +97,8 @@ class Scene:
             self.distances.append(self.y - float(self.snapshot.y[row]) - 0.5 * float(self.snapshot.length[row]))
 
     def world(self, pose: Pose, speed: float) -> WorldState:
-        return make_world(*pose, speed, type=self.kinds, ids=self.ids)
+        user = make_world(*pose, speed, type=self.kinds, ids=self.ids)
+        return user if self._width is None else replace(user, width=np.array([self._width]))
 
     def stand(self, pose: Pose, seconds: float) -> None:
         # A person can only be brought to another edge after it has departed.
@@ -279,8 +283,9 @@ def test_ways_are_sampled_closer_than_the_distance_kept() -> None:
     assert SPACING < STOP_SHORT
 
 
-def test_a_car_passes_a_waiting_one_that_it_only_grazes_after_a_while(session: SumoSession) -> None:
-    scene = Scene(session, RoadUserType.CAR)
+@pytest.mark.parametrize("width", [1.8, 2.6])
+def test_a_car_passes_one_that_waits_on_its_lane_after_a_while(session: SumoSession, width: float) -> None:
+    scene = Scene(session, RoadUserType.CAR, width=width)
     waiting = scene.x - 1.7, scene.y, SOUTH
     for k in range(60):
         scene.step(waiting if k > 1 else scene.home, path=SOUTH)

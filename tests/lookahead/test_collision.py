@@ -24,7 +24,7 @@ def drawn_paths(users: WorldState, seed: int) -> ModePaths:
 
 def along_a_mode(users: WorldState, on: ModePaths) -> Boxes:
     """Boxes of all road users under their first mode."""
-    return Boxes(*(column[..., 0].copy() for column in (on.x, on.y, on.cos, on.sin)), sizes(users, MARGIN))
+    return Boxes(*(column[..., 0].copy() for column in (on.x, on.y, on.cos, on.sin)), sizes(users, MARGIN[users.type]))
 
 
 def expected(boxes: Boxes, world: WorldState) -> Others:
@@ -113,7 +113,7 @@ def test_a_road_user_excused_at_first_may_be_to_blame_later() -> None:
     world = replace(world, length=np.full(3, 5.0), width=np.full(3, 1.8))
     every = 1.5 * np.arange(1, STEPS + 1)
     x, one, zero = np.stack([every, every - 5.0, np.full(STEPS, 12.0)]), np.ones((3, STEPS)), np.zeros((3, STEPS))
-    theirs = Boxes(x, zero, one, zero, sizes(world, MARGIN))
+    theirs = Boxes(x, zero, one, zero, sizes(world, MARGIN[world.type]))
     mine = ModePaths(*(column[:1, :, None].copy() for column in (x, zero, one, zero, 3.75 * one, x)))
     rows = np.zeros(1, np.intp)
     # 5.4 m long with the margin: those behind touch all the time, those ahead from 6.6 m on.
@@ -141,7 +141,7 @@ def test_boxes_on_two_levels_do_not_collide() -> None:
     world = make_world([-12.0, 0.0], [0.0, -12.0], heading=[0.0, 0.5 * np.pi], speed=10.0)
     way, zero, one = 4.0 * np.arange(1, STEPS + 1) - 12.0, np.zeros(STEPS), np.ones(STEPS)
     columns = np.stack([way, zero]), np.stack([zero, way]), np.stack([one, zero]), np.stack([zero, one])
-    theirs = Boxes(*columns, sizes(world, MARGIN))
+    theirs = Boxes(*columns, sizes(world, MARGIN[world.type]))
     mine = ModePaths(*(column[:1, :, None].copy() for column in (*columns, 10.0 * np.ones((2, STEPS)), columns[0])))
     rows, blamed = np.zeros(1, np.intp), np.zeros(1, np.bool_)
     # Boxes of 5 m meet after the third interval, at the crossing.

@@ -74,8 +74,9 @@ def test_others_go_on_as_they_are_or_along_their_paths_up_to_lines() -> None:
     world = make_crowd(20, 5, 80.0)
     route = routed(world, 12)
     keeps, beside = np.arange(12) % 3 != 0, np.linspace(-2.0, 2.0, 12)
-    found = forecast_boxes(world, PathFollowing(keeps, beside, route.stop, route.x, route.y, route.spacing), MARGIN)
-    straying = forecast_boxes(world, path_following(None, world), MARGIN)
+    margin = MARGIN[world.type]
+    found = forecast_boxes(world, PathFollowing(keeps, beside, route.stop, route.x, route.y, route.spacing), margin)
+    straying = forecast_boxes(world, path_following(None, world), margin)
     np.testing.assert_allclose(found.size[:, 0], world.length + MARGIN[world.type])
     np.testing.assert_allclose(found.size[:, 1], world.width + MARGIN[world.type])
     for step in range(STEPS):
@@ -97,7 +98,7 @@ def test_fast_vehicles_are_forecast_along_their_path_as_far_as_they_get() -> Non
     car, spacing = make_world([0.0], [0.0], speed=33.0), spacing_at(33.0)
     angle = spacing * np.arange(-HERE, POINTS - HERE) / 500.0
     route = make_routes(500.0 * np.sin(angle), 500.0 * (1.0 - np.cos(angle)), spacing=spacing, stop=np.inf)
-    found = forecast_boxes(car, path_following(route_context(route, car), car), MARGIN)
+    found = forecast_boxes(car, path_following(route_context(route, car), car), MARGIN[car.type])
     way = 33.0 * DECISION_INTERVAL * STEPS
     assert found.y[0, -1] == pytest.approx(500.0 * (1.0 - np.cos(way / 500.0)), abs=0.1)
     assert np.arctan2(found.sin[0, -1], found.cos[0, -1]) == pytest.approx(way / 500.0, abs=0.01)

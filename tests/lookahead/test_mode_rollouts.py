@@ -263,6 +263,17 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     assert (stop + STOP_MARGIN).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
 
 
+def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> None:
+    # Lines at 2 m, waiting positions at 12 m, exits at 25 m; cars of 5 m keep 1.5 m.
+    gap = np.array([9.0, 8.0, 14.0, 9.0])
+    wait = np.array([12.0, 12.0, 12.0, -np.inf])
+    route = replace(RouteAhead.unknown(4), line=np.full(4, 2.0), out=np.full(4, 25.0), wait=wait)
+    ahead = Leaders(gap, np.zeros(4), np.full(4, 4), NOBODY)
+    stop, _ = stop_distances(route, _cars([0.0] * 4, [0.0] * 4, [0.0] * 4), ahead)
+    # The second one would stand over the line, the third one beyond the position, the fourth one has none.
+    assert (stop + STOP_MARGIN).tolist() == [np.inf, 1.0, 1.0, 1.0]
+
+
 def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
     """Three cars one behind the other, the first of which has to stop 20 m ahead: the third has no room beyond."""
     n = 3

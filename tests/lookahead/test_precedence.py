@@ -66,13 +66,13 @@ def test_a_vehicle_that_waits_brakes_to_a_stand_on_its_path() -> None:
     cars = make_world([0.0, 0.0], [0.0, 10.0], speed=[9.0, 9.0])
     route = straight_routes((0.0, 0.0, 0.0), (0.0, 10.0, 0.0), stop=np.array([INF, 2.0]))
     following = path_following(route_context(route, cars), cars)
-    boxes = forecast_boxes(cars, following, np.zeros(3), yielding=True)
+    boxes = forecast_boxes(cars, following, np.zeros(len(cars)), yielding=True)
     time = DECISION_INTERVAL * np.arange(1, boxes.x.shape[1] + 1)
     until = np.minimum(time, 9.0 / YIELD_BRAKING)
     assert np.allclose(boxes.x[0], 9.0 * until - 0.5 * YIELD_BRAKING * until**2)
     assert boxes.x[0, -1] > 13.4
     # Never beyond the line before which it stops.
     assert boxes.x[1].max() <= 2.0 + 1e-9
-    on = forecast_boxes(cars, following, np.zeros(3))
+    on = forecast_boxes(cars, following, np.zeros(len(cars)))
     assert np.allclose(on.x[0], 9.0 * time)
     assert replace(route, entered=np.array([1.0, 2.0])).entered.tolist() == [1.0, 2.0]

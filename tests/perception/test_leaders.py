@@ -51,6 +51,8 @@ def test_the_nearest_one_on_the_path_leads() -> None:
         ((20.0, 2.1, 0.0, 5.0, 5.0, 1.8), False),  # 0.3 m
         ((20.0, -2.1, 0.0, 5.0, 5.0, 1.8), False),
         ((20.0, -2.0, 0.0, 5.0, 5.0, 1.8), True),
+        ((20.0, 1.85, 0.0, 0.0, 5.0, 1.8), False),  # stands: nothing between the sides is needed
+        ((20.0, 1.75, 0.0, 0.0, 5.0, 1.8), True),
         ((20.0, 3.0, 1.0, 5.0, 5.0, 1.8), True),  # turned into the path
         ((-10.0, 0.0, 0.0, 9.0, 5.0, 1.8), False),  # behind
         ((0.2, 0.5, 0.0, 0.0, 0.3, 0.5), False),  # beside
@@ -150,10 +152,11 @@ def of_everybody(route: RouteAhead, crowd: WorldState) -> tuple[Floats, Floats]:
             beside = abs(aside) - 0.5 * (s * length + c * width) - 0.5 * crowd.width[i]
             between = along - 0.5 * (c * length + s * width) - 0.5 * crowd.length[i]
             kind = crowd.type[i]
-            leads = abs(turn) < ALIKE or (kind != RoadUserType.PEDESTRIAN and crowd.speed[j] < STANDING)
+            stands = kind != RoadUserType.PEDESTRIAN and crowd.speed[j] < STANDING
+            leads = abs(turn) < ALIKE or stands
             ahead = NEAREST[kind] < along < AHEAD + 0.5 * length
             passes = between < 0.0 and beside > -BESIDE
-            if beside < SIDE_GAP[kind] and ahead and leads and not passes and between < gap[i]:
+            if beside < (0.0 if stands else SIDE_GAP[kind]) and ahead and leads and not passes and between < gap[i]:
                 gap[i], speed[i] = between, max(crowd.speed[j] * np.cos(turn), 0.0)
     return gap, speed
 

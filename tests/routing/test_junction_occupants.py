@@ -48,8 +48,8 @@ def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[L
     assert reservations.may_enter("car", oncoming, line, priority=True, size=USUAL)
 
 
-def test_vehicles_in_a_turn_swing_out() -> None:
+def test_vehicles_in_a_turn_swing_out_unless_they_wait() -> None:
     turning = Occupant((), 5.0, USUAL, 0.0, 0.0, yields=False, idle=False)
-    stands = turning._replace(swings=False)
-    assert turning.apart(turning) == pytest.approx(2.0 * half_width(*USUAL))
-    assert turning.apart(stands) == stands.apart(turning) == pytest.approx(USUAL.width + 0.1)
+    assert turning.half_width(turns=True) == pytest.approx(half_width(*USUAL))
+    straight = turning.half_width(turns=False)
+    assert straight == turning._replace(swings=False).half_width(turns=True) == pytest.approx(0.5 * (USUAL.width + 0.1))

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import libsumo
+import numpy as np
 import pytest
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
-from slrl_sumo.routing.junction_occupants import UNUSED, Size
+from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Piece, Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
@@ -89,12 +90,46 @@ def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
     area = areas.between(across, along, apart)
     assert area is not None
     other = areas.between(along, across, apart)
-    assert other == (*area[2:], *area[:2])
+    assert other == (area.other_begin, area.other_end, area.begin, area.end, False)
     # They cross at a right angle: the area is as long as both are wide.
     assert 0.0 < area.begin < area.end < graph.lanes[across].length
     assert area.end - area.begin == pytest.approx(2.0 * apart, abs=1.5)
     opposite = track(graph, "in2", "out0", 1.0, 0.0).path.entries[0].via
     assert areas.between(across, opposite, apart) is None
+
+
+def test_ways_turn_or_lead_straight_on(graph: LaneGraph) -> None:
+    areas = ConflictAreas(graph)
+    ways = [track(graph, "in0", end, 1.0, 0.0).path.entries[0].via for end in ("out1", "out2", "out3")]
+    assert [areas.turns((lane,)) for lane in ways] == [True, False, True]
+
+
+def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> None:
+    reservations = reserved(graph)
+    lines = {
+        ":centre_a": np.array([[0.0, 0.0], [40.0, 0.0]]),
+        ":centre_b": np.array([[0.0, 8.0], [20.0, 1.0], [40.0, 1.0]]),
+        ":centre_c": np.array([[20.0, 20.0], [20.0, -20.0]]),
+        ":centre_d": np.array([[0.0, 3.0], [40.0, 3.0]]),
+    }
+    for name, line in lines.items():
+        reservations._areas.add_line(name, line)
+
+    def on(lane: str, front: float) -> Occupant:
+        return Occupant((Piece(lane, -front),), 1.0, SIZE, math.inf, 1.0, yields=False, idle=False)
+
+    def meets(other: Occupant) -> bool:
+        mine = on(":centre_a", 0.0)
+        return bool(reservations._shared(mine, mine.lanes, other))
+
+    # b comes nearer than 1.9 m after 18 m: from then on it is a leader when it is past that with its whole length.
+    assert meets(on(":centre_b", 20.0))
+    assert not meets(on(":centre_b", 26.0))
+    # c crosses.
+    assert meets(on(":centre_c", 20.0))
+    assert meets(on(":centre_c", 22.0))
+    # d leads beside it, with more room than two widths.
+    assert not meets(on(":centre_d", 10.0))
 
 
 def test_areas_are_as_wide_as_the_vehicles(graph: LaneGraph) -> None:
@@ -152,7 +187,7 @@ def test_a_vehicle_passes_before_one_that_comes_later(graph: LaneGraph) -> None:
 
 
 def test_a_vehicle_that_cannot_stop_any_more_reserves_its_way(graph: LaneGraph) -> None:
-    fast, waiting = track(graph, "in0", "out2", 18.0, 12.0), track(graph, "in1", "out3", 1.0, 0.0)
+    fast, waiting = track(graph, "in0", "out2", 24.0, 12.0), track(graph, "in1", "out3", 1.0, 0.0)
     reservations = reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0))
     line = fast.path.entries[0].stop_line
     assert not reservations.may_enter("fast", fast, line, priority=False, size=SIZE)
@@ -205,7 +240,7 @@ def test_inside_a_vehicle_stops_before_the_way_of_one_that_entered_earlier(graph
     first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 2.0)
     first, second = replace(first, entered=0.2), replace(second, entered=0.6)
     reservations = reserved(graph, first=first, second=second)
-    area = ConflictAreas(graph).between(second.entry, first.entry, 2.0 * half_width(*SIZE))
+    area = ConflictAreas(graph).between(second.entry, first.entry, SIZE.width + SIDE_GAP)
     assert area is not None
     assert reservations.update("second", second, SIZE) == pytest.approx(area.begin - 0.6)
     assert reservations.update("first", first, SIZE) == math.inf

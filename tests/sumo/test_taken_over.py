@@ -10,7 +10,7 @@ import pytest
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.taken_over import TakenOverControl
+from slrl_sumo.sumo.taken_over import MOVED, TakenOverControl
 
 VEHICLE, PERSON = np.array([False]), np.array([True])
 DEFAULT_MODES = (31, 1621)
@@ -77,7 +77,7 @@ def test_modes_are_lifted_while_lent_and_restored_exactly(session: SumoSession) 
     control = TakenOverControl(libsumo, session.network)
     control.take_over(["car"], VEHICLE)
     assert control.ids == {"car"}
-    assert libsumo.vehicle.getSpeedMode("car") == 0
+    assert libsumo.vehicle.getSpeedMode("car") == MOVED
     # libsumo keeps bits of the lane change mode that mean "as a matter of course".
     lifted = libsumo.vehicle.getLaneChangeMode("car")
     assert lifted != 597
@@ -133,7 +133,7 @@ def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSessio
     assert libsumo.vehicle.getLaneID("car") == ""
     assert control.hand_back(["car"], VEHICLE).tolist() == [False]
     assert control.ids == {"car"}
-    assert libsumo.vehicle.getSpeedMode("car") == 0
+    assert libsumo.vehicle.getSpeedMode("car") == MOVED
     _carry(session, control, "car", 10.0, 6, turn=math.pi)
     assert control.hand_back(["car"], VEHICLE).tolist() == [True]
     assert (libsumo.vehicle.getSpeedMode("car"), libsumo.vehicle.getLaneChangeMode("car")) == DEFAULT_MODES
