@@ -34,7 +34,7 @@ PASSING = 2.0
 """m/s ... to this speed, at which it passes them."""
 PATIENCE = 20.0
 """s after which a vehicle slowly passes one that stands on its own lane, where SUMO lets it: in SUMO's networks
-vehicles touch those that wait beside their lane. By then learned road users that stand for others try to go on
+vehicles touch others that wait beside their lane. By then learned road users that stand for others try to go on
 (agent/deadlock.py)."""
 
 

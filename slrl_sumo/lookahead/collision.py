@@ -19,8 +19,8 @@ REACH = 30.0
 """m within which other road users count."""
 MARGIN = np.array([0.4, 0.4, 0.15])
 """m by which boxes of each type are larger while they move, half on each side: moving vehicles collide below 0.4 m of
-clearance, pedestrians below 0.15 m, because those can step aside. Without routes 0.4 for all types, also for those that
-stand: selectors of the preset `paper` learned with that."""
+clearance, pedestrians below 0.15 m, because those can step aside. Without routes 0.4 for all types, standing ones
+included: selectors of the preset `paper` learned with that."""
 STANDING = 0.2
 """m/s."""
 DEEPER = 0.05

@@ -129,7 +129,7 @@ def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
     if context is None:
         margin = np.full(len(world), MARGIN.max())
     else:
-        # What stands does not sway: else vehicles stand for ever before those that wait where SUMO's lanes pass each
+        # What stands does not sway: else vehicles stand for ever before others that wait where SUMO's lanes pass each
         # other with less than the margin.
         margin = np.where(world.speed < STANDING, 0.0, MARGIN[world.type])
     going = forecast_boxes(world, following, margin)

@@ -125,7 +125,7 @@ class JunctionReservations:
             return True
         junction = junction_of(pieces[0].lane)
         pause, exits = stops_inside(track, stop_line)
-        # Where it would stop, not at the line: over that it stands in the way of those that go first.
+        # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
         idle = track.standing_time > UNUSED
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)

@@ -40,7 +40,7 @@ LEFT_TO_SUMO = frozenset(
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
 MOVED = 16
 """SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but expects them to wait at red. With 0
-its own vehicles that turn left give way to those, too."""
+its own vehicles that turn left give way to them."""
 KEEP_ROUTE_STRICTLY = 1
 """Onto the route, wherever the given position is."""
 EVERYWHERE = 1e5
