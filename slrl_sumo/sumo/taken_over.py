@@ -39,8 +39,8 @@ LEFT_TO_SUMO = frozenset(
 (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_PERSON = 3, 7
 MOVED = 16
-"""SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but has them wait at red. With 0 fewer of
-its own vehicles get through junctions (docs/measurements/flow.md)."""
+"""SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but has them wait at red. With 0 fewer
+of its own vehicles get through junctions (docs/measurements/flow.md)."""
 KEEP_ROUTE_STRICTLY = 1
 """Onto the route, wherever the given position is."""
 EVERYWHERE = 1e5
