@@ -18,7 +18,7 @@ import slrl_sumo
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
 
-MODES, COLUMNS = 20, 9
+MODES, COLUMNS = 20, 10
 
 
 def observe(situation: Situation) -> np.ndarray:

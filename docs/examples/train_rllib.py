@@ -18,14 +18,14 @@ from ray.tune.registry import register_env
 import slrl_sumo
 from slrl_sumo.agent.decide import Situation
 
-MODES, COLUMNS = 20, 9
+MODES, COLUMNS = 20, 10
 EPISODE = 128
 """Decisions of an episode: 51.2 s."""
 ROW = spaces.Box(-10.0, 10.0, (12 + 14 + MODES * COLUMNS,), np.float32)
 
 
 def observe(situation: Situation) -> np.ndarray:
-    """The vector, the route and the rollouts of all modes as one row, (agents, 206)."""
+    """The vector, the route and the rollouts of all modes as one row, (agents, 226)."""
     seen, rollouts = situation.observation, situation.rollouts
     ahead = rollouts.columns(("collision", "off_surface", "speed", "turn", *rollouts.route._fields))
     return np.column_stack([seen.vector, seen.route, ahead.reshape(len(seen), -1)]).clip(-10.0, 10.0)
