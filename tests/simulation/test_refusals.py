@@ -143,7 +143,7 @@ def test_a_road_user_that_disappears_between_decisions_is_named_and_the_others_g
         domain.remove(learned[0])
 
     def is_moved(road_user: str, domain: Any) -> bool:
-        return domain is libsumo.person or libsumo.vehicle.getSpeedMode(road_user) == MOVED
+        return domain is libsumo.person or libsumo.vehicle.getSpeedMode(road_user) in {0, MOVED}
 
     words: dict[str, Any] = {"agents": 3, "mix": "car=1", "takeover": {"car": 1, "pedestrian": 1}}
     counters, learned = played(RunSettings("district", selector=selector, steps=48, **words), remove)
