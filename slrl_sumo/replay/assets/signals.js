@@ -14,6 +14,7 @@ class Signals {
       };
     });
     this.paths = new Map();
+    this.canvas = document.createElement("canvas");
   }
 
   // Of the state that is shown at `time`, the number; -1 before the first one.
@@ -26,7 +27,7 @@ class Signals {
     return low - 1;
   }
 
-  // The bars by colour; they are put together anew only when a signal has changed.
+  // Puts the bars by colour together anew where a signal has changed; whether one has.
   place(time) {
     let changed = false;
     for (const signal of this.all) {
@@ -34,7 +35,7 @@ class Signals {
       changed ||= now !== signal.now;
       signal.now = now;
     }
-    if (!changed) return;
+    if (!changed) return false;
     this.paths = new Map();
     for (const { bars, states, now } of this.all) {
       if (now < 0) continue;
@@ -46,12 +47,23 @@ class Signals {
         path.lineTo(x1, y1);
       }
     }
+    return true;
   }
 
-  draw(on, view, colours, time) {
+  // Puts a picture of the bars on `to`; it is painted anew when a signal or the view has changed.
+  draw(to, view, colours, time) {
     if (!this.all.length) return;
-    this.place(time);
-    on.setTransform(...transform(view, on.canvas.width, on.canvas.height));
+    const { width, height } = to.canvas, key = `${view.x} ${view.y} ${view.scale} ${width} ${height}`;
+    if (this.place(time) || key !== this.key || colours !== this.colours) this.paint(width, height, view, colours);
+    [this.key, this.colours] = [key, colours];
+    to.setTransform(1, 0, 0, 1, 0, 0);
+    to.drawImage(this.canvas, 0, 0);
+  }
+
+  paint(width, height, view, colours) {
+    [this.canvas.width, this.canvas.height] = [width, height];
+    const on = this.canvas.getContext("2d");
+    on.setTransform(...transform(view, width, height));
     on.lineWidth = Math.max(BAR, LEAST_BAR / view.scale);
     for (const [colour, path] of this.paths) {
       on.strokeStyle = colours[colour];
