@@ -194,7 +194,7 @@ def _compare_traces(scenario: str, traces: tuple[Path, Path], out: Path) -> None
 
     net, known = find_net(scenario, "")
     sizes, types = ({}, {}) if known is None else scenario_sizes(known)
-    write_compared_traces(net, traces, out, types, sizes)
+    write_compared_traces(net, traces, out, types, sizes, known)
 
 
 def _evaluate_recording(

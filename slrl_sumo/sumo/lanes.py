@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
 from slrl_sumo.scene.nearest import PointIndex
 
 MOTOR_CLASSES = frozenset(
@@ -43,6 +44,31 @@ class Lane:
     def admits(self, vehicle_class: str) -> bool:
         """Whether a SUMO vehicle class may use the lane."""
         return vehicle_class in self.allowed or self.allowed >= ALL_CLASSES
+
+
+CANDIDATES = 12
+"""Lane points among which the lane of a road user is found."""
+ALONG = np.pi / 6.0
+"""rad between a road user and its lane, at most."""
+
+
+class PointsAlong(NamedTuple):
+    """Lane points near n positions, (n, candidates) each but `best`."""
+
+    rows: NDArray[np.intp]
+    """Indices of the points."""
+    ahead: Floats
+    """m of the position beyond the point along its lane."""
+    aside: Floats
+    """m to the left of the lane's centre line."""
+    beyond: Floats
+    """m beyond the piece of the lane that the point stands for."""
+    best: NDArray[np.intp]
+    """Column of the point on the nearest lane of about the same direction, else of the nearest lane, (n,)."""
+
+    def own(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The best ones of values of all candidates, (n,)."""
+        return values[np.arange(len(self.best)), self.best]
 
 
 class LanePoints:
@@ -107,6 +133,16 @@ class LanePoints:
             return np.full(len(x), -1, np.intp)
         rows, under = self.nearest_lanes(x, y)
         return np.where(under, self.lane[rows], -1)
+
+    def along(self, x: Floats, y: Floats, heading: Floats) -> "PointsAlong":
+        """The points nearest to each of n positions, and the one on the nearest lane of about the direction `heading`
+        (rad, (n,)): lanes cross inside junctions."""
+        rows = self.nearest(x, y, CANDIDATES)
+        ahead, aside = to_ego(x[:, None] - self.x[rows], y[:, None] - self.y[rows], self.heading[rows])
+        beyond = np.maximum(np.abs(ahead) - 0.5 * self._spacing, 0.0)
+        crossing = np.abs(wrap_angle(heading[:, None] - self.heading[rows])) >= ALONG
+        best = (np.hypot(aside, beyond) + np.where(crossing, 1e3, 0.0)).argmin(axis=1)
+        return PointsAlong(rows, ahead, aside, beyond, best)
 
     def nearest_lanes(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """The point nearest to each of n positions, (n,), and whether the surface of its lane lies under the position.

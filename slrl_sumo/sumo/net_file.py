@@ -1,16 +1,25 @@
 """Networks from files without a scenario."""
 
 import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TypeVar
 from xml.sax.saxutils import quoteattr
 
+from lxml import etree
+
 from slrl_sumo.errors import InputError
+from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.isolation import isolated
 from slrl_sumo.sumo.links import SignalLink, signal_links
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.road_users import Motor, motors
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
 from slrl_sumo.sumo.scenario.options import input_files
+from slrl_sumo.sumo.scenario.trace_types import trace_types
 from slrl_sumo.sumo.session import SumoSession
+
+Answer = TypeVar("Answer")
 
 
 def read_net_file(net: Path) -> Network:
@@ -21,16 +30,33 @@ def read_net_file(net: Path) -> Network:
 
 def read_net_signals(net: Path) -> tuple[Network, list[SignalLink]]:
     """The network as `read_net_file` reads it, with the links that traffic lights control."""
+    return _read(_network, net, None)
+
+
+def read_net_motors(net: Path, scenario: Scenario | None) -> tuple[Network, Mapping[str, Motor]]:
+    """The network as `read_net_file` reads it, with SUMO's default vehicle types and those of the scenario, by id."""
+    if scenario is None:
+        return _read(_motors, net, None)
+    types = trace_types(scenario)
+    for vtype in types:
+        if vtype.get("id", "").startswith(SPAWNED_PREFIX):  # which the session defines itself
+            types.remove(vtype)
+    return _read(_motors, net, etree.tostring(types))
+
+
+def _read(read: Callable[[Path], Answer], net: Path, additional: bytes | None) -> Answer:
+    """What `read` finds in a simulation of the network alone, with the file content `additional`."""
     if not net.exists():
         raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         config = Path(folder) / "net.sumocfg"
-        config.write_text(
-            f"<configuration><input><net-file value={quoteattr(str(net.absolute()))}/></input></configuration>",
-            encoding="utf-8",
-        )
+        inputs = f"<net-file value={quoteattr(str(net.absolute()))}/>"
+        if additional is not None:
+            (Path(folder) / "types.add.xml").write_bytes(additional)
+            inputs += '<additional-files value="types.add.xml"/>'
+        config.write_text(f"<configuration><input>{inputs}</input></configuration>", encoding="utf-8")
         try:
-            return isolated(_network, config, config)
+            return isolated(read, config, config)
         except InputError as error:
             reason = str(error).removeprefix(f"{config}: ").removeprefix(f"{net.absolute()}: ")
             raise InputError(f"--net {net}: {reason}") from None
@@ -39,6 +65,11 @@ def read_net_signals(net: Path) -> tuple[Network, list[SignalLink]]:
 def _network(config: Path) -> tuple[Network, list[SignalLink]]:
     with SumoSession(read_scenario(config)) as session:
         return session.network, signal_links(session.api)
+
+
+def _motors(config: Path) -> tuple[Network, dict[str, Motor]]:
+    with SumoSession(read_scenario(config)) as session:
+        return session.network, motors(session.api)
 
 
 def find_net(text: str, argument: str = "--net ") -> tuple[Path, Scenario | None]:

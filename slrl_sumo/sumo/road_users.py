@@ -93,6 +93,20 @@ def type_parameters(api: SumoApi, vehicle_type: str) -> TypeParameters:
     return TypeParameters(limits, domain.getVehicleClass(vehicle_type))
 
 
+class Motor(NamedTuple):
+    """How fast vehicles of a type are, and what they emit."""
+
+    max_speed: float
+    """m/s."""
+    emission_class: str
+
+
+def motors(api: SumoApi) -> dict[str, Motor]:
+    """Of all vehicle types that SUMO has loaded, by id."""
+    domain = api.vehicletype
+    return {name: Motor(domain.getMaxSpeed(name), domain.getEmissionClass(name)) for name in domain.getIDList()}
+
+
 def vehicle_lane(api: SumoApi, vehicle: str) -> str:
     """The lane under a vehicle; '' where SUMO has it on none."""
     return api.vehicle.getLaneID(vehicle)

@@ -35,6 +35,15 @@ def read_fcd(
     Raises InputError, with file and line, if the file is missing, empty, malformed, cut off (with the number of
     complete time steps), has irregular steps or geographic coordinates.
     """
+    return read_fcd_types(path, types, sizes)[0]
+
+
+def read_fcd_types(
+    path: str | os.PathLike[str],
+    types: Mapping[str, str] | None = None,
+    sizes: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[Trajectories, dict[str, str]]:
+    """As `read_fcd`, with the vehicle type id of each vehicle, by its id; '' where the file names none."""
     for vtype, kind in (types or {}).items():
         if kind not in TYPE_NAMES:
             raise InputError(f"type {vtype!r}: {kind!r} is none of {', '.join(TYPE_NAMES)}")
@@ -42,9 +51,10 @@ def read_fcd(
     if flaw is not None:
         raise flaw
     try:
-        return _resample(os.fspath(path), table, user_types(table, types or {}), sizes or {})
+        tracks = _resample(os.fspath(path), table, user_types(table, types or {}), sizes or {})
     except ValueError as error:  # Trajectories that cannot be
         raise InputError(f"{os.fspath(path)}: {error}") from None
+    return tracks, {name: vtype for key, (name, vtype) in enumerate(table.users) if key not in table.persons}
 
 
 def _resample(

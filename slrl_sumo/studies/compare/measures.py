@@ -1,7 +1,7 @@
 """The measures of a comparison, each with its unit and definition."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 from slrl_sumo.metrics.conflicts import PET_LIMIT
@@ -16,7 +16,8 @@ VEHICLES = (RoadUserType.CAR, RoadUserType.BICYCLE)
 
 @dataclass(frozen=True)
 class SeedRun:
-    """One run of a seed, and the trips that it shares with the other arm."""
+    """One run of a seed, and the trips that it shares with the other arm. `emissions` of a record are empty where the
+    vehicles' types are unknown."""
 
     record: Record
     trips: Mapping[str, Trip]
@@ -79,12 +80,16 @@ def _red(seed: SeedRun, kind: str) -> float | None:
 
 
 def _emitted(pollutant: str, scale: float) -> Value:
-    return lambda seed, kind: scale * float(seed.record["emissions"][pollutant])
+    def value(seed: SeedRun, kind: str) -> float | None:
+        found = seed.record["emissions"]
+        return scale * float(found[pollutant]) if found else None
+
+    return value
 
 
 def _co2_per_km(seed: SeedRun, kind: str) -> float | None:
     found = seed.record["emissions"]
-    return 1000.0 * found["co2"] / found["metres"] if found["metres"] else None
+    return 1000.0 * found["co2"] / found["metres"] if found and found["metres"] else None
 
 
 def _learned_share(seed: SeedRun, kind: str) -> float | None:
@@ -250,8 +255,15 @@ MEASURES = (
         "share of the road users' time in which learned models moved them; SUMO moves the others",
     ),
 )
-TRACE_MEASURES = (
-    *("trips", "travel_time", "way", "stops", "standing", "speed", "hard_braking", "off_surface"),
-    *("ttc", "ttc_rate", "pet", "collisions", "near_misses"),
+RUNS_ALONE = ("delay", "red", "learned")
+"""Traces tell neither waits to depart nor signals, and not always which road users are learned."""
+AT_LIMITS = (
+    "time beyond what the same way takes at the limits of the lanes, or at the top speed of the vehicle type where "
+    f"that is less; {SAME}"
 )
-"""Those that positions alone tell: no wanted speeds, signals and emission classes."""
+TRACE_MEASURES = tuple(
+    replace(measure, types=WHEELS, definition=AT_LIMITS) if measure.name == "time_loss" else measure
+    for measure in MEASURES
+    if measure.name not in RUNS_ALONE
+)
+"""Of two traces. Time loss: FCD names no speed factors of vehicles."""

@@ -40,7 +40,8 @@ def page(result: dict[str, Any]) -> str:
     measures = [measure for measure in MEASURES if any(row["measure"] == measure.name for row in rows)]
     heading = escape(title(result))
     notes = [f"left out: {one['arm']}, seed {one['seed']}: {one['reason']}" for one in result["left_out"]]
-    terms = "".join(f"<dt>{escape(_title(m))}</dt><dd>{escape(m.definition)}</dd>" for m in measures)
+    defined = {row["measure"]: row["definition"] for row in rows}
+    terms = "".join(f"<dt>{escape(_title(m))}</dt><dd>{escape(defined[m.name])}</dd>" for m in measures)
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n<title>{heading}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'

@@ -1,5 +1,6 @@
 """One run of a comparison: a scenario with learned road users or with SUMO's own models, and its measurements."""
 
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -178,20 +179,26 @@ class Emissions:
             motion.append(np.array([world.speed[row], world.acceleration[row]]))
 
     def record(self) -> Record:
-        """g of each of POLLUTANTS, m driven by vehicles whose class emits, and the classes without data in SUMO."""
-        grams, metres, unknown = dict.fromkeys(POLLUTANTS, 0.0), 0.0, []
-        for name, motion in sorted(self._motion.items()):
-            speed, acceleration = np.array(motion).T
-            rates = emission_rates(name, speed=speed, acceleration=acceleration)
-            if rates is None:
-                unknown.append(name)
-                continue
-            for pollutant, rate in rates.items():
-                grams[pollutant] += float(rate.sum()) * DECISION_INTERVAL / 1000.0
-            if rates["co2"].any():
-                metres += float(speed.sum()) * DECISION_INTERVAL
-        return {
-            **{name: round(value, 3) for name, value in grams.items()},
-            "metres": round(metres, 1),
-            "unknown": unknown,
-        }
+        """See `emitted`."""
+        return emitted({name: np.array(motion) for name, motion in self._motion.items()})
+
+
+def emitted(motion: Mapping[str, Floats]) -> Record:
+    """g of each of POLLUTANTS, m driven by vehicles whose class emits, and the classes without data in SUMO.
+
+    `motion`: by emission class, rows of speed (m/s) and acceleration (m/s²) over decision intervals, (n, 2)."""
+    grams, metres, unknown = dict.fromkeys(POLLUTANTS, 0.0), 0.0, []
+    for name, (speed, acceleration) in sorted((name, rows.T) for name, rows in motion.items()):
+        rates = emission_rates(name, speed=speed, acceleration=acceleration)
+        if rates is None:
+            unknown.append(name)
+            continue
+        for pollutant, rate in rates.items():
+            grams[pollutant] += float(rate.sum()) * DECISION_INTERVAL / 1000.0
+        if rates["co2"].any():
+            metres += float(speed.sum()) * DECISION_INTERVAL
+    return {
+        **{name: round(value, 3) for name, value in grams.items()},
+        "metres": round(metres, 1),
+        "unknown": unknown,
+    }

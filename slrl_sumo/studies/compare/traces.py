@@ -7,18 +7,22 @@ from pathlib import Path
 from typing import Any
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.read import read_fcd
+from slrl_sumo.formats.fcd.read import read_fcd_types
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.trips import Trip, trips_of_trace
 from slrl_sumo.scene.types import TYPE_NAMES
-from slrl_sumo.studies.compare.measures import ALL, MEASURES, TRACE_MEASURES
+from slrl_sumo.studies.compare.measures import ALL, TRACE_MEASURES
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import Record, Run, motion_record
 from slrl_sumo.studies.compare.tables import distances, rows
+from slrl_sumo.studies.compare.traced_vehicles import TracedVehicles, unknown_types
 from slrl_sumo.studies.compare.verdicts import sign
-from slrl_sumo.studies.prediction.given_ground import given_ground
+from slrl_sumo.studies.prediction.given_ground import check_ground
+from slrl_sumo.sumo.net_file import read_net_motors
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.scenario import Scenario
 
 FIRST, SECOND = "first", "second"
 LISTED = 10
@@ -33,20 +37,23 @@ def write_compared_traces(
     folder: Path,
     types: Mapping[str, str],
     sizes: Mapping[str, tuple[float, float]],
+    scenario: Scenario | None = None,
 ) -> None:
     """Compare two traces (FCD) on the network `net`; write the result into `folder`, which is created, and print it.
 
-    `types`, `sizes`: of vehicle types, as in `read_fcd`. Raises InputError where a file cannot be used.
+    `types`, `sizes`: of vehicle types, as in `read_fcd`; `scenario` defines the vehicle types beside SUMO's default
+    ones. Raises InputError where a file cannot be used.
     """
     begin = time.perf_counter()
-    tracks = [read_fcd(trace, types, sizes) for trace in traces]
-    road_map = None
-    for each in tracks:
-        if not len(each):
-            raise InputError(f"{each.source}: holds no road user; give a trace with some")
-        road_map = given_ground(each, net, None, None)[0]
-    assert road_map is not None
-    result, runs = compare_traces((tracks[0], tracks[1]), road_map, str(net))
+    read = [read_fcd_types(trace, types, sizes) for trace in traces]
+    network, motors = read_net_motors(net, scenario)
+    road_map = RoadMap(network.surfaces())
+    for tracks, _ in read:
+        if not len(tracks):
+            raise InputError(f"{tracks.source}: holds no road user; give a trace with some")
+        check_ground(tracks, road_map, f"SUMO network {net}")
+    first, second = (TracedVehicles(*each, motors) for each in read)
+    result, runs = compare_traces((first, second), network, road_map, str(net))
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
@@ -56,7 +63,7 @@ def write_compared_traces(
 
 
 def compare_traces(
-    tracks: tuple[Trajectories, Trajectories], road_map: RoadMap, network: str
+    traced: tuple[TracedVehicles, TracedVehicles], network: Network, road_map: RoadMap, name: str
 ) -> tuple[dict[str, Any], dict[Run, Record]]:
     """What differs between two traces: a result as that of `comparison.compare`, with the arms FIRST and SECOND.
 
@@ -64,17 +71,17 @@ def compare_traces(
     many road users have a whole trip in both, or appear in one trace alone, and the trips that differ most.
     """
     arms = (FIRST, SECOND)
-    runs = {Run(1, arm): _record(each, road_map) for arm, each in zip(arms, tracks, strict=True)}
+    tracks = traced[0].tracks, traced[1].tracks
+    runs = {Run(1, arm): _record(each, network, road_map) for arm, each in zip(arms, traced, strict=True)}
     there = {ALL, *(TYPE_NAMES[kind] for each in tracks for kind in set(each.type.tolist()))}
-    measures = [measure for measure in MEASURES if measure.name in TRACE_MEASURES]
-    found = [row for row in rows(runs, arms, measures) if row["type"] in there]
+    found = [row for row in rows(runs, arms, TRACE_MEASURES) if row["type"] in there]
     spans = [(each.t0, each.t0 + each.dt * each.frames[-1]) for each in tracks]
     result = {
-        "network": network,
+        "network": name,
         "traces": {arm: each.source for arm, each in zip(arms, tracks, strict=True)},
         "spans_s": {arm: [round(time, 3) for time in span] for arm, span in zip(arms, spans, strict=True)},
         "seeds": [1],
-        "notices": _notices(spans),
+        "notices": [*_notices(spans), *unknown_types(traced)],
         "rows": [row | {"verdict": sign(row["difference"])} for row in found],
         "distances": distances(runs, arms),
         "trips": _trips(tracks, list(runs.values())),
@@ -83,13 +90,19 @@ def compare_traces(
     return result, runs
 
 
-def _record(tracks: Trajectories, road_map: RoadMap) -> Record:
+def _record(traced: TracedVehicles, network: Network, road_map: RoadMap) -> Record:
+    tracks = traced.tracks
     stats = DrivingStats(road_map)
     for frame in tracks.frames:
         world = tracks.world(frame)
         stats.add(world, frozenset(world.ids))
-    trips = {road_user: list(astuple(trip)) for road_user, trip in trips_of_trace(tracks).items()}
-    return {"trips": trips, "driving_stats": stats.record(), **motion_record(tracks)}
+    trips = trips_of_trace(tracks, traced.desired_speed(network))
+    return {
+        "trips": {road_user: list(astuple(trip)) for road_user, trip in trips.items()},
+        "driving_stats": stats.record(),
+        "emissions": traced.emissions(),
+        **motion_record(tracks),
+    }
 
 
 def _notices(spans: list[tuple[float, float]]) -> list[str]:

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.lanes import MOTOR_CLASSES, Lane, LanePoints
 
-CANDIDATES = 12
-"""Lane points among which the own lane is found: lanes cross inside junctions."""
 SPACING = 1.0
 """m between lane points."""
-ALONG = np.pi / 6.0
-"""rad between a vehicle and its lane, at most."""
 
 Rows = NDArray[np.intp]
 
@@ -121,13 +117,9 @@ def on_lanes(trace: Trace, lanes: Sequence[Lane]) -> OnLanes:
     points = LanePoints(roads, SPACING)
     row = np.flatnonzero(trace.kind[trace.vehicle] == RoadUserType.CAR)
     x, y, heading = trace.x[row], trace.y[row], trace.heading[row]
-    near = points.nearest(x, y, CANDIDATES)
-    ahead, aside = to_ego(x[:, None] - points.x[near], y[:, None] - points.y[near], points.heading[near])
-    beyond = np.maximum(np.abs(ahead) - 0.5 * SPACING, 0.0)
-    half = np.array([0.5 * lane.width for lane in roads])[points.lane[near]]
-    outside = np.hypot(np.maximum(np.abs(aside) - half, 0.0), beyond).min(axis=1, initial=np.inf)
-    along = np.abs(wrap_angle(heading[:, None] - points.heading[near])) < ALONG
-    distance = np.hypot(aside, beyond) + np.where(along, 0.0, 1e3)
-    best = (np.arange(len(row)), distance.argmin(axis=1))
-    front = points.offset[near[best]] + ahead[best] + 0.5 * trace.length[trace.vehicle[row]]
-    return OnLanes(tuple(roads), row, points.lane[near[best]].astype(np.int64), front, aside[best], outside)
+    near = points.along(x, y, heading)
+    half = np.array([0.5 * lane.width for lane in roads])[points.lane[near.rows]]
+    outside = np.hypot(np.maximum(np.abs(near.aside) - half, 0.0), near.beyond).min(axis=1, initial=np.inf)
+    point = near.own(near.rows)
+    front = points.offset[point] + near.own(near.ahead) + 0.5 * trace.length[trace.vehicle[row]]
+    return OnLanes(tuple(roads), row, points.lane[point].astype(np.int64), front, near.own(near.aside), outside)

@@ -28,6 +28,12 @@ def given_ground(
         roadmap, surface = ground_of_mask(mask, metres_per_pixel), f"mask {mask}, {metres_per_pixel:g} m per pixel"
     else:
         return None, ""
+    check_ground(recording, roadmap, surface)
+    return roadmap, surface
+
+
+def check_ground(recording: Trajectories, roadmap: RoadMap, surface: str) -> None:
+    """Raise InputError where less than 5 % of the positions lie on any surface of the ground called `surface`."""
     share = float((roadmap.surface_at(recording.x, recording.y) != Surface.NONE).mean()) if len(recording) else 1.0
     if share < 0.05:
         x0, y0, x1, y1 = roadmap.bounds
@@ -37,4 +43,3 @@ def given_ground(
             f"({recording.x.min():.0f}, {recording.y.min():.0f}) to ({recording.x.max():.0f}, {recording.y.max():.0f}) "
             "m; both must have the same coordinates"
         )
-    return roadmap, surface
