@@ -1,5 +1,8 @@
 """The ground as a picture, and the colours of pictures."""
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,13 +21,28 @@ LARGEST_PICTURE = 1600
 """px along the longer side of a map."""
 
 
-def draw_ground(shapes: SurfaceShapes) -> tuple[NDArray[np.uint8], tuple[float, float, float, float]]:
-    """The surfaces as a picture (rows, cols, 3), row 0 in the south, and its extent (left, right, bottom, top) in m."""
+class GroundPicture(NamedTuple):
+    """Surfaces as pixels."""
+
+    pixels: NDArray[np.uint8]
+    """(rows, cols, 3), row 0 in the south."""
+    extent: tuple[float, float, float, float]
+    """left, right, bottom, top in m."""
+
+    def fitting(self, longer: float, least: tuple[float, float]) -> tuple[float, float]:
+        """Size of a figure in inches for the picture with `longer` inches along its longer side, and its labels."""
+        width, height = self.extent[1] - self.extent[0], self.extent[3] - self.extent[2]
+        scale = longer / max(width, height)
+        return max(width * scale, least[0]) + 1, max(height * scale, least[1]) + 1
+
+
+def draw_ground(shapes: SurfaceShapes, greys: Mapping[Surface, tuple[int, int, int]] = SURFACE_GREYS) -> GroundPicture:
+    """The surfaces as a picture."""
     points = np.concatenate([shape.points for shape in shapes.shapes])
     (x0, y0), (x1, y1) = points.min(axis=0) - 5.0, points.max(axis=0) + 5.0
     resolution = min(4.0, LARGEST_PICTURE / max(x1 - x0, y1 - y0))
     canvas = np.zeros((int((y1 - y0) * resolution) + 1, int((x1 - x0) * resolution) + 1), np.uint8)
     paint(canvas, shapes.shapes, x0, y0, resolution)
-    palette = np.array([SURFACE_GREYS[surface] for surface in Surface], np.uint8)
+    palette = np.array([greys[surface] for surface in Surface], np.uint8)
     extent = (x0, x0 + canvas.shape[1] / resolution, y0, y0 + canvas.shape[0] / resolution)
-    return palette[canvas], extent
+    return GroundPicture(palette[canvas], extent)

@@ -5,11 +5,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.ground.picture import draw_ground
-from slrl_sumo.ground.surfaces import SurfaceShapes
+from slrl_sumo.ground.picture import GroundPicture
 from slrl_sumo.metrics.conflicts import PET_LIMIT, Conflicts
 from slrl_sumo.metrics.encounters import TTC_LIMIT
+from slrl_sumo.report.looks import Look
 
 GROUP_COLOURS = {"learned": "#E69F00", "mixed": "#56B4E9", "background": "#999999"}
 """Of Okabe and Ito's palette: both learned, one of the two, neither."""
@@ -17,7 +16,7 @@ GROUP_NAMES = {"learned": "two learned", "mixed": "learned and SUMO's", "backgro
 
 
 def draw_conflicts(
-    ttc: Conflicts, pet: Conflicts, tracks: Trajectories, learned: NDArray[np.bool_], surfaces: SurfaceShapes
+    ttc: Conflicts, pet: Conflicts, learned: NDArray[np.bool_], ground: GroundPicture, look: Look
 ) -> Figure:
     """Histograms of the smallest TTC and PET of each encounter, by group, and a map of the places."""
     figure = Figure(figsize=(15.0, 5.2), layout="constrained")
@@ -42,13 +41,12 @@ def draw_conflicts(
         axes.set_ylim(0.0, max(1.35 * axes.get_ylim()[1], 1.35))
         axes.legend(fontsize=8, loc="upper right")
         axes.spines[["top", "right"]].set_visible(False)
-    ground, extent = draw_ground(surfaces)
-    place.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
+    place.imshow(ground.pixels, origin="lower", extent=ground.extent, interpolation="nearest")
     for found, marker in ((ttc, "o"), (pet, "^")):
         group = _groups(found, learned)
         for name, colour in GROUP_COLOURS.items():
             x, y = found.x[group == name], found.y[group == name]
-            place.plot(x, y, marker, color=colour, ms=6, mec="black", mew=0.5, ls="")
+            place.plot(x, y, marker, color=colour, ms=6, mec=look.ink, mew=0.5, ls="")
     place.set_title("Places (circles: TTC, triangles: PET)", fontsize=10)
     place.set_xlabel("x (m)")
     place.set_ylabel("y (m)")

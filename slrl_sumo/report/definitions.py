@@ -101,8 +101,10 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     ),
     "mode": (
         "mode",
-        "One of 20 clusters, by type, of the displacements of recorded road users in 4.8 s, in their own frame. The "
-        "share is that of all decisions of the type. A dot marks the displacement of a mode; its size is the share.",
+        "One of 20 clusters, by type, of the motion of recorded road users, in their own frame: of where they were "
+        "after 4.8 s, or, for vehicles of the bundle intersection, of accelerations in the first 1.2 s as shares of "
+        "what was recorded at that speed. The share is that of all decisions of the type. A dot marks the mean of a "
+        "mode; its size is the share.",
     ),
     "ego_image": (
         "ego image",

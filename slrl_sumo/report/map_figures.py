@@ -9,11 +9,10 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.ground.picture import TYPE_COLOURS, draw_ground
-from slrl_sumo.ground.surfaces import SurfaceShapes
+from slrl_sumo.ground.picture import GroundPicture
 from slrl_sumo.metrics.corridor import along, busiest
+from slrl_sumo.report.looks import Look
 from slrl_sumo.scene.types import TYPE_NAMES
-from slrl_sumo.simulation.events import Started
 
 CELL = 2.0
 """m; side of a cell of the density map, larger where there would be more than MOST_CELLS along a side."""
@@ -24,27 +23,26 @@ PARTS = 10
 """Of the path of an interval, for the density."""
 
 
-def draw_paths(started: Started, tracks: Trajectories, learned: NDArray[np.bool_]) -> Figure:
+def draw_paths(
+    scenario: str, tracks: Trajectories, learned: NDArray[np.bool_], ground: GroundPicture, look: Look
+) -> Figure:
     """Paths of the learned road users."""
-    ground, extent = draw_ground(started.surfaces)
-    width, height = extent[1] - extent[0], extent[3] - extent[2]
-    scale = 11.0 / max(width, height)
-    figure = Figure(figsize=(max(width * scale, 5.0) + 1, max(height * scale, 4.0) + 1), layout="constrained")
+    figure = Figure(figsize=ground.fitting(11.0, (5.0, 4.0)), layout="constrained")
     axes = figure.subplots()
-    axes.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
+    axes.imshow(ground.pixels, origin="lower", extent=ground.extent, interpolation="nearest")
     for kind, name in enumerate(TYPE_NAMES):
         mine = np.flatnonzero(learned & (tracks.type == kind)).tolist()
         paths = [np.column_stack([tracks.x[rows], tracks.y[rows]]) for rows in (_rows(tracks, k) for k in mine)]
         if not paths:
             continue
-        lines = LineCollection(paths, colors=TYPE_COLOURS[kind], linewidths=0.8, alpha=0.8)
+        lines = LineCollection(paths, colors=look.types[kind], linewidths=0.8, alpha=0.8)
         users = {tracks.ids[k].partition("#")[0] for k in mine}
         lines.set_label(f"{name} ({len(users)})")
         axes.add_collection(lines)
         ends = np.array([path[-1] for path in paths])
-        axes.plot(ends[:, 0], ends[:, 1], "o", color=TYPE_COLOURS[kind], ms=3.5, mec="black", mew=0.4)
+        axes.plot(ends[:, 0], ends[:, 1], "o", color=look.types[kind], ms=3.5, mec=look.ink, mew=0.4)
     seconds = max(len(tracks.frames) - 1, 0) * tracks.dt
-    axes.set_title(f"{started.scenario}: paths of learned road users in {seconds:.0f} s (dots: their ends)")
+    axes.set_title(f"{scenario}: paths of learned road users in {seconds:.0f} s (dots: their ends)")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     if learned.any():
@@ -52,9 +50,9 @@ def draw_paths(started: Started, tracks: Trajectories, learned: NDArray[np.bool_
     return figure
 
 
-def draw_density(surfaces: SurfaceShapes, tracks: Trajectories) -> Figure:
+def draw_density(tracks: Trajectories, ground: GroundPicture) -> Figure:
     """Mean density and mean speed of all road users, learned and background, by place."""
-    ground, extent = draw_ground(surfaces)
+    extent = ground.extent
     side = max(CELL, max(extent[1] - extent[0], extent[3] - extent[2]) / MOST_CELLS)
     edges = [np.arange(extent[k], extent[k + 1] + side, side) for k in (0, 2)]
     # A car is 6 m further after an interval: the cells in between had it as well.
@@ -75,7 +73,7 @@ def draw_density(surfaces: SurfaceShapes, tracks: Trajectories) -> Figure:
         (right, np.where(used, mean, np.nan), "mean speed (m/s)", None, "viridis"),
     )
     for axes, values, label, norm, colours in panels:
-        axes.imshow(ground, origin="lower", extent=extent, interpolation="nearest", alpha=0.6)
+        axes.imshow(ground.pixels, origin="lower", extent=ground.extent, interpolation="nearest", alpha=0.6)
         mesh = axes.pcolormesh(*edges, values.T, norm=norm, cmap=colours)
         figure.colorbar(mesh, ax=axes, label=label, shrink=0.8)
         axes.set_aspect("equal")
@@ -86,7 +84,9 @@ def draw_density(surfaces: SurfaceShapes, tracks: Trajectories) -> Figure:
     return figure
 
 
-def draw_space_time(tracks: Trajectories, learned: NDArray[np.bool_], surfaces: SurfaceShapes) -> Figure | None:
+def draw_space_time(
+    tracks: Trajectories, learned: NDArray[np.bool_], ground: GroundPicture, look: Look
+) -> Figure | None:
     """All road users along the busiest path, over time, and a map of that path; None where there is none.
 
     Flat lines stand, steep ones are fast; where a line begins or ends in the middle, a road user
@@ -104,25 +104,24 @@ def draw_space_time(tracks: Trajectories, learned: NDArray[np.bool_], surfaces: 
         if np.isnan(place[rows]).all():
             continue
         kind = int(tracks.type[k])
-        style = {"color": TYPE_COLOURS[kind], "lw": 1.1} if learned[k] else {"color": "#666666", "lw": 0.7}
+        style = {"color": look.types[kind], "lw": 1.1} if learned[k] else {"color": look.own, "lw": 0.7}
         dashes = ("-", "--", ":")[kind]
         axes.plot(time[rows], place[rows], dashes, **style)
     axes.set_xlabel("simulation time (s)")
     axes.set_ylabel("along the path (m)")
     axes.set_ylim(0.0, len(corridor.points))
-    handles = [Line2D([], [], color=TYPE_COLOURS[k], ls=("-", "--", ":")[k]) for k in range(len(TYPE_NAMES))]
-    handles.append(Line2D([], [], color="#666666"))
+    handles = [Line2D([], [], color=look.types[k], ls=("-", "--", ":")[k]) for k in range(len(TYPE_NAMES))]
+    handles.append(Line2D([], [], color=look.own))
     axes.legend(handles, [*(f"learned {name}" for name in TYPE_NAMES), "SUMO's own"], fontsize=8, loc="upper left")
     axes.set_title("Road users along the busiest path", fontsize=10)
-    _draw_way(beside, corridor.points, surfaces)
+    _draw_way(beside, corridor.points, ground, look)
     return figure
 
 
-def _draw_way(axes: Axes, points: NDArray[np.float64], surfaces: SurfaceShapes) -> None:
-    ground, extent = draw_ground(surfaces)
-    axes.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
-    axes.plot(points[:, 0], points[:, 1], color="black", lw=2.0)
-    axes.plot(*points[0], "o", color="black", ms=6)
+def _draw_way(axes: Axes, points: NDArray[np.float64], ground: GroundPicture, look: Look) -> None:
+    axes.imshow(ground.pixels, origin="lower", extent=ground.extent, interpolation="nearest")
+    axes.plot(points[:, 0], points[:, 1], color=look.ink, lw=2.0)
+    axes.plot(*points[0], "o", color=look.ink, ms=6)
     axes.annotate("0 m", points[0], textcoords="offset points", xytext=(6, 6), fontsize=9)
     axes.annotate(f"{len(points)} m", points[-1], textcoords="offset points", xytext=(6, 6), fontsize=9)
     axes.set_title("The busiest path", fontsize=10)

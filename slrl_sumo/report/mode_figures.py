@@ -6,17 +6,28 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from slrl_sumo.ground.picture import TYPE_COLOURS
+from slrl_sumo.report.looks import Look
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.events import Views
 
+LABELS = {
+    "accelerations": (
+        "acceleration (share of the recorded)",
+        "lateral acceleration to the left\n(root of the share of the recorded)",
+    ),
+    "curved": ("root of the distance after 4.8 s (√m)", "curvature to the left, weighted (1)"),
+}
+"""Of both axes for modes of vehicles, by what they are clusters of; others are clusters of places."""
 
-def draw_modes(counts: NDArray[np.int64], centres: Floats) -> Figure:
-    """For each type with decisions: displacement of each mode in 4.8 s, in the ego frame, and how often it was chosen.
 
-    `counts`: (3, modes); `centres`: (3, modes, 2), m.
+def draw_modes(counts: NDArray[np.int64], centres: Floats, modes_by: str, look: Look) -> Figure:
+    """For each type with decisions: what each mode is a cluster of, and how often it was chosen.
+
+    `counts`: (3, modes); `centres`: (3, modes, 2) and `modes_by`: see Started.
     """
+    relative = ", less most of the way\nat the present speed" * (modes_by in ("relative", "paths"))
+    places = f"ahead after 4.8 s{relative} (m)", "to the left after 4.8 s (m)"
     kinds = np.flatnonzero(counts.any(axis=1)).tolist()
     figure = Figure(figsize=(4.4 * len(kinds) + 0.4, 6.6), layout="constrained")
     grid = figure.subplots(2, len(kinds), squeeze=False, height_ratios=(1.5, 1.0))
@@ -24,16 +35,17 @@ def draw_modes(counts: NDArray[np.int64], centres: Floats) -> Figure:
         share = 100.0 * counts[kind] / counts[kind].sum()
         x, y = centres[kind].T
         axes = grid[0, column]
-        axes.scatter(x, y, 4.0 + 22.0 * share, color=TYPE_COLOURS[kind], alpha=0.6, edgecolor="black", linewidth=0.4)
+        axes.scatter(x, y, 4.0 + 22.0 * share, color=look.types[kind], alpha=0.6, edgecolor=look.ink, linewidth=0.4)
         for mode in np.argsort(-share)[:5].tolist():
             axes.annotate(str(mode), (x[mode], y[mode]), fontsize=8, ha="center", va="center")
-        axes.plot(0.0, 0.0, marker=">", color="black", ms=7)
+        axes.plot(0.0, 0.0, marker=">", color=look.ink, ms=7)
         axes.set_title(f"{TYPE_NAMES[kind]}: {counts[kind].sum()} decisions", fontsize=10)
-        axes.set_xlabel("ahead after 4.8 s (m)")
-        axes.set_ylabel("to the left after 4.8 s (m)")
+        along, aside = places if kind == RoadUserType.PEDESTRIAN else LABELS.get(modes_by, places)
+        axes.set_xlabel(along)
+        axes.set_ylabel(aside)
         axes.margins(0.15)
         bars = grid[1, column]
-        bars.bar(np.arange(len(share)), share, color=TYPE_COLOURS[kind])
+        bars.bar(np.arange(len(share)), share, color=look.types[kind])
         bars.set_xlabel("mode (number)")
         bars.set_ylabel("share of decisions (%)")
         bars.set_xticks(np.arange(0, len(share), 2))

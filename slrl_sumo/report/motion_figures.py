@@ -5,15 +5,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from slrl_sumo.ground.picture import TYPE_COLOURS
 from slrl_sumo.metrics.distributions import EDGES, QUANTITIES, Kinematics, histogram, jensen_shannon_distance
+from slrl_sumo.report.looks import Look
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
 
-def draw_motion(ours: Kinematics, theirs: Kinematics, name: str) -> Figure:
+def draw_motion(ours: Kinematics, theirs: Kinematics, name: str, look: Look) -> Figure:
     """A row for each type that was learned, a column for each quantity: learned road users filled, `theirs` (called
-    `name`) as a black line."""
+    `name`) as a line."""
     kinds = [k for k in range(len(TYPE_NAMES)) if len(ours["speed"][k])]
     figure = Figure(figsize=(13.0, 2.9 * len(kinds) + 0.6), layout="constrained")
     grid = figure.subplots(len(kinds), len(QUANTITIES), squeeze=False)
@@ -22,10 +22,10 @@ def draw_motion(ours: Kinematics, theirs: Kinematics, name: str) -> Figure:
             axes, edges = grid[row, column], EDGES[quantity][kind]
             mine, others = ours[quantity][kind], theirs[quantity][kind]
             shares = [100.0 * histogram(values, edges) for values in (mine, others)]
-            axes.bar(0.5 * (edges[1:] + edges[:-1]), shares[0], np.diff(edges), color=TYPE_COLOURS[kind], alpha=0.75)
+            axes.bar(0.5 * (edges[1:] + edges[:-1]), shares[0], np.diff(edges), color=look.types[kind], alpha=0.75)
             title = f"{TYPE_NAMES[kind]}: n = {len(mine)}"
             if len(others):
-                axes.stairs(shares[1], edges, color="black", lw=1.2)
+                axes.stairs(shares[1], edges, color=look.ink, lw=1.2)
                 title += f" and {len(others)}"
                 if len(mine):
                     title += f", distance {jensen_shannon_distance(a=mine, b=others, edges=edges):.2f}"
@@ -35,7 +35,7 @@ def draw_motion(ours: Kinematics, theirs: Kinematics, name: str) -> Figure:
             axes.xaxis.set_major_locator(MaxNLocator(5))
             axes.spines[["top", "right"]].set_visible(False)
             _cut_peak(axes, edges, shares)
-    figure.suptitle(f"Filled: learned road users; black line: {name}", x=0.01, ha="left", fontsize=11)
+    figure.suptitle(f"Filled: learned road users; line: {name}", x=0.01, ha="left", fontsize=11)
     return figure
 
 

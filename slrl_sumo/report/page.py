@@ -12,6 +12,7 @@ from slrl_sumo.metrics.encounters import TTC_LIMIT
 from slrl_sumo.metrics.queues import Queue
 from slrl_sumo.report.conflict_figures import GROUP_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
+from slrl_sumo.report.looks import DARK
 from slrl_sumo.report.queue_figures import NAMED
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.report.reference import Reference, counts_by_group
@@ -34,7 +35,6 @@ dt:target, dt:target + dd { background: #fff3c4; }
 @media (prefers-color-scheme: dark) {
   body { color: #ddd; background: #16181b; } a { color: #6cb8ff; } th, td { border-color: #444; }
   figcaption, .note { color: #aaa; } dt:target, dt:target + dd { background: #4a4320; }
-  img { background: #fff; border-radius: 4px; }
 }
 @media (max-width: 40rem) {
   body { margin: 1rem auto; font-size: 16px; } th, td { padding: 0.25rem 0.5rem; }
@@ -66,7 +66,7 @@ def page(
     queues: Sequence[Queue],
     pictures: Sequence[str],
 ) -> str:
-    """The whole page; `pictures`: names of the PNGs beside it."""
+    """The whole page; `pictures`: names of the figures beside it, PNGs for light and for dark pages."""
     sections = [
         ("summary", "Summary", _summary(record, summary)),
         ("paths", "Paths", _figure("paths", pictures, "path", "Paths of the learned road users.")),
@@ -107,7 +107,9 @@ def _figure(name: str, pictures: Sequence[str], definition: str, caption: str) -
     if name not in pictures:
         return ""
     panels = "" if name in MAPS else ' class="panels"'
-    image = f'<div class="wide"><a href="{name}.png"><img src="{name}.png"{panels} alt="{escape(caption)}"></a></div>'
+    dark = f'<source srcset="{name}{DARK.suffix}.png" media="(prefers-color-scheme: dark)">'
+    picture = f'<picture>{dark}<img src="{name}.png"{panels} alt="{escape(caption)}"></picture>'
+    image = f'<div class="wide"><a href="{name}.png">{picture}</a></div>'
     more = _link(definition, "Definition.")
     return f"<figure>{image}<figcaption>{escape(caption)} {more}</figcaption></figure>"
 
@@ -236,6 +238,4 @@ def _modes(record: RunRecord, pictures: Sequence[str]) -> str:
             lines.append([name, str(counts.sum()), str((counts > 0).sum()), str(first), f"{share:.1f}"])
     words = ("decisions (count)", "modes chosen at least once (count)", "most frequent mode (number)", "its share (%)")
     table = _table(["type", *(_link("mode", word) for word in words)], lines)
-    return table + _figure(
-        "modes", pictures, "mode", "Displacement of each mode in 4.8 s, and how often it was chosen."
-    )
+    return table + _figure("modes", pictures, "mode", "What each mode is a cluster of, and how often it was chosen.")

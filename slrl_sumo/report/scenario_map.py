@@ -34,12 +34,11 @@ def write_scenario_map(scenario: Scenario, file: Path) -> None:
 
 def draw_network(network: Network, title: str) -> Figure:
     """Surfaces, and the junctions with signals by their ids, in metres."""
-    ground, extent = draw_ground(network.surfaces())
-    width, height = extent[1] - extent[0], extent[3] - extent[2]
-    scale = INCHES / max(width, height)
-    figure = Figure(figsize=(max(width * scale, 4.0) + 1, max(height * scale, 3.0) + 1), layout="constrained")
+    ground = draw_ground(network.surfaces())
+    left, right, bottom, top = ground.extent
+    figure = Figure(figsize=ground.fitting(INCHES, (4.0, 3.0)), layout="constrained")
     axes = figure.subplots()
-    axes.imshow(ground, origin="lower", extent=extent, interpolation="nearest")
+    axes.imshow(ground.pixels, origin="lower", extent=ground.extent, interpolation="nearest")
     present = {shape.surface for shape in network.surfaces().shapes}
     handles: list[Patch | Line2D] = [
         Patch(facecolor=f"#{bytes(SURFACE_GREYS[surface]).hex()}", edgecolor="#888888", label=surface.name.lower())
@@ -54,7 +53,7 @@ def draw_network(network: Network, title: str) -> Figure:
     if signals:
         handles.append(Line2D([], [], ls="", marker="s", color="#D55E00", label="signals"))
     figure.legend(handles=handles, fontsize=8, loc="outside right upper")
-    axes.set_title(f"{title}: {width - 10:.0f} m x {height - 10:.0f} m")
+    axes.set_title(f"{title}: {right - left - 10:.0f} m x {top - bottom - 10:.0f} m")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
     return figure

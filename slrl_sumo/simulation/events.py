@@ -46,7 +46,9 @@ class Started:
     step: Step
     """All road users at the start."""
     mode_centres: NDArray[np.float64] | None = None
-    """Where each mode leads in 4.8 s, in the ego frame, m, (3, modes, 2); None where the selector has no modes."""
+    """Mean of what each mode is a cluster of, (3, modes, 2), see ModelBundle; None where the selector has no modes."""
+    modes_by: str = ""
+    """What modes are clusters of, as in the bundle's training record."""
     signals: tuple[SignalState, ...] = ()
     """What all traffic lights show in `step`."""
     compiling: str = ""

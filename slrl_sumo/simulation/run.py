@@ -82,6 +82,7 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
             step=start,
             signals=signals(),
             mode_centres=bundle.mode_centres if learned.selector != "lane" else None,
+            modes_by=str(bundle.training.get("modes_by", "")),
             compiling=compiling,
         )
         for number in range(MOST_DECISIONS if decisions is None else decisions):

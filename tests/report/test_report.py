@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builders import make_recording, make_world
+from PIL import Image
 
 from slrl_sumo.api.run import write_run
 from slrl_sumo.errors import InputError
@@ -15,6 +16,8 @@ from slrl_sumo.formats.fcd.columns import Places
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
 from slrl_sumo.metrics.conflicts import ttc_conflicts
 from slrl_sumo.report.definitions import DEFINITIONS
+from slrl_sumo.report.looks import LIGHT
+from slrl_sumo.report.mode_figures import draw_modes
 from slrl_sumo.report.recorder import RunRecorder
 from slrl_sumo.report.reference import counts_by_group, reference_for
 from slrl_sumo.report.report import write_report
@@ -156,7 +159,10 @@ def test_the_page_has_every_picture_and_every_link_leads_to_its_definition(
     write_report(builder.build(), tmp_path / "report", summary())
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert sorted(p.name for p in (tmp_path / "report").iterdir()) == sorted(
-        ["report.html", *(f"{name}.png" for name in PICTURES)]
+        ["report.html", *(f"{name}{look}.png" for name in PICTURES for look in ("", "-dark"))]
+    )
+    assert set(re.findall(r'<source srcset="(\w+)-dark\.png" media="\(prefers-color-scheme: dark\)"', page)) == set(
+        PICTURES
     )
     assert set(re.findall(r'<img src="(\w+)\.png"', page)) == set(PICTURES)
     anchors = set(re.findall(r'id="([\w-]+)"', page))
@@ -174,12 +180,35 @@ def test_the_page_has_every_picture_and_every_link_leads_to_its_definition(
     assert not re.search(r"(src|href)=\"(https?:)?//", page)
 
 
+def test_figures_fit_light_and_dark_pages(builder: RunRecorder, tmp_path: Path) -> None:
+    """Their corners have the colour of the page, and what is drawn stands out from it."""
+    write_report(builder.build(), tmp_path / "report", summary())
+    for look, page in (("", 255), ("-dark", 24)):
+        for name in set(PICTURES) - {"ego_images"}:
+            grey = np.asarray(Image.open(tmp_path / "report" / f"{name}{look}.png").convert("L"), np.int64)
+            assert {abs(int(grey[y, x]) - page) < 2 for y in (0, -1) for x in (0, -1)} == {True}, name
+            assert (abs(grey - page) > 150).sum() > 500, name
+
+
+@pytest.mark.parametrize(
+    ("modes_by", "expected"),
+    [("accelerations", "acceleration"), ("curved", "root of the distance"), ("relative", "ahead after 4.8 s, less")],
+)
+def test_modes_are_labelled_by_what_they_are_clusters_of(modes_by: str, expected: str) -> None:
+    counts = np.zeros((3, 20), np.int64)
+    counts[[0, 2], 3] = 5
+    figure = draw_modes(counts, np.zeros((3, 20, 2)), modes_by, LIGHT)
+    cars, pedestrians = (axes.get_xlabel() for axes in figure.axes[:2])
+    assert cars.startswith(expected)
+    assert pedestrians.startswith("ahead after 4.8 s")
+
+
 def test_what_is_not_there_has_no_section(tmp_path: Path) -> None:
     alone = replace(world(0, 4).take(np.array([0])), learned=np.array([True]))
     made = RunRecorder(replace(STARTED, step=Step(0.0, alone, NOWHERE), mode_centres=None))
     write_report(made.build(), tmp_path / "report", summary())
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
-    assert {p.stem for p in (tmp_path / "report").glob("*.png")} == {"paths"}
+    assert {p.stem for p in (tmp_path / "report").glob("*.png")} == {"paths", "paths-dark"}
     assert "section-modes" not in page
     assert "section-queues" not in page
     assert "section-motion" not in page
@@ -228,6 +257,6 @@ def test_places_where_vehicles_queued_are_on_a_map_and_in_a_table(tmp_path: Path
         made.add(replace(decision(frame), steps=(Step(0.4 * frame, replace(standing, time=0.4 * frame), NOWHERE),)))
     write_report(made.build(), tmp_path / "report", summary())
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
-    assert (tmp_path / "report" / "queues.png").is_file()
+    assert (tmp_path / "report" / "queues-dark.png").is_file()
     section = page.partition('id="section-queues"')[2].partition("<h2")[0]
     assert re.search(r"<td>1</td><td>10, 1</td><td>1 to \d</td><td>3</td>", section), section
