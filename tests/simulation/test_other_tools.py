@@ -1,6 +1,7 @@
 """Learned road users beside other tools in one simulation: signals as sumo-rl controls them, vehicles that a script
 drives itself, further TraCI clients, and networks that SUMO's netconvert imports from OpenStreetMap."""
 
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -96,6 +97,19 @@ def test_signals_are_another_scripts_and_learned_vehicles_obey_them(signalised: 
     assert signals.switches >= 3
     assert len(seen) >= 8
     assert red == []
+
+
+@pytest.mark.slow
+def test_sumo_rl_controls_the_signals_of_learned_road_users() -> None:
+    """The example, with the package sumo-rl itself: 12 decisions of 5 s in a minute."""
+    example = Path(slrl_sumo.__file__).parent.parent / "docs" / "examples" / "attach_sumo_rl.py"
+    folder = find_scenario("signalised").config.parent
+    files = [folder / "signalised.net.xml", folder / "signalised.rou.xml"]
+    done = subprocess.run([sys.executable, example, *files, "60"], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    found = re.search(r"12 decisions of the signal earned -?\d+\.\d\d; at most (\d+) road users", done.stdout)
+    assert found, done.stdout
+    assert int(found[1]) >= 5
 
 
 def test_another_traci_client_steps_and_controls_in_the_same_simulation() -> None:
