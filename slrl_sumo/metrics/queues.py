@@ -1,10 +1,13 @@
 """Where vehicles queue: places, times, lengths and the vehicles that waited longest."""
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 STANDING = 0.5
@@ -32,6 +35,29 @@ class Queue:
     first_id: str
     """The vehicle that stands there longest, and for how long."""
     first_s: float
+
+
+class StandingLanes:
+    """The lanes on which vehicles stand, for the names of queues: `Trajectories` know no lanes."""
+
+    def __init__(self) -> None:
+        self._lanes: dict[tuple[int, int], Counter[str]] = {}
+
+    def add(self, world: WorldState, lanes: Sequence[str]) -> None:
+        """Count the vehicles that stand at a moment; `lanes`: SUMO's lane of each road user of `world`, '' where there
+        is none."""
+        for row in np.flatnonzero((world.speed < STANDING) & (world.type != RoadUserType.PEDESTRIAN)).tolist():
+            if lanes[row]:
+                self._lanes.setdefault(_square(world.x[row], world.y[row]), Counter())[lanes[row]] += 1
+
+    def lane_of(self, queue: Queue) -> str:
+        """The lane on which vehicles stood most in the square of a queue; '' where none is known."""
+        found = self._lanes.get(_square(queue.x, queue.y))
+        return found.most_common(1)[0][0] if found else ""
+
+
+def _square(x: float, y: float) -> tuple[int, int]:
+    return int(x // CELL), int(y // CELL)
 
 
 def find_queues(trajectories: Trajectories) -> list[Queue]:

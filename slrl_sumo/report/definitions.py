@@ -70,7 +70,7 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "queue",
         f"Vehicles and bicycles slower than {STANDING:g} m/s for at least {WAIT:g} s without a break, learned or "
         f"SUMO's own, in one square of {CELL:g} m; at signals, too. Its longest state counts those that stand at the "
-        "same time; its waiting time adds up that of all.",
+        "same time; its waiting time adds up that of all. The lane is SUMO's, the one with most of it.",
     ),
     "ttc": (
         "time to collision, TTC (s)",

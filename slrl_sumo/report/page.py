@@ -72,7 +72,7 @@ def page(
         ("paths", "Paths", _figure("paths", pictures, "path", "Paths of the learned road users.")),
         ("motion", "Motion", _motion(reference, ours, pictures)),
         ("maps", "Space and time", _maps(pictures)),
-        ("queues", "Queues", _queues(queues, pictures)),
+        ("queues", "Queues", _queues(record, queues, pictures)),
         ("conflicts", "Conflicts", _conflicts(record, conflicts, pictures)),
         ("modes", "Modes", _modes(record, pictures)),
         ("views", "Ego images", _figure("ego_images", pictures, "ego_image", "Ego images of some learned road users.")),
@@ -185,15 +185,24 @@ def _maps(pictures: Sequence[str]) -> str:
     return _figure("space_time", pictures, "space_time", path) + _figure("density", pictures, "density", caption)
 
 
-def _queues(queues: Sequence[Queue], pictures: Sequence[str]) -> str:
+def _queues(record: RunRecord, queues: Sequence[Queue], pictures: Sequence[str]) -> str:
     lines = [
         [
-            *(str(number), f"{queue.x:.0f}, {queue.y:.0f}", f"{queue.begin:.0f} to {queue.end:.0f}"),
+            *(str(number), record.standing.lane_of(queue) or "–"),
+            *(f"{queue.x:.0f}, {queue.y:.0f}", f"{queue.begin:.0f} to {queue.end:.0f}"),
             *(str(queue.longest), f"{queue.waited_s:.0f}", f"{queue.first_id} ({queue.first_s:.0f} s)"),
         ]
         for number, queue in enumerate(queues[:NAMED], start=1)
     ]
-    words = ("number", "place: x, y (m)", "time (s)", "longest (vehicles)", "waiting time of all (s)", "waited longest")
+    words = (
+        "number",
+        "lane",
+        "place: x, y (m)",
+        "time (s)",
+        "longest (vehicles)",
+        "waiting time of all (s)",
+        "waited longest",
+    )
     table = _table([_link("queue", word) for word in words], lines)
     return _figure("queues", pictures, "queue", "Where vehicles queued.") + table if queues else ""
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.formats.signal_states import Shown, SignalState, add_state
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
+from slrl_sumo.metrics.queues import StandingLanes
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started, Views
@@ -31,6 +32,7 @@ class RunRecord:
     """Whether the run was longer than `tracks`."""
     signals: Shown
     """What traffic lights showed, every 0.4 s."""
+    standing: StandingLanes
 
     @property
     def seconds(self) -> float:
@@ -52,6 +54,7 @@ class RunRecorder:
         self._views: list[Views] = []
         self._cut = False
         self._signals: Shown = {}
+        self._standing = StandingLanes()
         self._show(started.step.time, started.signals)
         self._extend(started.step.world, (), None)
 
@@ -62,6 +65,7 @@ class RunRecorder:
         elif isinstance(event, Decision):
             world = event.steps[-1].world
             self._show(event.steps[-1].time, event.signals)
+            self._standing.add(world, event.steps[-1].places.lane)
             self._extend(world, [world.ids[row] for row in np.flatnonzero(event.wrapped_around)], event.modes)
             if event.modes is not None and self._modes is not None:
                 np.add.at(self._modes, (world.type[: len(event.modes)].astype(np.intp), event.modes), 1)
@@ -88,5 +92,11 @@ class RunRecorder:
     def build(self) -> RunRecord:
         """What was collected."""
         return RunRecord(
-            self._started, self._builder.build(), self._modes, tuple(self._views), self._cut, self._signals
+            self._started,
+            self._builder.build(),
+            self._modes,
+            tuple(self._views),
+            self._cut,
+            self._signals,
+            self._standing,
         )

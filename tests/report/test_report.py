@@ -26,7 +26,7 @@ from slrl_sumo.simulation.events import Decision, Started, Step, Views
 from slrl_sumo.simulation.settings import RunSettings
 
 ROAD = SurfaceShapes((Ribbon(Surface.ROAD, np.array([[-20.0, 0.0], [200.0, 0.0]]), 12.0),))
-NOWHERE = Places((), (), np.zeros(0), np.zeros(0, np.bool_))
+NOWHERE = Places(("car",) * 4, ("", "in_0", "in_0", "in_1"), np.zeros(4), np.zeros(4, np.bool_))
 PICTURES = ("paths", "motion", "density", "space_time", "conflicts", "modes", "ego_images")
 
 
@@ -259,4 +259,4 @@ def test_places_where_vehicles_queued_are_on_a_map_and_in_a_table(tmp_path: Path
     page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert (tmp_path / "report" / "queues-dark.png").is_file()
     section = page.partition('id="section-queues"')[2].partition("<h2")[0]
-    assert re.search(r"<td>1</td><td>10, 1</td><td>1 to \d</td><td>3</td>", section), section
+    assert re.search(r"<td>1</td><td>in_0</td><td>10, 1</td><td>1 to \d</td><td>3</td>", section), section
