@@ -15,6 +15,8 @@ import numpy as np
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
+from slrl_sumo.scene.compile_ahead import awaited
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -102,6 +104,14 @@ class _Cache(FunctionCache):
         itself."""
         self._find()
         rtsys.initialize(target_context)
+        found = self._read(sig, target_context)
+        if found is None:
+            others = awaited(f"{self._py_func.__module__}.{self._py_func.__qualname__}", sig)
+            found = next((one for _ in others if (one := self._read(sig, target_context)) is not None), None)
+        return found
+
+    def _read(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for `sig`; None where there is none."""
         try:
             return self._load_overload(sig, target_context)
         except Exception:  # whatever unpickling raises
