@@ -18,6 +18,7 @@ from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
 from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.sumo.scenario.trace_types import trace_types
 from slrl_sumo.sumo.session import SumoSession
+from slrl_sumo.sumo.vehicle_classes import DESIRED_SPEEDS
 
 Answer = TypeVar("Answer")
 
@@ -34,14 +35,22 @@ def read_net_signals(net: Path) -> tuple[Network, list[SignalLink]]:
 
 
 def read_net_motors(net: Path, scenario: Scenario | None) -> tuple[Network, Mapping[str, Motor]]:
-    """The network as `read_net_file` reads it, with SUMO's default vehicle types and those of the scenario, by id."""
-    if scenario is None:
-        return _read(_motors, net, None)
-    types = trace_types(scenario)
-    for vtype in types:
+    """The network as `read_net_file` reads it, with SUMO's default vehicle types and those of the scenario, by id.
+
+    Their top speeds are at most the speeds that vehicles of the type want on a free road.
+    """
+    types = etree.Element("additional") if scenario is None else trace_types(scenario)
+    for vtype in list(types):
         if vtype.get("id", "").startswith(SPAWNED_PREFIX):  # which the session defines itself
             types.remove(vtype)
-    return _read(_motors, net, etree.tostring(types))
+    network, found = _read(_motors, net, etree.tostring(types))
+    wanted = {vtype.get("id", ""): float(speed) for vtype in types if (speed := vtype.get("desiredMaxSpeed"))}
+    return network, {name: _wanting(motor, wanted.get(name)) for name, motor in found.items()}
+
+
+def _wanting(motor: Motor, speed: float | None) -> Motor:
+    usual = DESIRED_SPEEDS.get(motor.vehicle_class, motor.max_speed)
+    return motor._replace(max_speed=min(motor.max_speed, usual if speed is None else speed))
 
 
 def _read(read: Callable[[Path], Answer], net: Path, additional: bytes | None) -> Answer:

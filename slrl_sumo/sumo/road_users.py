@@ -97,14 +97,18 @@ class Motor(NamedTuple):
     """How fast vehicles of a type are, and what they emit."""
 
     max_speed: float
-    """m/s."""
+    """m/s, on any lane."""
     emission_class: str
+    vehicle_class: str
 
 
 def motors(api: SumoApi) -> dict[str, Motor]:
     """Of all vehicle types that SUMO has loaded, by id."""
     domain = api.vehicletype
-    return {name: Motor(domain.getMaxSpeed(name), domain.getEmissionClass(name)) for name in domain.getIDList()}
+    return {
+        name: Motor(domain.getMaxSpeed(name), domain.getEmissionClass(name), domain.getVehicleClass(name))
+        for name in domain.getIDList()
+    }
 
 
 def vehicle_lane(api: SumoApi, vehicle: str) -> str:

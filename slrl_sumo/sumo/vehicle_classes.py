@@ -49,6 +49,8 @@ CLASS_SIZES: Mapping[str, tuple[float, float]] = {
     "ship": (17.0, 4.0),
 }
 """Length and width in m, defaults of SUMO 1.28; all classes that are not named are as long as cars."""
+DESIRED_SPEEDS: Mapping[str, float] = {"bicycle": 20.0 / 3.6}
+"""m/s that vehicles want at most (desiredMaxSpeed), defaults of SUMO 1.28 that are below the top speeds of classes."""
 PASSENGER = 5.0, 1.8
 
 
