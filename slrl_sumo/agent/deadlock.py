@@ -102,12 +102,15 @@ def _force_progress(
     collision: Floats, speed: Floats, tolerance: Floats, allowed: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     modes, moving = allowed.copy(), np.empty(allowed.shape[1], np.bool_)
-    for row in np.flatnonzero(tolerance):
-        both = False
+    for row in range(len(tolerance)):
+        if tolerance[row] == 0.0:
+            continue
+        some, both = False, False
         for mode in range(len(moving)):
             moving[mode] = speed[row, mode] > MOVING and collision[row, mode] < tolerance[row]
+            some |= moving[mode]
             both |= moving[mode] and modes[row, mode]
-        if moving.any():
+        if some:
             for mode in range(len(moving)):
                 modes[row, mode] = moving[mode] and (modes[row, mode] or not both)
     return modes

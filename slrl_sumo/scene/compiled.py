@@ -35,7 +35,8 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     NUMBA_BOUNDSCHECK=1 adds them. With NUMBA_DISABLE_JIT=1 the function runs as Python, for debugging.
 
     Plain loops compile fastest: for `a[i] = b` and `a[rows] = b` with arrays, and for np.count_nonzero, numba also
-    compiles the messages on wrong shapes and axes, which takes 1 to 5 s.
+    compiles the messages on wrong shapes and axes, which takes 1 to 5 s. For numpy's reductions (any, max, sum) and
+    np.flatnonzero, numba imports scipy's BLAS, also when it loads the machine code: a sixth of a start.
     """
     kernel: Any = numba.njit(**_OPTIONS)(function)
     if kernel is not function:  # not NUMBA_DISABLE_JIT

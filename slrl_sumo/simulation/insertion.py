@@ -15,6 +15,9 @@ behind it, after a reaction time (s), as in the model of Krauss (1998)."""
 SIDE = 0.5
 """m beside a road user's box that count as its way ahead."""
 
+ROUNDING = 1e-6
+"""m by which squares of distances are less exact than distances."""
+
 
 def boxes_of(*worlds: WorldState) -> Floats:
     """Columns x, y (m), heading (rad), speed (m/s), length and width (m) of all road users, (n, 6)."""
@@ -36,18 +39,26 @@ def insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -
     """
     long, wide = crowd[own, 4], crowd[own, 5]
     radius, lost = 0.5 * math.hypot(long, wide), BRAKING * REACTION
-    top = crowd[:, 3].max()
-    reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * crowd[:, 4].max()
+    radii, top, longest = np.empty(len(crowd)), crowd[0, 3], crowd[0, 4]
+    for one in range(len(crowd)):
+        radii[one] = 0.5 * math.hypot(crowd[one, 4], crowd[one, 5])
+        # Not crowd.max(): to load the machine code of numpy's, numba imports scipy's BLAS, a sixth of a start.
+        top, longest = max(top, crowd[one, 3]), max(longest, crowd[one, 4])
+    reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * longest
     gaps, slowest, fastest = np.full(len(x), reach), np.zeros(len(x)), np.full(len(x), np.inf)
     for place in range(len(x)):
         c, s = math.cos(heading[place]), math.sin(heading[place])
         for one in range(len(crowd)):
             dx, dy = crowd[one, 0] - x[place], crowd[one, 1] - y[place]
             # Anything more for each of 400,000 pairs takes longer than a decision of 64 road users.
-            if one == own or dx * dx + dy * dy > reach * reach:
+            square = dx * dx + dy * dy
+            if one == own or square > reach * reach:
                 continue
+            if square < (gaps[place] + radii[one] + radius + ROUNDING) ** 2:
+                gaps[place] = min(gaps[place], math.hypot(dx, dy) - radii[one] - radius)
             other_long, other_wide = crowd[one, 4], crowd[one, 5]
-            gaps[place] = min(gaps[place], math.hypot(dx, dy) - 0.5 * math.hypot(other_long, other_wide) - radius)
+            if abs(dy * c - dx * s) - 0.5 * (wide + other_wide + other_long) > SIDE:
+                continue  # however it is turned
             along, across = math.cos(crowd[one, 2] - heading[place]), math.sin(crowd[one, 2] - heading[place])
             aside = abs(dy * c - dx * s) - 0.5 * (wide + abs(along) * other_wide + abs(across) * other_long)
             if aside > SIDE:

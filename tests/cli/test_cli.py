@@ -63,13 +63,13 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize("selector", ["rule", "greedy", "sampled", "prior"])
-def test_a_run_without_images_imports_neither_torch_nor_the_trees_of_scipy(selector: str) -> None:
+def test_a_run_without_images_imports_neither_torch_nor_trees_and_algebra_of_scipy(selector: str) -> None:
     program = (
         "import sys\n"
         "from slrl_sumo.simulation.run import run\n"
         "from slrl_sumo.simulation.settings import RunSettings\n"
         f"for event in run(RunSettings(scenario='intersection', agents=4, steps=2, selector={selector!r})): pass\n"
-        "print({'torch', 'scipy.spatial'} & set(sys.modules))"
+        "print({'torch', 'scipy.spatial', 'scipy.linalg'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout.strip()) == (0, "set()"), done.stderr
