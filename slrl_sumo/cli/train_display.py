@@ -5,6 +5,7 @@ import signal
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from slrl_sumo.jobs.progress import bar_console
 from slrl_sumo.learning.rl.train import TrainRequest, train
 from slrl_sumo.learning.rl.training_log import Figures
 from slrl_sumo.learning.rl.training_settings import TrainSettings
@@ -17,7 +18,7 @@ def train_with_progress(request: TrainRequest, settings: TrainSettings, *, resum
     """Train as `slrl_sumo.learning.rl.train.train` does. Returns 0, or the number of the signal that stopped it."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal) as bar:
+    with Progress(*columns, TimeRemainingColumn(), console=bar_console(), disable=not console.is_terminal) as bar:
         task = bar.add_task("training", total=None, figures="")
         updates = 0
 

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
 from torch import Tensor
 from torch.nn import functional
 
+from slrl_sumo.jobs.progress import bar_console
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, new_speed
 from slrl_sumo.models.prior import Prior
@@ -67,8 +67,8 @@ def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
 
 def epochs_of(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterator[int]:
     """Run through `count` epochs with a falling learning rate, and a progress bar on stderr in a terminal."""
-    console = Console(stderr=True)
-    for epoch in track(range(count), what, console=console, transient=True, disable=not console.is_terminal):
+    console = bar_console()
+    for epoch in track(range(count), what, console=console, transient=True, disable=console.quiet):
         optimizer.param_groups[0]["lr"] = LEARNING_RATE * (1 - epoch / count)
         yield epoch
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.progress import track
 
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.jobs.progress import bar_console
 from slrl_sumo.perception.features import FEATURES, STATES, state
 from slrl_sumo.perception.past_motion import recorded_past
 from slrl_sumo.scene.geometry import Floats, to_ego
@@ -87,14 +87,14 @@ def windows(
     accelerate. A car that stands and reverses later has windows, because standing is the models' nearest motion.
     Features are computed by the code of live simulation, with every recorded road user of the frame as a neighbour,
     parked and reversing ones included."""
-    console = Console(stderr=True)
+    console = bar_console()
     numbered = track(
         enumerate(recordings),
         "windows",
         total=len(recordings),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
+        disable=console.quiet,
     )
     return joined([_of_one(recording, index, stride, preset, future) for index, recording in numbered])
 
