@@ -26,12 +26,6 @@ def half_width(length: float, width: float) -> float:
     return 0.5 * width + SWING * min(length, LONG)
 
 
-def most_apart(width: float, other: float) -> float:
-    """m between the centre lines of two lanes from which vehicles of these widths do not touch, however long they are
-    and whether they turn or not, in the steps of `ConflictAreas.between`."""
-    return 0.5 * (width + other) + 2.0 * SWING * LONG + STEP
-
-
 class ConflictArea(NamedTuple):
     """Where a lane is too close to another one, in m along each of the two."""
 
@@ -63,9 +57,7 @@ class ConflictAreas:
     def __init__(self, graph: LaneGraph) -> None:
         self._graph = graph
         self._points: dict[str, Floats] = {}
-        self._areas: dict[tuple[str, str, int], ConflictArea] = {}
-        self._between: dict[tuple[str, str], float] = {}
-        self._between_ways: dict[tuple[tuple[str, ...], tuple[str, ...]], float] = {}
+        self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
         self._turns: dict[tuple[str, ...], bool] = {}
         self._of_ways: dict[tuple[tuple[str, ...], tuple[str, ...], float, float], tuple[SharedArea, ...]] = {}
 
@@ -78,24 +70,11 @@ class ConflictAreas:
         """The conflict area of a lane with another one for vehicles that touch where their centre lines are less than
         `apart` m from each other; None where both lanes can be used at once."""
         steps = math.ceil(apart / STEP - 1e-6)
-        if self._distance(lane, other) >= steps * STEP:
-            return None
         key = (lane, other, steps)
         if key not in self._areas:
             self._areas[key] = area = _area(self._points_of(lane), self._points_of(other), steps * STEP)
-            self._areas[other, lane, steps] = area.swapped()
+            self._areas[other, lane, steps] = None if area is None else area.swapped()
         return self._areas[key]
-
-    def distance(self, lanes: tuple[str, ...], others: tuple[str, ...]) -> float:
-        """Least distance between the lanes of two ways, m; inf where both ways come from the same lane. Vehicles share
-        nothing on them that need less room."""
-        key = (lanes, others)
-        least = self._between_ways.get(key)
-        if least is None:
-            same = self._graph.origin(lanes[0]) == self._graph.origin(others[0])
-            least = math.inf if same else min(self._distance(lane, other) for lane in lanes for other in others)
-            self._between_ways[key] = least
-        return least
 
     def of_ways(
         self, lanes: tuple[str, ...], others: tuple[str, ...], apart: float, abreast: float
@@ -123,19 +102,12 @@ class ConflictAreas:
     def turns(self, lanes: tuple[str, ...]) -> bool:
         """Whether a way turns (TURNS), so that vehicles on it need more room than their width."""
         if lanes not in self._turns:
-            directions = np.concatenate([self._points_of(lane)[:, 3:] for lane in lanes])
+            directions = np.concatenate([_directions(self._points_of(lane)) for lane in lanes])
             self._turns[lanes] = bool((directions @ directions[0] < math.cos(TURNS)).any())
         return self._turns[lanes]
 
-    def _distance(self, lane: str, other: str) -> float:
-        """Least distance between two lanes, m."""
-        if (lane, other) not in self._between:
-            least = float(_distances(self._points_of(lane), self._points_of(other)).min())
-            self._between[lane, other] = self._between[other, lane] = least
-        return self._between[lane, other]
-
     def _points_of(self, lane: str) -> Floats:
-        """x, y, m along a lane, and the unit vector of its direction, (points, 5), every SPACING m."""
+        """x, y and m along a lane, (points, 3), every SPACING m."""
         points = self._points.get(lane)
         if points is None:
             points = self._points[lane] = _sampled(self._graph.lanes[lane].shape)
@@ -145,23 +117,18 @@ class ConflictAreas:
 def _sampled(shape: Floats) -> Floats:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
     s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
-    points = np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1]), s], axis=1)
-    return np.concatenate([points, _directions(points)], axis=1)
+    return np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1]), s], axis=1)
 
 
-def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea:
-    """The conflict area of lanes that come closer than `apart` m, see `between`."""
-    near = _distances(mine, theirs) < apart
+def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea | None:
+    near = np.hypot(mine[:, None, 0] - theirs[None, :, 0], mine[:, None, 1] - theirs[None, :, 1]) < apart
+    if not near.any():
+        return None
     at, other = (np.flatnonzero(near.any(axis)) for axis in (1, 0))
     ends = [0, -1]
-    directions = np.sum(mine[at[ends], 3:] * theirs[other[ends], 3:], axis=1)
+    directions = np.sum(_directions(mine)[at[ends]] * _directions(theirs)[other[ends]], axis=1)
     together = bool((directions > TOGETHER).all())
     return ConflictArea(mine[at[0], 2], mine[at[-1], 2], theirs[other[0], 2], theirs[other[-1], 2], together)
-
-
-def _distances(mine: Floats, theirs: Floats) -> Floats:
-    """m between the points of two lanes, (points of the one, points of the other)."""
-    return np.asarray(np.hypot(mine[:, None, 0] - theirs[None, :, 0], mine[:, None, 1] - theirs[None, :, 1]))
 
 
 def _directions(points: Floats) -> Floats:

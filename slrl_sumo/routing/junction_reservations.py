@@ -8,7 +8,7 @@ Inside, a vehicle waits only for those that entered before it, so that vehicles 
 import math
 from collections.abc import Callable, Iterator
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas, most_apart
+from slrl_sumo.routing.conflict_areas import ConflictAreas
 from slrl_sumo.routing.crossing_occupants import CrossingOccupants
 from slrl_sumo.routing.junction_occupants import (
     UNUSED,
@@ -176,11 +176,7 @@ class JunctionReservations:
     def _shared(self, mine: Occupant, lanes: tuple[str, ...], other: Occupant) -> list[_Shared]:
         """The conflict areas that a vehicle, with its `lanes`, shares with an occupant, and that neither of the two has
         left; none with a leader or follower, such as one that is wholly in an area through which both lead together."""
-        shared: list[_Shared] = []
-        theirs = other.lanes
-        # Most ways are far from each other, or come from the same lane.
-        if self._areas.distance(lanes, theirs) >= most_apart(mine.size.width, other.size.width):
-            return shared
+        shared, theirs = [], other.lanes
         apart = mine.half_width(turns=other.on_foot or self._areas.turns(lanes))
         apart += other.half_width(turns=other.on_foot or self._areas.turns(theirs))
         # Neither of two that turn side by side needs room for its turn.

@@ -1,6 +1,5 @@
 """Conflict areas, and who may enter a junction, in the shipped scenario `intersection`."""
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,7 +8,7 @@ import libsumo
 import numpy as np
 import pytest
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width, most_apart
+from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
 from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Piece, Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
@@ -97,26 +96,6 @@ def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
     assert area.end - area.begin == pytest.approx(2.0 * apart, abs=1.5)
     opposite = track(graph, "in2", "out0", 1.0, 0.0).path.entries[0].via
     assert areas.between(across, opposite, apart) is None
-
-
-def test_ways_that_are_too_far_apart_for_vehicles_of_any_length_share_nothing(graph: LaneGraph) -> None:
-    areas = ConflictAreas(graph)
-    lorry = Size(16.5, 2.6)
-    widest = most_apart(lorry.width, lorry.width)
-    assert 2.0 * half_width(*lorry) < widest
-    inner = [lane for lane in graph.lanes if lane.startswith(":") and graph.origin(lane) != lane]
-    far = 0
-    for one, other in itertools.combinations(inner, 2):
-        distance = areas.distance((one,), (other,))
-        assert distance == areas.distance((other,), (one,))
-        if distance >= widest:
-            far += 1
-            apart = 2.0 * half_width(*lorry)
-            assert not areas.of_ways((one,), (other,), apart, apart)
-        elif graph.origin(one) != graph.origin(other):
-            assert areas.between(one, other, distance + 0.2) is not None
-    assert far
-    assert areas.distance(("in0_1",), ("in0_1",)) == math.inf, "both come from the same lane"
 
 
 def test_ways_turn_or_lead_straight_on(graph: LaneGraph) -> None:
