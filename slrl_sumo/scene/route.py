@@ -120,7 +120,12 @@ def beside(
     # From west to east, so that road users near a path are neighbours in this order.
     order = np.argsort(x)
     begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN * route.spacing[rows])
-    return _beside(route.x, route.y, route.spacing, rows, room, x[order], y[order], reach, order, begin)
+    pairs = np.empty((2, 2 * len(x)), np.intp)
+    # The kernel makes no arrays: those that grow take numba long to compile.
+    users = x[order], y[order], reach, order
+    while (count := _beside(route.x, route.y, route.spacing, rows, room, *users, begin, pairs)) > pairs.shape[1]:
+        pairs = np.empty((2, count), np.intp)
+    return pairs[0, :count], pairs[1, :count]
 
 
 def spacing_at(speed: float) -> float:
@@ -201,10 +206,11 @@ def _beside(
     reach: Floats,
     order: NDArray[np.intp],
     begin: NDArray[np.intp],
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """x and y in `order`; `begin`: index in it of the first road user that is not too far west of each of `rows`."""
+    pairs: NDArray[np.intp],
+) -> int:
+    """Number of pairs; their rows go to `pairs` (2, k), as many as fit. x and y in `order`; `begin`: index in it of the
+    first road user that is not too far west of each of `rows`."""
     squares, few_x, few_y, found = np.full(ROOM, np.inf), np.empty(FEW), np.empty(FEW), 0
-    ego, other = np.empty(2 * len(x), np.intp), np.empty(2 * len(x), np.intp)
     for i in range(len(rows)):
         row = rows[i]
         xs, ys = path_x[row], path_y[row]
@@ -240,11 +246,10 @@ def _beside(
                 aside = dx * (py - ys[k]) - dy * (px - xs[k])
                 fits |= aside * aside <= most * most * max(dx * dx + dy * dy, 1e-12)
             if fits:
-                if found == len(ego):
-                    ego, other = np.concatenate((ego, ego)), np.concatenate((other, other))
-                ego[found], other[found] = row, one
+                if found < pairs.shape[1]:
+                    pairs[0, found], pairs[1, found] = row, one
                 found += 1
-    return ego[:found], other[:found]
+    return found
 
 
 @compiled

@@ -25,6 +25,8 @@ AROUND = 20.0
 at the angle ACROSS."""
 SPACING = 2.0
 """m between the points with a level."""
+ROOM = 1000
+"""Crossings from which on they are searched twice."""
 
 
 class GradeSeparation(NamedTuple):
@@ -56,11 +58,15 @@ def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
     ends = np.column_stack([along[:-1][inside] - along[first[of]], along[last[of]] - along[:-1][inside]])
     segments = np.column_stack([points[:-1][inside], points[1:][inside], ends])
     order = np.argsort(np.minimum(segments[:, 0], segments[:, 2]), kind="stable")
-    one, other, x, y = _crossings(segments[order], edge[order], np.sin(ACROSS), FROM_ENDS)
+    segments, edge = segments[order], edge[order]
+    pairs, places = np.empty((ROOM, 2), np.int64), np.empty((ROOM, 2))
+    # The kernel makes no arrays: those that grow take numba as long to compile as all the rest of it.
+    while (count := _crossings(segments, edge, np.sin(ACROSS), FROM_ENDS, pairs, places)) > len(pairs):
+        pairs, places = np.empty((count, 2), np.int64), np.empty((count, 2))
     names = list(edges)
     found = [
         GradeSeparation((min(names[a], names[b]), max(names[a], names[b])), *place)
-        for a, b, *place in zip(one.tolist(), other.tolist(), x.tolist(), y.tolist(), strict=True)
+        for (a, b), place in zip(pairs[:count].tolist(), places[:count].tolist(), strict=True)
     ]
     return tuple(sorted(found))
 
@@ -114,16 +120,15 @@ def _around(line: Floats, places: Floats) -> Floats:
 
 @compiled
 def _crossings(
-    segments: Floats, edge: NDArray[np.int64], across: float, margin: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats, Floats]:
-    """Edges and places of the crossings of `segments` of different edges, farther than `margin` m from the ends of
-    their lanes; `across`: sine of the least angle.
+    segments: Floats, edge: NDArray[np.int64], across: float, margin: float, pairs: NDArray[np.int64], places: Floats
+) -> int:
+    """Number of the crossings of `segments` of different edges, farther than `margin` m from the ends of their lanes;
+    `across`: sine of the least angle. Their edges and x, y go to `pairs` and `places`, (k, 2), as many as fit.
 
     `segments`: x, y of both ends, m from the first one back to the begin of the lane and on to its end, (s, 6), by
     their western ends.
     """
-    room, found = 64, 0
-    first, second, x, y = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room), np.empty(room)
+    found = 0
     for i in range(len(segments)):
         ax, ay, bx, by = segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3]
         east, south, north = max(ax, bx), min(ay, by), max(ay, by)
@@ -144,10 +149,8 @@ def _crossings(
             near_theirs = min(segments[j, 4] + t * theirs, segments[j, 5] - t * theirs)
             if min(near_mine, near_theirs) <= margin:
                 continue
-            if found == room:
-                room *= 2
-                first, second = np.concatenate((first, first)), np.concatenate((second, second))
-                x, y = np.concatenate((x, x)), np.concatenate((y, y))
-            first[found], second[found], x[found], y[found] = edge[i], edge[j], ax + s * ux, ay + s * uy
+            if found < len(pairs):
+                pairs[found, 0], pairs[found, 1] = edge[i], edge[j]
+                places[found, 0], places[found, 1] = ax + s * ux, ay + s * uy
             found += 1
-    return first[:found], second[:found], x[:found], y[:found]
+    return found
