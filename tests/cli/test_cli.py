@@ -147,7 +147,7 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
     assert "540 agent-steps" in done.stdout
     # Roads, pavements and the colours of three types; not a blank page.
     pictures = ["conflicts", "density", "ego_images", "modes", "motion", "paths", "space_time"]
-    names = [*(f"{name}.png" for name in pictures), "report.html"]
+    names = [*(f"{name}{page}.png" for name in pictures for page in ("", "-dark")), "report.html"]
     assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == sorted(names)
     assert colours(tmp_path / "pictures" / "paths.png") > 8
     assert colours(tmp_path / "pictures" / "ego_images.png") > 8
