@@ -16,8 +16,6 @@ from slrl_sumo.sumo.road_users import walk_of, walking_speed
 
 AIM = 1.0
 """m along the path to the point that a person heads for."""
-CLEARANCE = 0.3
-"""m kept from the edge of the walkable strip."""
 WAITING_DISTANCE = 0.6
 """m before a crossing at which persons wait for its signal."""
 OFF_PATH = 4.0
@@ -36,8 +34,6 @@ class PedestrianTrack:
     """None where no path is known: the person stands."""
     s: float
     """m along the path."""
-    lateral_offset: float
-    """m to the left of the path that the person keeps."""
     speed: float
     """m/s at which it walks."""
     x: float
@@ -113,12 +109,11 @@ class PedestrianTracker:
             path, speed = self._random_path(person, x, y, heading), SPAWNED_SPEED
         else:
             # Read before the walk is cut to the edge under the person (see `TakenOverControl.move`).
-            path, speed = self._graph.path(*walk_of(self._api, person), x, y), walking_speed(self._api, person)
+            path = self._graph.path(*walk_of(self._api, person), _side(person), x, y)
+            speed = walking_speed(self._api, person)
         if path is None:
-            return PedestrianTrack(None, 0.0, 0.0, speed, x, y)
-        s, offset = path.line.nearest(x, y, end=path.second_edge_end)
-        room = max(path.half_width - CLEARANCE, 0.0)
-        return PedestrianTrack(path, s, min(max(offset, -room), room), speed, x, y)
+            return PedestrianTrack(None, 0.0, speed, x, y)
+        return PedestrianTrack(path, path.line.nearest(x, y, end=path.second_edge_end)[0], speed, x, y)
 
     def _random_path(self, person: str, x: float, y: float, heading: float) -> WalkPath | None:
         walks = self._network.walks
@@ -127,7 +122,7 @@ class PedestrianTracker:
         point = int(walks.nearest(np.array([x]), np.array([y]))[0, 0])
         forward = abs(float(wrap_angle(walks.heading[point] - heading))) < 0.5 * math.pi
         edge = walks.lanes[walks.lane[point]].edge
-        return self._graph.random_path(edge, forward, random.Random(f"{person}:{edge}"))
+        return self._graph.random_path(edge, forward, _side(person), random.Random(f"{person}:{edge}"))
 
     def _advance(
         self, track: PedestrianTrack, path: WalkPath, x: float, y: float, heading: float, dt: float
@@ -139,9 +134,7 @@ class PedestrianTracker:
                 distance = min(distance, max(entry.s - WAITING_DISTANCE - track.s, 0.0))
         if distance <= 0.01:
             return x, y, heading
-        aim_x, aim_y, direction = line.at(min(track.s + max(AIM, 2.0 * distance), line.end + AIM))
-        aim_x -= track.lateral_offset * math.sin(direction)
-        aim_y += track.lateral_offset * math.cos(direction)
+        aim_x, aim_y, _ = line.at(min(track.s + max(AIM, 2.0 * distance), line.end + AIM))
         heading = math.atan2(aim_y - y, aim_x - x)
         x, y = x + distance * math.cos(heading), y + distance * math.sin(heading)
         reached, _ = line.nearest(x, y, begin=track.s, end=track.s + 4.0 * distance + AIM)
@@ -157,6 +150,14 @@ class PedestrianTracker:
             signal = any(state in "gGyYru" for state in states)
             self._red[key] = any(state in "ru" for state in states) if signal else None
         return self._red[key]
+
+
+def _side(person: str) -> float:
+    """Where on sidewalks and crossings a person walks (see `WalkGraph.path`): each on a line of its own, on the right.
+
+    On one line a crossing of 6 m lets one person pass in a second, as a narrow one does.
+    """
+    return random.Random(person).uniform(-1.0, 0.0)
 
 
 def _is_at_end(track: PedestrianTrack) -> bool:

@@ -45,12 +45,12 @@ class Polyline:
         """As `nearest`, with the distance (m) of the position; inf where no part of the line lies between."""
         return _place(self.points, x, y, begin, end)
 
-    def draw(self, begin: float, spacing: float, beside: float, x: Floats, y: Floats, row: int) -> None:
-        """Write points every `spacing` m from `begin` on, `beside` m to the left of the line, to a row of x and y.
+    def draw(self, begin: float, spacing: float, x: Floats, y: Floats, row: int) -> None:
+        """Write points every `spacing` m from `begin` on to a row of x and y.
 
         The line is extended straight beyond its ends.
         """
-        _draw(self.points, begin, spacing, beside, x, y, row)
+        _draw(self.points, begin, spacing, x, y, row)
 
     def between(self, begin: float, end: float) -> list[tuple[float, float]]:
         """The points of the line from `begin` to `end`, both included."""
@@ -99,7 +99,7 @@ def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tupl
 
 
 @compiled
-def _draw(points: Floats, begin: float, spacing: float, beside: float, x: Floats, y: Floats, row: int) -> None:
+def _draw(points: Floats, begin: float, spacing: float, x: Floats, y: Floats, row: int) -> None:
     xs, ys, s, many = points[0], points[1], points[2], x.shape[1]
     i = _segment(s, begin)
     for k in range(many):
@@ -108,15 +108,6 @@ def _draw(points: Floats, begin: float, spacing: float, beside: float, x: Floats
             i += 1
         share = (along - s[i]) / (s[i + 1] - s[i])
         x[row, k], y[row, k] = xs[i] + share * (xs[i + 1] - xs[i]), ys[i] + share * (ys[i + 1] - ys[i])
-    if beside == 0.0:
-        return
-    before_x, before_y = x[row, 0], y[row, 0]
-    for k in range(many):
-        here_x, here_y, after = x[row, k], y[row, k], min(k + 1, many - 1)
-        dx, dy = x[row, after] - before_x, y[row, after] - before_y
-        share = beside / max(math.sqrt(dx * dx + dy * dy), 1e-6)
-        x[row, k], y[row, k] = here_x - share * dy, here_y + share * dx
-        before_x, before_y = here_x, here_y
 
 
 @compiled

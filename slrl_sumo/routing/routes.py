@@ -117,13 +117,10 @@ class Routes:
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
-        path.line.draw(s - 0.5 * world.length.item(i) - behind, spacing, 0.0, route.x, route.y, i)
+        path.line.draw(s - 0.5 * world.length.item(i) - behind, spacing, route.x, route.y, i)
 
     def _add_pedestrian(self, route: RouteAhead, world: WorldState, i: int) -> None:
-        """Write row `i` of the route, that of a person; without a path it stays unknown.
-
-        Persons keep their lateral offset from the line of their path.
-        """
+        """Write row `i` of the route, that of a person; without a path it stays unknown."""
         road_user = world.ids[i]
         track = self._pedestrians.observed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
         route.desired[i] = track.speed
@@ -137,7 +134,7 @@ class Routes:
         if math.isfinite(crossing):
             route.signal[i], route.closed[i] = 3 if red else 1, red
         route.left[i] = left
-        track.path.line.draw(track.s - BEHIND, SPACING, track.lateral_offset, route.x, route.y, i)
+        track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
 
     def _note_end(self, road_user: str, left: float, speed: float = 0.0) -> None:
         if is_near_end(left, speed):

@@ -10,8 +10,8 @@ from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 
-STOPS_WITH = 0.85
-"""Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 3.8 m/s² of SUMO's
+STOPS_WITH = 0.95
+"""Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² of SUMO's
 usual car."""
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap in the next lane."""
@@ -34,7 +34,7 @@ class SpeedLimits:
             limits = (track.accel, track.decel)
             allowed = self._right_of_way.speed(entry, distance, track.speed, limits, track.standing_time)
             speed = min(speed, _discrete(allowed, track.decel, dt))
-        if self.lane_continues(track):
+        if self._path_suffices(track):
             return speed
         # Wait at the end of the lane for a gap in the next one.
         return min(speed, _braking_speed(0.0, track.path.end - track.s - LANE_END, track.decel, dt))
@@ -84,7 +84,7 @@ class SpeedLimits:
             elif rule == "look":
                 seen = max(distance - track.speed * dt, LINE_OF_SIGHT)
                 look = min(look, math.sqrt(2.0 * decel_share * track.decel * seen))
-        if not self.lane_continues(track):
+        if not self._path_suffices(track):
             stop = min(stop, track.path.end - track.s - LANE_END)
         return stop, look
 
@@ -102,12 +102,12 @@ class SpeedLimits:
     def lane_continues(self, track: VehicleTrack) -> bool:
         """Whether the lane under a vehicle continues along its route; inside a junction it always does."""
         here = track.path.lane_at(track.s)
-        return track.path.lanes[here].startswith(":") or not track.edges or self._path_suffices(track)
+        return track.path.lanes[here].startswith(":") or self._path_suffices(track)
 
     def _path_suffices(self, track: VehicleTrack) -> bool:
         """Whether the path is as long as the route, or longer than any sight."""
         last = self._graph.lanes[track.path.lanes[-1]]
-        return track.path.end - track.s > 120.0 or last.edge == track.edges[-1]
+        return not track.edges or track.path.end - track.s > 120.0 or last.edge == track.edges[-1]
 
     def following_speed(self, road_user: str, track: VehicleTrack, dt: float) -> float:
         """Krauss' safe speed behind SUMO's leader (https://sumo.dlr.de/docs/Car-Following-Models.html)."""

@@ -6,6 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
 from slrl_sumo.sumo.api import SumoApi
@@ -15,6 +17,8 @@ from slrl_sumo.sumo.network import Network, is_walking_area
 
 RANDOM_EDGES = 12
 """Edges of a path without destination."""
+CLEARANCE = 0.3
+"""m kept from the edges of lanes."""
 SHORT_EDGE = 5.0
 """m between its ends below which an edge is too short to hand a person back to SUMO on it."""
 
@@ -36,8 +40,6 @@ class WalkPath:
 
     line: Polyline
     crossings: tuple[CrossingEntry, ...]
-    half_width: float
-    """m to either side of the line that are walkable everywhere: half of the narrowest lane."""
     second_edge_end: float
     """m along the line at which the second edge ends: a person that begins its walk is before that."""
     last_edge_end: float
@@ -74,9 +76,9 @@ class WalkGraph:
                     self._entered_from[target] = lane_id
         self._junctions: dict[str, tuple[str, str]] = {}
 
-    def path(self, edges: tuple[str, ...], arrival: float, x: float, y: float) -> WalkPath | None:
+    def path(self, edges: tuple[str, ...], arrival: float, side: float, x: float, y: float) -> WalkPath | None:
         """The path along `edges` to `arrival` (m from the begin of the last edge), for a person at a position (m); None
-        where an edge is not walkable.
+        where an edge is not walkable. `side`: where on each lane, from -1, its right edge, to 1, its left one.
 
         The direction on each edge follows from the junction that it shares with the next one. From an edge to the
         opposite one the path goes by the nearer of the two junctions, as SUMO's walks do.
@@ -87,7 +89,7 @@ class WalkGraph:
         if len(edges) > 1 and set(self._junctions_of(edges[0])) == set(self._junctions_of(edges[1])):
             ways.append(self._directed(edges, backward=True))
             ways = [steps for steps in ways if self._leads_on(*steps[:2])] or ways[:1]
-        paths = [self._joined(steps, arrival) for steps in ways]
+        paths = [self._joined(steps, arrival, side) for steps in ways]
         return min(paths, key=lambda one: one.line.end - one.line.nearest(x, y, end=one.second_edge_end)[0])
 
     def _leads_on(self, step: tuple[str, bool], following: tuple[str, bool]) -> bool:
@@ -95,8 +97,8 @@ class WalkGraph:
         begin, end = self._lane_of[step[0]].id, self._lane_of[following[0]].id
         return end in self._reached(begin, self._junctions_of(step[0])[1 if step[1] else 0], end)
 
-    def random_path(self, edge: str, forward: bool, rng: random.Random) -> WalkPath | None:
-        """A path that begins along `edge` and continues at random; at dead ends it turns round."""
+    def random_path(self, edge: str, forward: bool, side: float, rng: random.Random) -> WalkPath | None:
+        """A path that begins along `edge` and continues at random, at dead ends back; `side` as in `path`."""
         if edge not in self._lane_of:
             return None
         steps = [(edge, forward)]
@@ -110,7 +112,7 @@ class WalkGraph:
                 continue
             chosen = rng.choice(choices)
             steps.append((chosen, self._junctions_of(chosen)[0] == junction))
-        return self._joined(steps, None)
+        return self._joined(steps, None, side)
 
     def _directed(self, edges: tuple[str, ...], *, backward: bool = False) -> list[tuple[str, bool]]:
         """Each edge, and whether it is walked from its begin to its end; `backward`: the first one to its begin."""
@@ -126,11 +128,10 @@ class WalkGraph:
         steps.append((edges[-1], entered != self._junctions_of(edges[-1])[1]))
         return steps
 
-    def _joined(self, steps: list[tuple[str, bool]], arrival: float | None) -> WalkPath:
+    def _joined(self, steps: list[tuple[str, bool]], arrival: float | None, side: float) -> WalkPath:
         points: list[tuple[float, float]] = []
         crossings: list[tuple[int, str, str]] = []
         second_edge_end = last_edge_end = 0
-        width = min(self._lane_of[edge].width for edge, _ in steps)
         for i, (edge, forward) in enumerate(steps):
             lane = self._lane_of[edge]
             shape = [(x, y) for x, y in lane.shape.tolist()]
@@ -138,7 +139,7 @@ class WalkGraph:
                 line, _ = line_through(shape)
                 place = min(max(arrival, 0.0), lane.length) * line.end / max(lane.length, 0.1)
                 shape = line.between(0.0, place) if forward or len(steps) == 1 else line.between(place, line.end)
-            points += shape if forward else shape[::-1]
+            points += _beside(shape if forward else shape[::-1], side, lane)
             if math.dist(shape[0], shape[-1]) >= SHORT_EDGE or not last_edge_end:
                 last_edge_end = len(points) - 1
             if i <= 1:
@@ -153,13 +154,11 @@ class WalkGraph:
                     if math.dist(crossing[-1], here) < math.dist(crossing[0], here):
                         crossing.reverse()
                     crossings.append((len(points), self._entered_from.get(inside, before), inside))
-                    points += crossing
-                    width = min(width, self._internal[inside].width)
+                    points += _beside(crossing, side, self._internal[inside])
         line, along = line_through(points)
         return WalkPath(
             line,
             tuple(CrossingEntry(along[i], *lanes) for i, *lanes in crossings),
-            0.5 * width,
             along[second_edge_end],
             along[last_edge_end],
         )
@@ -194,6 +193,15 @@ class WalkGraph:
         if ends is None:
             ends = self._junctions[edge] = edge_junctions(self._api, edge)
         return ends
+
+
+def _beside(shape: list[tuple[float, float]], side: float, lane: Lane) -> list[tuple[float, float]]:
+    """The line beside the middle of a lane, which is `shape` in the direction of walking; `side` as in `path`."""
+    points = np.array(shape)
+    along = np.gradient(points, axis=0)
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 0.01)[:, None]
+    points += side * max(0.5 * lane.width - CLEARANCE, 0.0) * left
+    return [(x, y) for x, y in points.tolist()]
 
 
 def _is_for_walking(lane: str, lanes: dict[str, Lane]) -> bool:

@@ -16,9 +16,9 @@ def corner() -> Polyline:
     return line
 
 
-def drawn(line: Polyline, begin: float, spacing: float, beside: float, many: int) -> tuple[list[float], list[float]]:
+def drawn(line: Polyline, begin: float, spacing: float, many: int) -> tuple[list[float], list[float]]:
     x, y = np.full((3, many), np.nan), np.full((3, many), np.nan)
-    line.draw(begin, spacing, beside, x, y, 1)
+    line.draw(begin, spacing, x, y, 1)
     assert np.isnan(np.concatenate([x[[0, 2]], y[[0, 2]]])).all()
     return x[1].tolist(), y[1].tolist()
 
@@ -65,18 +65,9 @@ def test_the_nearest_place_of_crooked_lines_against_many_points_on_them() -> Non
 
 
 def test_points_along_a_line_and_straight_on_beyond_its_ends(corner: Polyline) -> None:
-    x, y = drawn(corner, -2.5, 2.5, 0.0, 9)
+    x, y = drawn(corner, -2.5, 2.5, 9)
     assert x == pytest.approx([-2.5, 0.0, 2.5, 5.0, 7.5, 10.0, 10.0, 10.0, 10.0])
     assert y == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.5, 5.0, 7.5])
     # All before the begin, all beyond the end.
-    assert drawn(corner, -9.0, 1.0, 0.0, 3)[0] == pytest.approx([-9.0, -8.0, -7.0])
-    assert drawn(corner, 20.0, 1.0, 0.0, 3)[1] == pytest.approx([10.0, 11.0, 12.0])
-
-
-def test_points_beside_a_line(corner: Polyline) -> None:
-    x, y = drawn(corner, 2.0, 2.0, 0.5, 8)
-    root = 0.5 / math.sqrt(2.0)
-    # At the corner, half way between both directions.
-    assert x == pytest.approx([2.0, 4.0, 6.0, 8.0, 10.0 - root, 9.5, 9.5, 9.5])
-    assert y == pytest.approx([0.5, 0.5, 0.5, 0.5, root, 2.0, 4.0, 6.0])
-    assert drawn(corner, 2.0, 2.0, -0.5, 8)[1][:4] == pytest.approx([-0.5] * 4)
+    assert drawn(corner, -9.0, 1.0, 3)[0] == pytest.approx([-9.0, -8.0, -7.0])
+    assert drawn(corner, 20.0, 1.0, 3)[1] == pytest.approx([10.0, 11.0, 12.0])

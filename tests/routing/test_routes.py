@@ -354,8 +354,7 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
     libsumo.person.appendWalkingStage("walker", ["in0", "out2"], 25.0)
     routes = Routes(libsumo, signalised.network)
     red: list[dict[str, float]] = []
-    left, near, places = [], [], []
-    early: RouteAhead | None = None
+    left, near = [], []
     for _ in range(400):
         signalised.step()
         _clear("walker")
@@ -367,7 +366,6 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
         stopped, closed = routes.ahead(world, 1), routes.ahead(world, 1).closed
         _signals("G")
         route = routes.ahead(world, 1)
-        early = route if early is None else early
         assert route.known[0]
         if math.isfinite(_one(route)["line"]):
             assert (_one(route)["signal"], _one(route)["stop"]) == (1.0, math.inf)
@@ -375,40 +373,15 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
             red.append(_one(stopped))
         left.append(_one(route)["left"])
         near.append(bool(routes.near_end(("walker",))[0]))
-        if libsumo.person.getRoadID("walker") == "in0":
-            x, y = libsumo.person.getPosition("walker")
-            places.append(on_path(early, np.array([[x]]), np.array([[y]]))[1][0, 0])
     assert len(red) > 10
     assert [r["stop"] for r in red] == pytest.approx([r["line"] - WAITING_DISTANCE for r in red])
     # It comes nearer, to the kerb itself.
     assert np.diff([r["line"] for r in red]).max() < 1e-6
     assert red[-1]["line"] < 1.0
-    # Persons keep to their side of the walk.
-    assert np.abs(places).max() < 0.5
     assert left[0] > 40.0
     assert np.diff(left).max() < 0.2
     assert near == [way < NEAR_END for way in left]
     assert near[-1]
-
-
-@pytest.mark.parametrize(("edge", "onward"), [("in0", "out2"), ("in1", "out3")])
-def test_persons_keep_their_place_across_the_walk(signalised: SumoSession, edge: str, onward: str) -> None:
-    libsumo.person.add("walker", edge, 30.0, typeID="pedestrian1")
-    libsumo.person.appendWalkingStage("walker", [edge, onward], 25.0)
-    for _ in range(5):
-        signalised.step()
-    world = _seen(signalised, "walker").take(np.array([0]))
-    middle = next(lane for lane in signalised.network.lanes if lane.edge == edge and "pedestrian" in lane.allowed)
-    (x0, y0), (x1, y1) = middle.shape.tolist()
-    dx, dy = (x1 - x0) / math.hypot(x1 - x0, y1 - y0), (y1 - y0) / math.hypot(x1 - x0, y1 - y0)
-    for beside in (0.4, -0.4):
-        x, y = x0 + 30.0 * dx - beside * dy, y0 + 30.0 * dy + beside * dx
-        there = replace(world, x=np.array([x]), y=np.array([y]))
-        route = Routes(libsumo, signalised.network).ahead(there, 1)
-        ahead = np.array([[x, x + 20.0 * dx]]), np.array([[y, y + 20.0 * dy]])
-        along, aside, _ = on_path(route, *ahead)
-        assert along[0] == pytest.approx([0.0, 20.0], abs=0.05)
-        assert aside[0] == pytest.approx(0.0, abs=0.05)
 
 
 def test_without_a_route_each_run_takes_the_same_way_until_the_end(intersection: SumoSession) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from slrl_sumo.routing.walk_graph import WalkGraph
+from slrl_sumo.routing.walk_graph import CLEARANCE, WalkGraph
 from slrl_sumo.studies.flow.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -17,11 +17,30 @@ def test_the_opposite_edge_is_reached_by_the_nearer_junction(tmp_path: Path) -> 
         graph = WalkGraph(libsumo, session.network)
         north, (south_x, south_y) = graph._lane_of["mw"], graph._lane_of["wm"].shape[0]
         (x, y), middle = north.shape[0], 170.0
-        near = graph.path(("mw", "wm"), middle, float(x) - 30.0, float(y))
+        near = graph.path(("mw", "wm"), middle, 0.0, float(x) - 30.0, float(y))
         assert near is not None
         begin, _ = near.line.nearest(float(x) - 30.0, float(y), end=near.second_edge_end)
         # 30 m to the crosswalk, over it, and 30 m back: not 170 m to the end of the road and back.
         assert near.line.end - begin == pytest.approx(30.0 + 30.0 + 15.0, abs=10.0)
         assert len(near.crossings) == 1
         assert near.line.at(near.line.end)[:2] == pytest.approx((float(south_x) + middle, float(south_y)), abs=1.0)
-        assert graph.path((), 0.0, 0.0, 0.0) is None
+        assert graph.path((), 0.0, 0.0, 0.0, 0.0) is None
+
+
+@pytest.mark.parametrize("side", [-1.0, -0.4, 0.5])
+def test_persons_walk_beside_each_other_where_there_is_room(tmp_path: Path, side: float) -> None:
+    with SumoSession(find_scenario(str(crosswalk(tmp_path))), seed=1) as session:
+        graph = WalkGraph(libsumo, session.network)
+        x, y = (float(value) for value in graph._lane_of["mw"].shape[0])
+        middle, beside = (graph.path(("mw", "wm"), 170.0, one, x - 30.0, y) for one in (0.0, side))
+        assert middle is not None
+        assert beside is not None
+        sidewalk = graph._lane_of["mw"].width
+        crossing = graph._internal[beside.crossings[0].crossing].width
+        for s, width in (
+            (beside.crossings[0].s - 20.0, sidewalk),
+            (beside.crossings[0].s + 3.0, crossing),
+            (beside.crossings[0].s + 30.0, sidewalk),
+        ):
+            aside = middle.line.nearest(*beside.line.at(s)[:2])[1]
+            assert aside == pytest.approx(side * (0.5 * width - CLEARANCE), abs=0.05)

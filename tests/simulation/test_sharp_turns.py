@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 from pathlib import Path
 
+import libsumo
 import numpy as np
 import pytest
 
@@ -11,6 +12,7 @@ from slrl_sumo.agent.path_smoothing import FOLLOWED
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.simulation import takeover
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
@@ -76,3 +78,23 @@ def test_spawned_vehicles_turn_around_only_where_there_is_no_other_way(tmp_path:
             edges = [graph.lanes[lane].edge for lane in path.lanes if not lane.startswith(":")]
             assert len(edges) > 1
             assert all(a[:2] + a[2:] != b[2:] + b[:2] for a, b in pairwise(edges))
+
+
+def test_a_sharp_turn_at_a_junction_is_sumos_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where it ends farther away than vehicles are usually SUMO's."""
+    monkeypatch.setattr(takeover, "TURNING", 45.0)
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/><node id="c" x="10" y="40"/>'
+    (tmp_path / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    edges = '<edge id="ab" from="a" to="b" speed="13.9"/><edge id="bc" from="b" to="c" speed="13.9"/>'
+    (tmp_path / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
+    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], tmp_path)
+    route = '<vType id="car"/><vehicle id="car" type="car" depart="0"><route edges="ab bc"/></vehicle>'
+    (tmp_path / "n.rou.xml").write_text(f"<routes>{route}</routes>")
+    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/><step-length value="0.4"/><end value="60"/>'
+    (tmp_path / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
+    learned_on = []
+    for event in run(RunSettings(tmp_path / "n.sumocfg", takeover="car=1", steps=140)):
+        if isinstance(event, Decision) and "car" in libsumo.vehicle.getIDList():
+            world = event.steps[-1].world
+            learned_on += [libsumo.vehicle.getLaneID("car")] * bool(world.learned.any())
+    assert {"ab_0", "bc_0"} == set(learned_on)
