@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.models.capability import STOPPING, Capability
-from slrl_sumo.perception.route_context import LEADER_BRAKES, RouteContext
+from slrl_sumo.perception.route_context import LEADER_BRAKES, STOP_MARGIN, RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
@@ -28,6 +28,8 @@ AT = 0.3
 """m: smallest distance to a stop in a ratio."""
 MAX_RATIO = 8.0
 """Largest ratio of stopping distance to distance."""
+STANDING = 0.1
+"""m/s: faster modes go on. Beyond a stop that is too late at any speed: else road users creep over red lights."""
 HEADWAY = np.array([1.1, 1.1, 0.5])
 """s that each type keeps behind a leader."""
 MAX_OFFSET = 5.0
@@ -154,7 +156,9 @@ def _route_fit(
             heading_error[i, mode] = abs(wrapped(off))
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
-            stop_ratio[i, mode] = _ratio(needed, here.stop[i] - first * dt)
+            left = here.stop[i] - first * dt
+            creeps = left < -STOP_MARGIN[here.kind[i]] and first > STANDING
+            stop_ratio[i, mode] = MAX_RATIO if creeps else _ratio(needed, left)
             behind = here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
             follow_ratio[i, mode] = _ratio(needed, behind)
             leader_ratio[i, mode] = min(

@@ -13,8 +13,8 @@ from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.route import RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 
-STOP_MARGIN = 1.5
-"""m before a stop line, for road users that do not stop to the centimetre."""
+STOP_MARGIN = np.array([1.5, 1.5, 0.2])
+"""m before a stop line, for road users that do not stop to the centimetre, by type."""
 GAP = np.array([1.5, 1.5, 0.4])
 """m that each type keeps behind a leader."""
 QUEUE = 8
@@ -95,11 +95,11 @@ def _stop_distances(
             later = 0.0 if leading[i] < 1.0 else (stand[leader[i]] if leader[i] < n else np.inf)
             stand[i] = min(stop[i], max(gap[i] - GAP[kind[i]], 0.0) + max(later, 0.0))
     for i in range(n):
-        must[i] = stop[i] - STOP_MARGIN
+        must[i] = stop[i] - STOP_MARGIN[kind[i]]
         exit_taken = leader[i] >= 0 and line[i] < stand[i] < min(out[i] + length[i], stop[i])
         # Behind another one that waits for its turn inside there is room for the whole vehicle.
         exit_taken &= not line[i] + length[i] <= stand[i] <= wait[i]
         if exit_taken and 1.0 < line[i] < np.inf and out[i] < np.inf:
-            must[i] = min(stop[i], line[i] - 1.0) - STOP_MARGIN
+            must[i] = min(stop[i], line[i] - 1.0) - STOP_MARGIN[kind[i]]
         room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)
     return must, room

@@ -190,7 +190,7 @@ def test_a_closed_line_is_too_near_for_modes_that_speed_up(shipped_bundle: Model
     first, second = (_speeds(_after(shipped_bundle, world, steps)) for steps in (1, 2))
     # From 6 m/s it needs 9 m, and has 12.5 m less the spare one and what it covers in between.
     ahead, fits = _on_route(shipped_bundle, world, _context(0.0, stop=12.5, line=13.5))
-    room = 12.5 - STOP_MARGIN - DECISION_INTERVAL * first
+    room = 12.5 - STOP_MARGIN[0] - DECISION_INTERVAL * first
     assert fits.stop_ratio[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
     assert (fits.stop_ratio[0, ahead.speed[0] > 6.5] > 1.0).all()
     assert (ahead.speed[0] > 6.5).any()
@@ -198,7 +198,7 @@ def test_a_closed_line_is_too_near_for_modes_that_speed_up(shipped_bundle: Model
     assert (first < 5.5).any()
     # It wants to be able to stop within a share of the way, and is never asked for more than desired.
     allowed = np.minimum(
-        np.sqrt(4.0 * COMFORT_SHARE * (12.5 - STOP_MARGIN - DECISION_INTERVAL * (first + second))), 8.0
+        np.sqrt(4.0 * COMFORT_SHARE * (12.5 - STOP_MARGIN[0] - DECISION_INTERVAL * (first + second))), 8.0
     )
     assert fits.speed_error[0] == pytest.approx(np.clip((second - allowed) / allowed, -1.0, 1.0), abs=0.01)
     _, free = _on_route(shipped_bundle, world, _context(0.0))
@@ -260,7 +260,7 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     route = replace(RouteAhead.unknown(7), stop=stop, line=line, out=out)
     ahead = Leaders(gap, speed, np.full(7, 7), NOBODY)
     stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), ahead)
-    assert (stop + STOP_MARGIN).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
+    assert (stop + STOP_MARGIN[0]).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
 
 
 def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> None:
@@ -271,7 +271,7 @@ def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> Non
     ahead = Leaders(gap, np.zeros(4), np.full(4, 4), NOBODY)
     stop, _ = stop_distances(route, _cars([0.0] * 4, [0.0] * 4, [0.0] * 4), ahead)
     # The second one would stand over the line, the third one beyond the position, the fourth one has none.
-    assert (stop + STOP_MARGIN).tolist() == [np.inf, 1.0, 1.0, 1.0]
+    assert (stop + STOP_MARGIN[0]).tolist() == [np.inf, 1.0, 1.0, 1.0]
 
 
 def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
@@ -283,7 +283,7 @@ def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
     still = ahead._replace(gap=np.array([np.inf, 13.0, 14.0]))
     cars = _cars([0.0] * n, [0.0] * n, [6.0] * n)
     # It will stand after 20 + (3 - 1.5) + (4 - 1.5) m = 24 m, and needs 29 m; with 20 m more it has room.
-    assert stop_distances(route, cars, ahead)[0][2] + STOP_MARGIN == 3.0
+    assert stop_distances(route, cars, ahead)[0][2] + STOP_MARGIN[0] == 3.0
     assert stop_distances(route, cars, still)[0][2] == np.inf
 
 

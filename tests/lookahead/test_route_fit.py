@@ -12,6 +12,7 @@ from slrl_sumo.lookahead.route_fit import (
     COMFORT_SHARE,
     HEADWAY,
     MAX_RATIO,
+    STANDING,
     allowed_speed,
     route_fit,
 )
@@ -45,7 +46,7 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
     users = make_crowd(200, 1, 100.0)
     context, capability = drawn_context(users)
     stop, room = context.stop_distance, context.follow_distance
-    assert (stop <= context.route.stop - STOP_MARGIN).all()
+    assert (stop <= context.route.stop - STOP_MARGIN[users.type]).all()
     braking = context.leader_speed**2 / (2.0 * LEADER_BRAKES)
     alike = [
         np.interp(v, STOPPING, capability.stopping[k]) for v, k in zip(context.leader_speed, users.type, strict=True)
@@ -91,8 +92,10 @@ def test_ratios_are_those_of_stopping_distances() -> None:
     for i, kind in enumerate(me.type):
         first, speed = free.speed[i, 0], free.speed[i, 1]
         need = np.interp(first, STOPPING, capability.stopping[kind])
+        left = stop[i] - first * DECISION_INTERVAL
+        too_late = (left < -STOP_MARGIN[kind]) & (first > STANDING)
         np.testing.assert_allclose(
-            fits.stop_ratio[i], np.minimum(need / np.maximum(stop[i] - first * DECISION_INTERVAL, AT), MAX_RATIO)
+            fits.stop_ratio[i], np.where(too_late, MAX_RATIO, np.minimum(need / np.maximum(left, AT), MAX_RATIO))
         )
         behind = room[i] + leading[i] * DECISION_INTERVAL - (DECISION_INTERVAL + HEADWAY[kind]) * first
         np.testing.assert_allclose(
