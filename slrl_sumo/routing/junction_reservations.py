@@ -177,9 +177,9 @@ class JunctionReservations:
         """The conflict areas that a vehicle, with its `lanes`, shares with an occupant, and that neither of the two has
         left; none with a leader or follower, such as one that is wholly in an area through which both lead together."""
         shared, theirs = [], other.lanes
-        # One that stands does not swing out, and the collisions of the modes say what passes it: two that wait in each
-        # other's room for a turn would stand for ever.
-        turns, they_turn = (other.on_foot or (not other.idle and self._areas.turns(way)) for way in (lanes, theirs))
+        # Two that have stood for long pass close to each other: in the room for each other's turn they stand for ever.
+        close = mine.idle and other.idle
+        turns, they_turn = (other.on_foot or (not close and self._areas.turns(way)) for way in (lanes, theirs))
         apart = mine.half_width(turns=turns) + other.half_width(turns=they_turn)
         # Neither of two that turn side by side needs room for its turn.
         abreast = mine.half_width(turns=False) + other.half_width(turns=False)

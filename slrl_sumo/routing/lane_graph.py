@@ -17,6 +17,8 @@ from slrl_sumo.sumo.network import Network
 
 MOST_EDGES = 12
 """Edges of a route that the choice of a lane considers."""
+CHANGE = 60.0
+"""m that a lane change needs: vehicles change before shorter edges, such as those with lanes for turns."""
 MOST_LANES = 30
 MOST_TABLES = 5_000
 REACH = 250.0
@@ -67,7 +69,8 @@ class LanePath:
 
 
 class _LaneChanges(NamedTuple):
-    """How many lane changes a route needs from each lane of its first edge."""
+    """How many lane changes a route needs from each lane of its first edge; on an edge shorter than CHANGE each of them
+    counts as more."""
 
     after: dict[str, float]
     """After the first edge; lanes that do not continue along the route are left out."""
@@ -208,8 +211,9 @@ class LaneGraph:
                 if reached:
                     after[lane] = min(reached)
             number = {lane: int(lane.rsplit("_", 1)[1]) for lane in lanes}
+            each = max(CHANGE / max(self.lanes[lanes[0]].length, 1.0), 1.0) if lanes else 1.0
             total = {
-                lane: min(abs(number[lane] - number[other]) + cost for other, cost in after.items())
+                lane: min(each * abs(number[lane] - number[other]) + cost for other, cost in after.items())
                 for lane in lanes
                 if after
             }

@@ -113,7 +113,11 @@ class Routes:
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
         off_lane = abs(track.lateral_offset) > OFF_LANE
-        if track.standing_time > STUCK_TIME and (off_lane or not self._speed_limits.lane_continues(track)):
+        # Before a red signal it need not have finished its lane change: from the middle it goes on at green.
+        stuck = track.standing_time > 0.0 and not route.closed[i]
+        stuck = stuck and (off_lane or not self._speed_limits.lane_continues(track))
+        track.stuck_time = track.stuck_time + DECISION_INTERVAL if stuck else 0.0
+        if track.stuck_time > STUCK_TIME:
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING

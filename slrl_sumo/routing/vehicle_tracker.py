@@ -59,6 +59,8 @@ class VehicleTrack:
     y: float
     standing_time: float = 0.0
     """s."""
+    stuck_time: float = 0.0
+    """s that it has stood beside its lane, or where its lane does not lead on, although no signal is red."""
     obstructed: bool = False
     """A road user on its path slows it down."""
     ignores_standing_until: float = -math.inf

@@ -213,12 +213,13 @@ class CoSimulation:
         arrived = np.zeros(len(users), np.bool_)
         if not interval.arrived.isdisjoint(users.ids):
             arrived[:] = [road_user in interval.arrived for road_user in users.ids]
+        time = self._simulation.time
         returned = self._handover.return_to_route()
-        handed_back = returned + self._handover.hand_back(self._snapshot)
+        handed_back = returned + self._handover.hand_back(self._snapshot, time)
         background = background_world(self._snapshot, self._simulation.time, frozenset())
         told, present = self._handover.left, self._differences.complete(background)
         taken_over = self._taken_at_start
-        taken_over += self._handover.take_over(present, self._snapshot, handed_back, self._yielding)
+        taken_over += self._handover.take_over(present, self._snapshot, handed_back, time, self._yielding)
         self._assemble(present)
         self._taken_at_start = ()
         arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))

@@ -14,7 +14,7 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, RoadUserType
+from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.wraparound import left_scene
@@ -29,8 +29,8 @@ HYSTERESIS = 5.0
 
 FAST_LANE = 1.2
 """Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
-TURNING = 80.0
-"""m for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
+TURNING = 10.0
+"""s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
 FAST = "fast lane"
 """Why a road user stays SUMO's there."""
 RIM = 8.0
@@ -71,7 +71,7 @@ class Handover:
         self.finished: set[str] = set()
         self.handed_back: set[str] = set()
         self._turning: dict[str, float] = {}
-        """m for which SUMO still drives a vehicle that was handed back before a turn."""
+        """Until when (s) SUMO keeps road users that cannot follow a turn."""
 
     def return_to_route(self) -> tuple[str, ...]:
         """Taken-over road users that have left the scene do not wrap around: SUMO puts them back on their route."""
@@ -85,8 +85,8 @@ class Handover:
         self.finished.update(returned)
         return returned
 
-    def hand_back(self, snapshot: Snapshot) -> tuple[str, ...]:
-        """Hand back those that leave the region, or that their models cannot drive any further."""
+    def hand_back(self, snapshot: Snapshot, time: float) -> tuple[str, ...]:
+        """Hand back those that leave the region, or that their models cannot drive any further; `time`: now, s."""
         if self._takeover is None or not self._population.taken_over.any():
             return ()
         learned = self._population.world
@@ -101,7 +101,7 @@ class Handover:
         back = self._population.hand_back(leaving)
         # A road user that is about to arrive is not taken over again.
         self.finished.update(ending_ids.intersection(back))
-        self._turning |= dict.fromkeys((learned.ids[row] for row in np.flatnonzero(turning)), TURNING)
+        self._turning |= {learned.ids[row]: time + TURNING for row in np.flatnonzero(turning)}
         return back
 
     def take_over(
@@ -109,22 +109,23 @@ class Handover:
         users: WorldState,
         snapshot: Snapshot,
         handed_back: tuple[str, ...],
+        time: float,
         yielding: Yielding | None,
     ) -> tuple[str, ...]:
         """Take over those of `users`, SUMO's in this `snapshot`, that the takeover wants; not those just `handed_back`.
 
-        `yielding` may hold some of them.
+        `time`: now, s; `yielding` may hold some of them.
         """
         rule = self._takeover
         if rule is None:
             return ()
         learned_before = self._population.ids
-        # In the turn itself SUMO goes on, however long it is: at its end a learned vehicle would not be on its lane.
+        # In the turn itself SUMO goes on, however long it takes: at its end a learned vehicle would not be on its lane.
         if self._turning:
             self._turning = {
-                user: left - speed * DECISION_INTERVAL
-                for user, lane, speed in zip(snapshot.ids, snapshot.lane, snapshot.speed.tolist(), strict=True)
-                if (left := self._turning.get(user)) is not None and (left > 0.0 or lane.startswith(":"))
+                user: end
+                for user, lane in zip(snapshot.ids, snapshot.lane, strict=True)
+                if (end := self._turning.get(user)) is not None and (end > time or lane.startswith(":"))
             }
         skip = learned_before.union(handed_back, self.finished, self._turning)
         wanted = drawn(users.ids, users.type, rule.shares, rule.seed)

@@ -273,7 +273,7 @@ def test_vehicles_one_behind_the_other_do_not_wait_for_each_other(graph: LaneGra
     assert math.isinf(follower.entered)
 
 
-def test_a_turn_leads_close_past_one_that_stands_but_not_past_one_that_goes_on(graph: LaneGraph) -> None:
+def test_two_that_have_stood_for_long_pass_each_other_with_less_room(graph: LaneGraph) -> None:
     left, other = track(graph, "in1", "out0", 0.0, 0.0), track(graph, "in3", "out1", 0.0, 0.0)
     waiting = replace(left, s=left.path.entries[1].stop_line - 1.0, entry=left.path.entries[0].via, entered=0.0)
     ways = left.path.entries[1].via, other.path.entries[0].via
@@ -285,5 +285,6 @@ def test_a_turn_leads_close_past_one_that_stands_but_not_past_one_that_goes_on(g
     assert close - wide > 0.3
     goes_on = inside(graph, "in3", "out1", 0.5 * (wide + close), 0.0)
     assert not may(reserved(graph, waiting=waiting, other=goes_on), "waiting", waiting)
-    stands = replace(goes_on, standing_time=UNUSED + 1.0)
-    assert may(reserved(graph, waiting=waiting, other=stands), "waiting", waiting)
+    stands, waited = (replace(one, standing_time=UNUSED + 1.0) for one in (goes_on, waiting))
+    assert not may(reserved(graph, waiting=waiting, other=stands), "waiting", waiting)
+    assert may(reserved(graph, waiting=waited, other=stands), "waiting", waited)

@@ -81,8 +81,8 @@ def test_spawned_vehicles_turn_around_only_where_there_is_no_other_way(tmp_path:
 
 
 def test_a_sharp_turn_at_a_junction_is_sumos_to_its_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where it ends farther away than vehicles are usually SUMO's."""
-    monkeypatch.setattr(takeover, "TURNING", 45.0)
+    """However long it takes: here longer than the time after which a vehicle is usually learned again."""
+    monkeypatch.setattr(takeover, "TURNING", 4.0)
     nodes = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/><node id="c" x="10" y="40"/>'
     (tmp_path / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
     edges = '<edge id="ab" from="a" to="b" speed="13.9"/><edge id="bc" from="b" to="c" speed="13.9"/>'
