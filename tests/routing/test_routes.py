@@ -313,6 +313,20 @@ def test_a_vehicle_that_waits_where_no_lane_leads_on_is_off_its_route(signalised
     assert not routes.off_route(("car",)).any()
 
 
+def test_before_red_a_vehicle_need_not_have_finished_its_lane_change(signalised: SumoSession) -> None:
+    _car(signalised, "car", ("in0", "out3"), 2, 6.0, 4.0)
+    signalised.step()
+    world = _seen(signalised, "car")
+    world = replace(world, speed=np.zeros(len(world)))
+    routes, decisions = Routes(libsumo, signalised.network), round(1.5 * STUCK_TIME / DECISION_INTERVAL)
+    for colour, off in (("r", False), ("G", True)):
+        _signals(colour)
+        for _ in range(decisions):
+            route = routes.ahead(world, 1)
+        assert route.closed[0] == (colour == "r")
+        assert routes.off_route(("car",)).tolist() == [off]
+
+
 def test_a_vehicle_beside_its_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
     _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
     straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))

@@ -7,7 +7,7 @@ from pathlib import Path
 from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
 from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway
 from slrl_sumo.studies.flow.scenario_files import LIMIT
-from slrl_sumo.studies.flow.towns import town
+from slrl_sumo.studies.flow.towns import city, grid, town
 from slrl_sumo.studies.flow.wheel import game
 
 BICYCLE_SPEED = 5.56
@@ -86,6 +86,15 @@ SITUATIONS: dict[str, Situation] = {
         seconds=900.0,
         period=0.8,
         mixed=True,
+    ),
+    "turn-lanes": Situation(
+        "a generated grid of three lanes with lanes for turns and actuated signals, 546 departures",
+        600.0,
+        grid(4, seconds=600.0, period=0.55),
+        network=True,
+    ),
+    "city": Situation(
+        "the wheel's network of a part of Berlin, 600 departures", 600.0, city("DRT", 600.0, 0.5), network=True
     ),
     "fkk_in": Situation("the wheel's network of a junction in Ingolstadt", 300.0, game("fkk_in", 300.0), network=True),
     "cross": Situation("the wheel's crossing with much traffic", 300.0, game("cross", 300.0), network=True),

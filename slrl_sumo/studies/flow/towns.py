@@ -55,6 +55,32 @@ def town(seed: int, *, streets: int, seconds: float, period: float, mixed: bool 
     return build
 
 
+def grid(seed: int, *, seconds: float, period: float) -> Callable[[Path], Path]:
+    """Builds a grid of 16 signals with lanes for turns of 40 m; arguments as for `town`."""
+
+    def build(folder: Path) -> Path:
+        drawing = ["--grid", "--grid.number", "4", "--grid.length", "180", "--grid.attach-length", "150", "-L", "3"]
+        turns = ["--turn-lanes", "1", "--turn-lanes.length", "40", "--no-turnarounds", "--seed", str(seed)]
+        signals = ["--default-junction-type", "traffic_light", "--tls.default-type", "actuated"]
+        run_program("netgenerate", [*drawing, *turns, *signals, "--output-file", "flow.net.xml"], folder)
+        return write_config(folder, seconds, routes=_write_trips(folder, "flow", seed, seconds - REST, period))
+
+    return build
+
+
+def city(name: str, seconds: float, period: float) -> Callable[[Path], Path]:
+    """Takes the network of the game `name` that comes with the SUMO wheel; arguments as for `town`."""
+
+    def build(folder: Path) -> Path:
+        import sumo
+
+        network = Path(sumo.SUMO_HOME) / "tools" / "game" / name / "osm.net.xml"
+        (folder / "flow.net.xml").write_bytes(network.read_bytes())
+        return write_config(folder, seconds, routes=_write_trips(folder, "flow", 1, seconds - REST, period))
+
+    return build
+
+
 def read_plan(nodes: Path, edges: Path) -> Plan:
     """The plan in SUMO's plain XML, with car lanes only."""
     places = {

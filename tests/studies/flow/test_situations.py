@@ -8,7 +8,7 @@ import pytest
 from slrl_sumo.netgen.binaries import binary
 from slrl_sumo.studies.flow.situations import SITUATIONS
 
-WHEEL = ("fkk_in", "cross", "grid6", "A10KW")
+WHEEL = ("city", "fkk_in", "cross", "grid6", "A10KW")
 QUICK = [name for name, situation in SITUATIONS.items() if not situation.network]
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in SITUATIONS if name not in QUICK]
 
