@@ -86,7 +86,7 @@ class JunctionReservations:
         if not pieces:
             return math.inf
         line, until = _next_line(track)
-        idle, closed = track.standing_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
+        idle, closed = track.idle_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
         mine = Occupant(
             pieces, track.speed, size, until, self._time, yields=False, idle=idle, entered=track.entered, closed=closed,
             swings=line is None or until < -STOPS_OVER,
@@ -127,7 +127,7 @@ class JunctionReservations:
         pause, exits = stops_inside(track, stop_line)
         # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
-        idle = track.standing_time > UNUSED
+        idle = track.idle_time > UNUSED
         mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
         lanes = mine.lanes
         others = [

@@ -113,11 +113,8 @@ class Routes:
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
         off_lane = abs(track.lateral_offset) > OFF_LANE
-        # Before a red signal it need not have finished its lane change: from the middle it goes on at green.
-        stuck = track.standing_time > 0.0 and not route.closed[i]
-        stuck = stuck and (off_lane or not self._speed_limits.lane_continues(track))
-        track.stuck_time = track.stuck_time + DECISION_INTERVAL if stuck else 0.0
-        if track.stuck_time > STUCK_TIME:
+        track.idle_time = track.idle_time + DECISION_INTERVAL if track.standing_time and not route.closed[i] else 0.0
+        if track.idle_time > STUCK_TIME and (off_lane or not self._speed_limits.lane_continues(track)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING

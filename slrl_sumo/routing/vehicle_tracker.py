@@ -59,8 +59,8 @@ class VehicleTrack:
     y: float
     standing_time: float = 0.0
     """s."""
-    stuck_time: float = 0.0
-    """s that it has stood beside its lane, or where its lane does not lead on, although no signal is red."""
+    idle_time: float = 0.0
+    """s that it has stood although no signal is red."""
     obstructed: bool = False
     """A road user on its path slows it down."""
     ignores_standing_until: float = -math.inf
@@ -150,8 +150,12 @@ class VehicleTracker:
             before = self._vehicles.get(road_user)
             track = self._vehicles[road_user] = self._begin(state, i)
             if before is not None:
-                track.standing_time, track.entry, track.entered = before.standing_time, before.entry, before.entered
-                track.halted = before.halted
+                track.standing_time, track.idle_time, track.halted = (
+                    before.standing_time,
+                    before.idle_time,
+                    before.halted,
+                )
+                track.entry, track.entered = before.entry, before.entered
             place, track.lateral_offset = track.path.line.nearest(x, y, track.s - 2.0 * half - 2.0, track.s + half)
             track.s = max(place + half, 0.0)
         track.x, track.y, track.speed, track.lateral_speed = x, y, speed, 0.0

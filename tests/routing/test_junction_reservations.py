@@ -157,7 +157,7 @@ def test_a_vehicle_waits_for_those_inside_that_are_on_its_way(graph: LaneGraph) 
     assert may(reserved(graph, other=leaving), "ego", waiting)
     assert may(reserved(graph, other=inside(graph, "in2", "out0", 3.0, 0.0)), "ego", waiting)
     # One that has stood outside the area for long does not keep others waiting.
-    idle = replace(inside(graph, "in1", "out3", 0.6, 0.0), standing_time=UNUSED + 1.0)
+    idle = replace(inside(graph, "in1", "out3", 0.6, 0.0), idle_time=UNUSED + 1.0)
     assert may(reserved(graph, other=idle), "ego", waiting)
 
 
@@ -217,14 +217,14 @@ def test_one_that_waits_inside_does_not_reserve_what_lies_behind_its_stop(graph:
 def test_of_two_that_wait_for_each_other_the_first_goes(graph: LaneGraph) -> None:
     first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 0.0)
     first, second = (
-        replace(first, entered=0.2, standing_time=UNUSED + 1.0),
-        replace(second, entered=0.6, standing_time=UNUSED + 1.0),
+        replace(first, entered=0.2, idle_time=UNUSED + 1.0),
+        replace(second, entered=0.6, idle_time=UNUSED + 1.0),
     )
     reservations = reserved(graph, first=first, second=second)
     assert reservations.update("first", first, SIZE) == math.inf
     assert reservations.update("second", second, SIZE) < math.inf
     # One that stands for another reason does not keep those waiting that may go.
-    assert reservations.update("second", replace(second, standing_time=0.0), SIZE) == math.inf
+    assert reservations.update("second", replace(second, idle_time=0.0), SIZE) == math.inf
 
 
 def test_one_outside_does_not_keep_one_waiting_inside_with_equal_rights(graph: LaneGraph) -> None:
@@ -285,6 +285,6 @@ def test_two_that_have_stood_for_long_pass_each_other_with_less_room(graph: Lane
     assert close - wide > 0.3
     goes_on = inside(graph, "in3", "out1", 0.5 * (wide + close), 0.0)
     assert not may(reserved(graph, waiting=waiting, other=goes_on), "waiting", waiting)
-    stands, waited = (replace(one, standing_time=UNUSED + 1.0) for one in (goes_on, waiting))
+    stands, waited = (replace(one, idle_time=UNUSED + 1.0) for one in (goes_on, waiting))
     assert not may(reserved(graph, waiting=waiting, other=stands), "waiting", waiting)
     assert may(reserved(graph, waiting=waited, other=stands), "waiting", waited)
