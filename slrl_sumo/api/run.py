@@ -20,7 +20,7 @@ from slrl_sumo.formats.fcd.trace import TraceWriter, trace_files
 from slrl_sumo.formats.output_files import Output, claimed, write_json
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_file import load_trajectories
-from slrl_sumo.jobs.interrupt import interruptible
+from slrl_sumo.jobs.interrupt import interruptible, interruptible_to_the_end
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.counters import RunCounters
@@ -232,7 +232,7 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
         views_at = VIEWS_AT if keep else frozenset[int]()
         events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
         try:
-            with interruptible():  # nothing is lost yet
+            with interruptible_to_the_end():  # nothing is written yet
                 started = next(events)
         except SumoError as error:
             raise SumoError(f"{error}; no output was written") from None
@@ -282,7 +282,7 @@ def _until_interrupted(events: Iterator[Event], caught: list[int]) -> Iterator[E
     does it come while one is counted and written: what is finished is whole."""
     while not caught:
         try:
-            with interruptible():
+            with interruptible_to_the_end():
                 event = next(events, None)
         except KeyboardInterrupt as interrupt:
             caught.append(interrupt.args[0])

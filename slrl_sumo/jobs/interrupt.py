@@ -10,13 +10,22 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Ctrl-C, a polite `kill`, and the end of the terminal or of the connection."""
 
 
+_open: list[list[int]] = []
+"""The signal numbers received in each context that is open, the innermost last."""
+
+
 @contextmanager
 def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
     """Raise KeyboardInterrupt, with the number, on SIGINT, SIGTERM and SIGHUP; the first `tolerated` are only recorded.
 
     Yields the list of the signal numbers received so far; outside the main thread it stays empty. SIGHUP stays ignored
     where it is: `nohup` asks for that.
+
+    Work that tolerates interrupts does not begin after one that was lost on the way there: CPython drops exceptions in
+    callbacks of weak references, of which imports have many.
     """
+    if tolerated and (lost := [number for received in _open for number in received]):
+        raise KeyboardInterrupt(lost[0])
     caught: list[int] = []
 
     def handle(number: int, frame: FrameType | None) -> None:
@@ -29,11 +38,22 @@ def interruptible(tolerated: int = 0) -> Iterator[list[int]]:
         return
     ignored = {signal.SIGHUP} if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else set()
     before = {number: signal.signal(number, handle) for number in SIGNALS if number not in ignored}
+    _open.append(caught)
     try:
         yield caught
     finally:
+        _open.pop()
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def interruptible_to_the_end() -> Iterator[None]:
+    """As `interruptible`; an interrupt that is lost inside is raised at the end."""
+    with interruptible() as caught:
+        yield
+    if caught:
+        raise KeyboardInterrupt(caught[0])
 
 
 @contextmanager

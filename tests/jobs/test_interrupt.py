@@ -8,13 +8,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
-from slrl_sumo.jobs.interrupt import SIGNALS, interruptible
+from slrl_sumo.jobs.interrupt import SIGNALS, interruptible, interruptible_to_the_end
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -114,6 +115,26 @@ def test_every_command_ends_with_the_code_of_the_signal(cli: Cli, monkeypatch: p
     assert cli("scenarios").returncode == 128 + signal.SIGHUP
 
 
+def swallow() -> None:
+    """As CPython does with exceptions in callbacks of weak references."""
+    with suppress(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_an_interrupt_that_is_lost_on_the_way_ends_the_work() -> None:
+    with pytest.raises(KeyboardInterrupt) as interrupt, interruptible_to_the_end():
+        swallow()
+    assert interrupt.value.args == (signal.SIGINT,)
+    begun = []
+    with interruptible():
+        swallow()
+        with pytest.raises(KeyboardInterrupt), interruptible(tolerated=1):
+            begun.append(1)
+    assert not begun
+    with interruptible(tolerated=1) as caught:
+        assert caught == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.5, 0.8, 1.1, 1.6])
 def test_an_interrupt_while_loading_ends_quietly(tmp_path: Path, delay: float) -> None:
@@ -125,7 +146,10 @@ def test_an_interrupt_while_loading_ends_quietly(tmp_path: Path, delay: float) -
     ) as process:
         time.sleep(delay)
         os.killpg(process.pid, signal.SIGINT)
-        _, err = process.communicate(timeout=60)
+        try:
+            _, err = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert "Traceback" not in err
     # Before the command has begun, Python itself dies of the signal.
     assert process.returncode in (130, -signal.SIGINT)
