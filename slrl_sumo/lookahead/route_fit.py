@@ -14,7 +14,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
 from slrl_sumo.scene.route import on_path
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 
 STEERED = 2
 """Intervals after which a mode is compared with the path."""
@@ -28,8 +28,6 @@ AT = 0.3
 """m: smallest distance to a stop in a ratio."""
 MAX_RATIO = 8.0
 """Largest ratio of stopping distance to distance."""
-STANDING = 0.1
-"""m/s: faster modes go on. Beyond a stop that is too late at any speed: else road users creep over red lights."""
 HEADWAY = np.array([1.1, 1.1, 0.5])
 """s that each type keeps behind a leader."""
 MAX_OFFSET = 5.0
@@ -157,7 +155,8 @@ def _route_fit(
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             left = here.stop[i] - first * dt
-            creeps = left < -STOP_MARGIN[here.kind[i]] and first > STANDING
+            # Beyond a stop going on is too late at any speed: else road users creep over red lights.
+            creeps = left < -STOP_MARGIN[here.kind[i]] and first > STANDING_SPEED
             stop_ratio[i, mode] = MAX_RATIO if creeps else _ratio(needed, left)
             behind = here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
             follow_ratio[i, mode] = _ratio(needed, behind)

@@ -150,12 +150,8 @@ class VehicleTracker:
             before = self._vehicles.get(road_user)
             track = self._vehicles[road_user] = self._begin(state, i)
             if before is not None:
-                track.standing_time, track.idle_time, track.halted = (
-                    before.standing_time,
-                    before.idle_time,
-                    before.halted,
-                )
-                track.entry, track.entered = before.entry, before.entered
+                track.standing_time, track.idle_time = before.standing_time, before.idle_time
+                track.entry, track.entered, track.halted = before.entry, before.entered, before.halted
             place, track.lateral_offset = track.path.line.nearest(x, y, track.s - 2.0 * half - 2.0, track.s + half)
             track.s = max(place + half, 0.0)
         track.x, track.y, track.speed, track.lateral_speed = x, y, speed, 0.0

@@ -122,11 +122,9 @@ class Handover:
         learned_before = self._population.ids
         # In the turn itself SUMO goes on, however long it takes: at its end a learned vehicle would not be on its lane.
         if self._turning:
-            self._turning = {
-                user: end
-                for user, lane in zip(snapshot.ids, snapshot.lane, strict=True)
-                if (end := self._turning.get(user)) is not None and (end > time or lane.startswith(":"))
-            }
+            lane = dict(zip(snapshot.ids, snapshot.lane, strict=True))
+            inside = {user for user in self._turning if lane.get(user, "").startswith(":")}
+            self._turning = {user: end for user, end in self._turning.items() if end > time or user in inside}
         skip = learned_before.union(handed_back, self.finished, self._turning)
         wanted = drawn(users.ids, users.type, rule.shares, rule.seed)
         wanted &= rule.region.inside(users.x, users.y)

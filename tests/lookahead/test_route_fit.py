@@ -12,14 +12,13 @@ from slrl_sumo.lookahead.route_fit import (
     COMFORT_SHARE,
     HEADWAY,
     MAX_RATIO,
-    STANDING,
     allowed_speed,
     route_fit,
 )
 from slrl_sumo.models.capability import STOPPING, Capability
 from slrl_sumo.perception.route_context import GAP, LEADER_BRAKES, STOP_MARGIN, RouteContext, route_context
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 
 
 def drawn_context(users: WorldState) -> tuple[RouteContext, Capability]:
@@ -93,7 +92,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         first, speed = free.speed[i, 0], free.speed[i, 1]
         need = np.interp(first, STOPPING, capability.stopping[kind])
         left = stop[i] - first * DECISION_INTERVAL
-        too_late = (left < -STOP_MARGIN[kind]) & (first > STANDING)
+        too_late = (left < -STOP_MARGIN[kind]) & (first > STANDING_SPEED)
         np.testing.assert_allclose(
             fits.stop_ratio[i], np.where(too_late, MAX_RATIO, np.minimum(need / np.maximum(left, AT), MAX_RATIO))
         )

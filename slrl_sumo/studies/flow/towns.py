@@ -14,6 +14,7 @@ from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.netgen.plan import Edge, Node, Plan, write_plan
 from slrl_sumo.studies.flow.scenario_files import write_config
+from slrl_sumo.studies.flow.wheel import games
 
 REST = 300.0
 """s at the end of a run without departures, for the vehicles that are still under way."""
@@ -72,10 +73,7 @@ def city(name: str, seconds: float, period: float) -> Callable[[Path], Path]:
     """Takes the network of the game `name` that comes with the SUMO wheel; arguments as for `town`."""
 
     def build(folder: Path) -> Path:
-        import sumo
-
-        network = Path(sumo.SUMO_HOME) / "tools" / "game" / name / "osm.net.xml"
-        (folder / "flow.net.xml").write_bytes(network.read_bytes())
+        (folder / "flow.net.xml").write_bytes((games() / name / "osm.net.xml").read_bytes())
         return write_config(folder, seconds, routes=_write_trips(folder, "flow", 1, seconds - REST, period))
 
     return build

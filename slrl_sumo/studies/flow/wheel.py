@@ -13,25 +13,30 @@ GREEN = 30
 _WAITING = re.compile(r'duration="10000"')
 
 
+def games() -> Path:
+    """The folder of the games in the SUMO wheel."""
+    import sumo
+
+    return Path(sumo.SUMO_HOME) / "tools" / "game"
+
+
 def game(name: str, seconds: float) -> Callable[[Path], Path]:
     """Builds the game `name` with its own network, routes and signals, without its outputs and pictures."""
 
     def build(folder: Path) -> Path:
-        import sumo
-
-        games = Path(sumo.SUMO_HOME) / "tools" / "game"
-        options = {one.tag: one.get("value", "") for one in etree.parse(games / f"{name}.sumocfg").iter()}
+        found = games()
+        options = {one.tag: one.get("value", "") for one in etree.parse(found / f"{name}.sumocfg").iter()}
         signals: list[str] = []
         for file in options.get("additional-files", "").split(","):
-            text = (games / file).read_text(encoding="utf-8")
+            text = (found / file).read_text(encoding="utf-8")
             if "<tlLogic" in text:
                 signals.append(f"signals{len(signals)}.add.xml")
                 (folder / signals[-1]).write_text(_WAITING.sub(f'duration="{GREEN}"', text), encoding="utf-8")
         return write_config(
             folder,
             seconds,
-            net=str(games / options["net-file"]),
-            routes=",".join(str(games / file) for file in options["route-files"].split(",")),
+            net=str(found / options["net-file"]),
+            routes=",".join(str(found / file) for file in options["route-files"].split(",")),
             additional=",".join(signals),
         )
 
