@@ -10,6 +10,7 @@ import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
+from slrl_sumo.routing.walking_area import distance_to, way_across
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks, edge_junctions
@@ -132,14 +133,15 @@ class WalkGraph:
         points: list[tuple[float, float]] = []
         crossings: list[tuple[int, str, str]] = []
         second_edge_end = last_edge_end = 0
+        area: Lane | None = None
         for i, (edge, forward) in enumerate(steps):
             lane = self._lane_of[edge]
             shape = [(x, y) for x, y in lane.shape.tolist()]
             if i == len(steps) - 1 and arrival is not None:
-                line, _ = line_through(shape)
-                place = min(max(arrival, 0.0), lane.length) * line.end / max(lane.length, 0.1)
-                shape = line.between(0.0, place) if forward or len(steps) == 1 else line.between(place, line.end)
-            points += _beside(shape if forward else shape[::-1], side, lane)
+                whole, _ = line_through(shape)
+                place = min(max(arrival, 0.0), lane.length) * whole.end / max(lane.length, 0.1)
+                shape = whole.between(0.0, place) if forward or len(steps) == 1 else whole.between(place, whole.end)
+            _lead_on(points, area, _beside(shape if forward else shape[::-1], side, lane))
             if math.dist(shape[0], shape[-1]) >= SHORT_EDGE or not last_edge_end:
                 last_edge_end = len(points) - 1
             if i <= 1:
@@ -147,14 +149,18 @@ class WalkGraph:
             if i == len(steps) - 1:
                 break
             junction = self._junctions_of(edge)[1 if forward else 0]
+            area = None
             for before, inside in pairwise(self._through(lane.id, self._lane_of[steps[i + 1][0]].id, junction)):
-                if inside in self._internal and self._internal[inside].surface == Surface.CROSSING:
-                    crossing = [(x, y) for x, y in self._internal[inside].shape.tolist()]
-                    here = points[-1]
-                    if math.dist(crossing[-1], here) < math.dist(crossing[0], here):
-                        crossing.reverse()
-                    crossings.append((len(points), self._entered_from.get(inside, before), inside))
-                    points += _beside(crossing, side, self._internal[inside])
+                if inside not in self._internal:
+                    continue
+                if is_walking_area(inside):
+                    area = self._internal[inside]
+                    continue
+                crossing = self._internal[inside]
+                middle = _directed_from(area, points[-1], crossing)
+                _lead_on(points, area, _beside(middle, side, crossing))
+                crossings.append((len(points) - len(middle), self._entered_from.get(inside, before), inside))
+                area = None
         line, along = line_through(points)
         return WalkPath(
             line,
@@ -193,6 +199,26 @@ class WalkGraph:
         if ends is None:
             ends = self._junctions[edge] = edge_junctions(self._api, edge)
         return ends
+
+
+def _lead_on(points: list[tuple[float, float]], area: Lane | None, line: list[tuple[float, float]]) -> None:
+    """Continue a path, `points`, with a line behind a walking area, if there is one between."""
+    if points and area is not None:
+        points += way_across(area.shape, points[-1], line[0], CLEARANCE)
+    points += line
+
+
+def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane) -> list[tuple[float, float]]:
+    """The middle of a crossing from the end that a walking area touches; without one, from the end nearer to `here`.
+
+    Around the corner of two streets, the nearer end can be the one on the other side of the carriageway.
+    """
+    shape = [(x, y) for x, y in crossing.shape.tolist()]
+    if area is None:
+        begin, end = (math.dist(one, here) for one in (shape[0], shape[-1]))
+    else:
+        begin, end = np.maximum(distance_to(area.shape, crossing.shape[[0, -1]]), 0.0).tolist()
+    return shape if begin <= end else shape[::-1]
 
 
 def _beside(shape: list[tuple[float, float]], side: float, lane: Lane) -> list[tuple[float, float]]:

@@ -1,8 +1,10 @@
 """Paths of persons: which way round they go from an edge to the opposite one."""
 
+import random
 from pathlib import Path
 
 import libsumo
+import numpy as np
 import pytest
 
 from slrl_sumo.routing.walk_graph import CLEARANCE, WalkGraph
@@ -44,3 +46,17 @@ def test_persons_walk_beside_each_other_where_there_is_room(tmp_path: Path, side
         ):
             aside = middle.line.nearest(*beside.line.at(s)[:2])[1]
             assert aside == pytest.approx(side * (0.5 * width - CLEARANCE), abs=0.05)
+
+
+def test_no_path_returns_over_a_crossing() -> None:
+    """Around a corner of `district`, the nearer end of a crossing is the one on the other side of the carriageway."""
+    with SumoSession(find_scenario("district"), seed=1) as session:
+        graph, rng = WalkGraph(libsumo, session.network), random.Random(1)
+        edges = sorted(graph._lane_of)
+        for edge in edges:
+            path = graph.random_path(edge, True, -0.5, rng)
+            assert path is not None
+            ahead = np.diff(np.array([path.line.x, path.line.y]), axis=1)
+            ahead /= np.hypot(*ahead)
+            turns = np.sum(ahead[:, 1:] * ahead[:, :-1], axis=0)
+            assert turns.min() > -0.9, edge

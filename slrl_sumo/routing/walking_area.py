@@ -1,0 +1,79 @@
+"""Ways of persons across the walking areas of junctions, whose outlines bend around corners."""
+
+import numpy as np
+
+from slrl_sumo.scene.geometry import Floats
+
+ON_OUTLINE = 0.1
+"""m outside that count as inside: sidewalks and crossings end on outlines."""
+SPACING = 0.5
+"""m between the places of a way that are looked at."""
+OUTSIDE = 10.0
+"""How many times a metre outside counts. There may be no other way: netconvert's outlines can cut through themselves at
+sharp corners, where nothing is inside for some metres."""
+
+
+def way_across(
+    outline: Floats, begin: tuple[float, float], end: tuple[float, float], clearance: float
+) -> list[tuple[float, float]]:
+    """Corners of the shortest way between two places (m) inside an outline (k, 2), without these places.
+
+    The way keeps `clearance` (m) from corners of the outline that it bends around.
+    """
+    ends = np.array([begin, end])
+    if not _outside(outline, ends[:1], ends[1:])[0]:
+        return []
+    nodes = np.concatenate([ends, _bends(outline, clearance)])
+    first, second = np.triu_indices(len(nodes), 1)
+    lengths = np.full((len(nodes), len(nodes)), np.inf)
+    lengths[first, second] = lengths[second, first] = np.hypot(*(nodes[first] - nodes[second]).T) * (
+        1.0 + OUTSIDE * _outside(outline, nodes[first], nodes[second])
+    )
+    # Bellman and Ford; the ways of fewer parts wait at the begin.
+    lengths[0, 0] = 0.0
+    distance = lengths[0]
+    for _ in range(len(nodes)):
+        distance = np.min(distance[:, None] + lengths, axis=0)
+    previous = np.argmin(distance[:, None] + lengths, axis=0).tolist()
+    chain: list[int] = [previous[1]]
+    while chain[-1] != 0:
+        chain.append(previous[chain[-1]])
+    return [(x, y) for x, y in nodes[chain[-2::-1]].tolist()]
+
+
+def distance_to(outline: Floats, places: Floats) -> Floats:
+    """m from an outline (k, 2) to places (n, 2), negative inside, (n,)."""
+    side = np.roll(outline, -1, axis=0) - outline
+    apart = places[:, None] - outline
+    along = np.clip(np.sum(apart * side, axis=-1) / np.maximum(np.sum(side**2, axis=-1), 1e-9), 0.0, 1.0)
+    distance = np.sqrt(np.min(np.sum((apart - along[..., None] * side) ** 2, axis=-1), axis=-1))
+    # Inside, a ray to the right crosses the outline an odd number of times.
+    below, next_below = apart[..., 1] >= 0.0, apart[..., 1] >= side[:, 1]
+    cross = side[:, 0] * apart[..., 1] - side[:, 1] * apart[..., 0]
+    inside = np.sum((below != next_below) & ((cross > 0.0) == (side[:, 1] > 0.0)), axis=-1) % 2 == 1
+    signed: Floats = np.where(inside, -distance, distance)
+    return signed
+
+
+def _bends(outline: Floats, clearance: float) -> Floats:
+    """Places inside, `clearance` (m) from the corners that point inwards, (m, 2)."""
+    before, after = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
+    (x, y), (next_x, next_y) = outline.T, np.roll(outline, -1, axis=0).T
+    counterclockwise = np.sign(np.sum(x * next_y - next_x * y))
+    inwards = counterclockwise * (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) < 0.0
+    before, after = (one / np.maximum(np.hypot(*one.T), 1e-6)[:, None] for one in (before, after))
+    normals = counterclockwise * np.stack([-(before + after)[:, 1], (before + after)[:, 0]], axis=1)
+    # `clearance` from both sides: the sum of their normals is the shorter, the sharper the corner.
+    moved = outline + clearance * normals / np.maximum(0.5 * np.sum(normals**2, axis=1), 0.25)[:, None]
+    bends: Floats = moved[inwards]
+    return bends
+
+
+def _outside(outline: Floats, begin: Floats, end: Floats) -> Floats:
+    """Share of straight ways (n, 2) that lies outside an outline, (n,)."""
+    most = float(np.max(np.hypot(*(end - begin).T), initial=0.0))
+    share = np.linspace(0.0, 1.0, 2 + int(most / SPACING))[:, None]
+    places = begin[:, None] + share * (end - begin)[:, None]
+    apart = distance_to(outline, places.reshape(-1, 2)).reshape(len(begin), -1)
+    share_outside: Floats = np.mean(apart > ON_OUTLINE, axis=1)
+    return share_outside
