@@ -53,7 +53,17 @@ def evaluate(
         int | None, typer.Option(help="FILE: frames of 0.4 s between the starts of two rollouts. [default: 5]")
     ] = None,
     net: Annotated[
-        Path | None, typer.Option(help="FILE: SUMO network in its coordinates. [default: everything is road]")
+        Path | None,
+        typer.Option(
+            help="FILE: SUMO network in its coordinates, or Lanelet2 map, .osm. [default: everything is road]"
+        ),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            help="FILE: where its (0, 0) m lies in a Lanelet2 map: utm:LAT,LON | mercator:LAT,LON | "
+            "utm:EASTING,NORTHING. [default: m of the map, or utm:0,0]"
+        ),
     ] = None,
     mask: Annotated[
         Path | None,
@@ -72,7 +82,8 @@ def evaluate(
         "first": first,
         "recording": recording,
     }
-    file_options = {"starts": starts, "net": net, "mask": mask, "metres-per-pixel": metres_per_pixel}
+    ground = (net, origin, mask, metres_per_pixel)
+    file_options = dict(zip(("starts", "net", "origin", "mask", "metres-per-pixel"), (starts, *ground), strict=True))
     for option, value in (
         {"agents": agents, "workers": workers, "ray": ray, **scenario_options} if is_file else file_options
     ).items():
@@ -81,7 +92,6 @@ def evaluate(
             raise InputError(f"--{option} {value}: belongs to {other}, and {what} is {kind}; leave it out")
     claim(Output("out", out, RESULTS), inputs=[what, bundle, recording, net, mask], scenarios=[] if is_file else [what])
     if is_file:
-        ground = (net, mask, metres_per_pixel)
         _evaluate_recording(what, bundle, out, names, 5 if starts is None else starts, seed, ground)
         return
     given: dict[str, Any] = {name: value for name, value in scenario_options.items() if value is not None}
@@ -204,7 +214,7 @@ def _evaluate_recording(
     selectors: tuple[str, ...] | None,
     starts: int,
     seed: int,
-    ground: tuple[Path | None, Path | None, float | None],
+    ground: tuple[Path | None, str | None, Path | None, float | None],
 ) -> None:
     require("matplotlib", "evaluate of a recording")
     from slrl_sumo.formats.trajectory_file import load_trajectories

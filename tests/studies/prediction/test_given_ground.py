@@ -48,7 +48,7 @@ def test_a_mask_is_what_its_pixels_say(tmp_path: Path) -> None:
 
 
 def test_a_network_is_the_ground_in_its_own_coordinates() -> None:
-    found, name = given_ground(walk(88.0, 95.0), NET, None, None)
+    found, name = given_ground(walk(88.0, 95.0), NET, None, None, None)
     assert found is not None
     assert found.has(Surface.ROAD)
     assert found.has(Surface.SIDEWALK)
@@ -60,7 +60,7 @@ def test_a_network_is_the_ground_in_its_own_coordinates() -> None:
 
 def test_without_either_there_is_road_everywhere() -> None:
     made = walk(100.0, -20.0)
-    assert given_ground(made, None, None, None) == (None, "")
+    assert given_ground(made, None, None, None, None) == (None, "")
     roadmap = everywhere_road(made.x, made.y)
     assert (roadmap.surface_at(made.x, made.y + 50.0) == Surface.ROAD).all()
 
@@ -68,27 +68,27 @@ def test_without_either_there_is_road_everywhere() -> None:
 def test_what_does_not_fit_gets_one_line(tmp_path: Path) -> None:
     mask, made = painted(tmp_path / "mask.png"), walk(5.0, -2.0)
     with pytest.raises(InputError, match="--net and --mask were both given"):
-        given_ground(made, NET, mask, 0.5)
+        given_ground(made, NET, None, mask, 0.5)
     for one, other in ((mask, None), (None, 0.5)):
         with pytest.raises(InputError, match="belong together"):
-            given_ground(made, None, one, other)
+            given_ground(made, None, None, one, other)
     with pytest.raises(InputError, match="--metres-per-pixel 0: give the side of a pixel"):
-        given_ground(made, None, mask, 0.0)
+        given_ground(made, None, None, mask, 0.0)
     with pytest.raises(InputError, match="0% of the recorded positions lie on its surfaces"):
-        given_ground(walk(500.0, 500.0), None, mask, 0.5)
+        given_ground(walk(500.0, 500.0), None, None, mask, 0.5)
     with pytest.raises(InputError, match="there is no such file; give a SUMO network"):
-        given_ground(made, tmp_path / "no.net.xml", None, None)
+        given_ground(made, tmp_path / "no.net.xml", None, None, None)
     (tmp_path / "text.png").write_text("no picture")
     for file in (tmp_path / "text.png", tmp_path / "none.png"):
         with pytest.raises(InputError, match=r"cannot be read as a picture .*; give a PNG"):
-            given_ground(made, None, file, 0.5)
+            given_ground(made, None, None, file, 0.5)
     with pytest.raises(InputError, match=r"^--net [^ ]*text\.png: cannot be read \(it is no XML"):
-        given_ground(made, tmp_path / "text.png", None, None)
+        given_ground(made, tmp_path / "text.png", None, None, None)
     red = np.zeros((4, 4, 3), np.uint8)
     red[1, 2] = (0, 0, 255)
     cv2.imwrite(str(tmp_path / "red.png"), red)
     with pytest.raises(InputError, match=r"pixel \(column 2, row 1\) is \(255, 0, 0\); paint white for road"):
-        given_ground(made, None, tmp_path / "red.png", 0.5)
+        given_ground(made, None, None, tmp_path / "red.png", 0.5)
     cv2.imwrite(str(tmp_path / "red.png"), 0 * red)
     with pytest.raises(InputError, match="there is no road in it"):
-        given_ground(made, None, tmp_path / "red.png", 0.5)
+        given_ground(made, None, None, tmp_path / "red.png", 0.5)
