@@ -28,7 +28,7 @@ RUNS: dict[str, str] = {
             ("shared-space", ("shared-space", "shared-space-paper"), "--agents 40 --steps 120"),
         )
         for bundle in bundles
-        for selector in ("prior", "greedy", "sampled")
+        for selector in ("prior", "rule", "greedy", "sampled")
     },
     "district": "district --agents 64 --steps 150",
     "district-guard": "district --agents 64 --guard --steps 150",

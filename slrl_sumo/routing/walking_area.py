@@ -1,7 +1,10 @@
 """Ways of persons across the walking areas of junctions, whose outlines bend around corners."""
 
+import math
+
 import numpy as np
 
+from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 ON_OUTLINE = 0.1
@@ -32,8 +35,9 @@ def way_across(
     # Bellman and Ford; the ways of fewer parts wait at the begin.
     lengths[0, 0] = 0.0
     distance = lengths[0]
-    for _ in range(len(nodes)):
-        distance = np.min(distance[:, None] + lengths, axis=0)
+    shorter = np.min(distance[:, None] + lengths, axis=0)
+    while (shorter < distance).any():
+        distance, shorter = shorter, np.min(shorter[:, None] + lengths, axis=0)
     previous = np.argmin(distance[:, None] + lengths, axis=0).tolist()
     chain: list[int] = [previous[1]]
     while chain[-1] != 0:
@@ -43,15 +47,26 @@ def way_across(
 
 def distance_to(outline: Floats, places: Floats) -> Floats:
     """m from an outline (k, 2) to places (n, 2), negative inside, (n,)."""
-    side = np.roll(outline, -1, axis=0) - outline
-    apart = places[:, None] - outline
-    along = np.clip(np.sum(apart * side, axis=-1) / np.maximum(np.sum(side**2, axis=-1), 1e-9), 0.0, 1.0)
-    distance = np.sqrt(np.min(np.sum((apart - along[..., None] * side) ** 2, axis=-1), axis=-1))
-    # Inside, a ray to the right crosses the outline an odd number of times.
-    below, next_below = apart[..., 1] >= 0.0, apart[..., 1] >= side[:, 1]
-    cross = side[:, 0] * apart[..., 1] - side[:, 1] * apart[..., 0]
-    inside = np.sum((below != next_below) & ((cross > 0.0) == (side[:, 1] > 0.0)), axis=-1) % 2 == 1
-    signed: Floats = np.where(inside, -distance, distance)
+    return _distances(np.ascontiguousarray(outline), np.ascontiguousarray(places))
+
+
+@compiled
+def _distances(outline: Floats, places: Floats) -> Floats:
+    corners, signed = len(outline), np.empty(len(places))
+    for place in range(len(places)):
+        least, inside = math.inf, False
+        for corner in range(corners):
+            following = corner + 1 if corner + 1 < corners else 0
+            side_x, side_y = outline[following, 0] - outline[corner, 0], outline[following, 1] - outline[corner, 1]
+            x, y = places[place, 0] - outline[corner, 0], places[place, 1] - outline[corner, 1]
+            along = (x * side_x + y * side_y) / max(side_x * side_x + side_y * side_y, 1e-9)
+            along = min(max(along, 0.0), 1.0)
+            aside_x, aside_y = x - along * side_x, y - along * side_y
+            least = min(least, aside_x * aside_x + aside_y * aside_y)
+            # Inside, a ray to the right crosses the outline an odd number of times.
+            if (y >= 0.0) != (y >= side_y) and (side_x * y - side_y * x > 0.0) == (side_y > 0.0):
+                inside = not inside
+        signed[place] = -math.sqrt(least) if inside else math.sqrt(least)
     return signed
 
 

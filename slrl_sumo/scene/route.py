@@ -120,8 +120,8 @@ def beside(
     # From west to east, so that road users near a path are neighbours in this order.
     order = np.argsort(x)
     begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN * route.spacing[rows])
-    pairs = np.empty((2, 2 * len(x)), np.intp)
-    # The kernel makes no arrays: those that grow take numba long to compile.
+    # The kernel makes no arrays: those that grow take numba long to compile. Crowds of 1,000 have 10 pairs each.
+    pairs = np.empty((2, 16 * len(x)), np.intp)
     users = x[order], y[order], reach, order
     while (count := _beside(route.x, route.y, route.spacing, rows, room, *users, begin, pairs)) > pairs.shape[1]:
         pairs = np.empty((2, count), np.intp)

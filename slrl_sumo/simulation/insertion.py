@@ -46,13 +46,22 @@ def insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -
         top, longest = max(top, crowd[one, 3]), max(longest, crowd[one, 4])
     reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * longest
     gaps, slowest, fastest = np.full(len(x), reach), np.zeros(len(x)), np.full(len(x), np.inf)
+    # Those within reach of the box around all places, which lie close together.
+    west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
+    for place in range(len(x)):
+        west, east, south, north = min(west, x[place]), max(east, x[place]), min(south, y[place]), max(north, y[place])
+    near, many = np.empty(len(crowd), np.intp), 0
+    for one in range(len(crowd)):
+        at_x, at_y = crowd[one, 0], crowd[one, 1]
+        if one != own and west - reach <= at_x <= east + reach and south - reach <= at_y <= north + reach:
+            near[many], many = one, many + 1
     for place in range(len(x)):
         c, s = math.cos(heading[place]), math.sin(heading[place])
-        for one in range(len(crowd)):
+        for one in near[:many]:
             dx, dy = crowd[one, 0] - x[place], crowd[one, 1] - y[place]
             # Anything more for each of 400,000 pairs takes longer than a decision of 64 road users.
             square = dx * dx + dy * dy
-            if one == own or square > reach * reach:
+            if square > reach * reach:
                 continue
             if square < (gaps[place] + radii[one] + radius + ROUNDING) ** 2:
                 gaps[place] = min(gaps[place], math.hypot(dx, dy) - radii[one] - radius)
