@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,7 +30,7 @@ from slrl_sumo.models.policy_network import (
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import COUNTS, FEATURES
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
 Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
@@ -170,6 +171,14 @@ class _Types:
             # Without rows a head costs as much as with a few; where it learns, it needs a gradient of zeros.
             parts = [(head, part) for head, part in parts if len(part)] or parts[:1]
         return torch.cat([head(part) for head, part in parts])[self._back]
+
+
+def learn_only(policy: Policy, types: Sequence[str]) -> None:
+    """Keep all weights as they are but those of the heads of `types`, by name."""
+    policy.requires_grad_(False)
+    for heads in (policy.actors, policy.scorers, policy.critics):
+        for kind, head in enumerate(heads):
+            head.requires_grad_(TYPE_NAMES[kind] in types)
 
 
 def policy_logits(

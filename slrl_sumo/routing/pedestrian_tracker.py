@@ -18,6 +18,8 @@ AIM = 1.0
 """m along the path to the point that a person heads for."""
 WAITING_DISTANCE = 0.6
 """m before a crossing at which persons wait for its signal."""
+KERB = 0.5
+"""m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge."""
 OFF_PATH = 4.0
 """m beside its path beyond which an observed person is somewhere else on it, or on another path."""
 DISPLACED = 0.5
@@ -85,7 +87,7 @@ class PedestrianTracker:
     def next_signal(self, track: PedestrianTrack) -> tuple[float, float, bool]:
         """m to where a person must stop (inf: nowhere), m to the next signalised crossing, and whether that is red."""
         for entry in track.path.crossings if track.path is not None else ():
-            if entry.s > track.s:
+            if entry.s > track.s - KERB:
                 red = self._is_red(entry)
                 if red is None:
                     break
@@ -130,7 +132,7 @@ class PedestrianTracker:
         line = path.line
         distance = min(track.speed * dt, line.end - track.s)
         for entry in path.crossings:
-            if entry.s - WAITING_DISTANCE - track.speed * dt < track.s < entry.s and self._is_red(entry):
+            if entry.s - WAITING_DISTANCE - track.speed * dt < track.s < entry.s + KERB and self._is_red(entry):
                 distance = min(distance, max(entry.s - WAITING_DISTANCE - track.s, 0.0))
         if distance <= 0.01:
             return x, y, heading

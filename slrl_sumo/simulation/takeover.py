@@ -12,6 +12,7 @@ from slrl_sumo.agent.driver import Driver
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.scene.contacts import colliding_pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
@@ -131,7 +132,10 @@ class Handover:
         # Ids of spawned road users are those of road users without a route.
         wanted &= np.array([i not in skip and not i.startswith(SPAWNED_PREFIX) for i in users.ids], np.bool_)
         # SUMO sets the heading of a person with its first step: until then it may face the other way.
-        wanted &= (users.type != RoadUserType.PEDESTRIAN) | (users.speed > WALKING)
+        walking = users.type == RoadUserType.PEDESTRIAN
+        wanted &= ~walking | (users.speed > WALKING)
+        # Persons of a flow depart inside each other: SUMO leads them apart, learned ones would stay in single file.
+        wanted[[row for pair in colliding_pairs(users).tolist() if walking[pair].all() for row in pair]] = False
         room = int(min(rule.most - len(learned_before), len(users)))
         rows = np.flatnonzero(wanted) if room > 0 else np.zeros(0, np.intp)
         ids = tuple(users.ids[row] for row in rows)

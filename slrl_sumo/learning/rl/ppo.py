@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from slrl_sumo.learning.rl.actor import Agent, kind_of
 from slrl_sumo.learning.rl.batch import Batch, gae, normalised
+from slrl_sumo.models.policy import learn_only
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,8 @@ class PpoSettings:
     teacher_first: int = 40
     """Updates in which the policy learns from the teacher alone while the critic learns its values: an untrained critic
     would destroy what was imitated before."""
+    only: tuple[str, ...] = ()
+    """Types that learn; all others keep their modes bit for bit, and so does what the types share. (): all."""
 
 
 class Rollouts(Protocol):
@@ -167,6 +170,8 @@ def learn(
     if iterations.start % reset_every:
         raise ValueError("training can be resumed only where simulations restart")
     generator = torch.Generator()
+    if settings.only:
+        learn_only(agent.policy, settings.only)
     for iteration in iterations:
         number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)
         if iteration % reset_every == 0:

@@ -13,6 +13,7 @@ from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.models.policy_network import PRESETS, PolicyConfig
+from slrl_sumo.scene.types import TYPE_NAMES
 
 Section = TypeVar("Section")
 
@@ -105,11 +106,12 @@ def _changed(name: str, section: Section, given: dict[str, Any], where: str) -> 
 
 
 def _converted(value: Any, type_: Any, where: str) -> Any:
-    """`value` of a TOML file as a field of type `type_`: str (a preset), bool, int, float, or a tuple of numbers or
-    None."""
+    """`value` of a TOML file as a field of type `type_`: str (a preset or a type), bool, int, float, or a tuple of
+    numbers or types, or None."""
     if type_ is str:
-        if value not in PRESETS:
-            raise InputError(f"{where} is {value!r}: give {' or '.join(PRESETS)}")
+        names = TYPE_NAMES if where.endswith(" only") else PRESETS
+        if value not in names:
+            raise InputError(f"{where} is {value!r}: give {' or '.join(names)}")
         return value
     if type_ in (bool, int, float):
         if isinstance(value, bool) != (type_ is bool) or not isinstance(value, int if type_ is int else int | float):
@@ -120,7 +122,9 @@ def _converted(value: Any, type_: Any, where: str) -> Any:
     element, *more = get_args(tuple_type)
     length = None if Ellipsis in more else 1 + len(more)
     if not isinstance(value, list) or (length is not None and len(value) != length):
-        raise InputError(f"{where} is {value!r}: give a list of {length or 'several'} numbers")
+        raise InputError(
+            f"{where} is {value!r}: give a list of {length or 'several'} {'names' if element is str else 'numbers'}"
+        )
     return tuple(_converted(item, element, where) for item in value)
 
 

@@ -103,10 +103,17 @@ def _seen_at_first(slots: int) -> dict[str, NDArray[Any]]:
     return lights._seen
 
 
-def _train(iterations: int, seed: int = 1) -> tuple[list[float], dict[str, torch.Tensor]]:
+def _train(iterations: int, seed: int = 1, only: tuple[str, ...] = ()) -> tuple[list[float], dict[str, torch.Tensor]]:
     """The share of right answers in each iteration, and the weights in the end."""
     settings = PpoSettings(
-        num_steps=16, learning_rate=2e-3, gamma=0.5, ent_coef=0.0, kl_coef=0.0, kl_coef_last=0.0, teacher_first=0
+        num_steps=16,
+        learning_rate=2e-3,
+        gamma=0.5,
+        ent_coef=0.0,
+        kl_coef=0.0,
+        kl_coef_last=0.0,
+        teacher_first=0,
+        only=only,
     )
     torch.manual_seed(seed)
     agent = Agent(Policy(SMALL), Prior(MODES), settings.explore, settings.learning_rate, torch.device("cpu"))
@@ -143,6 +150,16 @@ def test_same_seed_same_run_and_another_seed_another() -> None:
     for name, value in weights.items():
         torch.testing.assert_close(value, same[name], rtol=0, atol=0)
     assert _train(4, seed=2)[0] != shares
+
+
+def test_types_that_do_not_learn_keep_their_weights() -> None:
+    _, all_types = _train(1)
+    _, before = _train(0)
+    _, after = _train(1, only=("pedestrian",))
+    changed = {name for name in before if not torch.equal(before[name], after[name])}
+    assert changed
+    assert all(".2." in name for name in changed)
+    assert {name for name in before if not torch.equal(before[name], all_types[name])} > changed
 
 
 def test_training_can_only_be_taken_up_where_simulations_begin_anew() -> None:

@@ -150,11 +150,11 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     assert read_settings(None) == TrainSettings()
     file = tmp_path / "s.toml"
     file.write_text(
-        "[ppo]\ngamma = 0.9\n[reward]\nclose = 2\n[arena]\nmix = [0.2, 0.3, 0.5]\n[policy]\nchannels = [4]\n"
-        "preset = 'extended'\n[teacher]\nheading_error = 7\n"
+        "[ppo]\ngamma = 0.9\nonly = ['car']\n[reward]\nclose = 2\n[arena]\nmix = [0.2, 0.3, 0.5]\n[policy]\n"
+        "channels = [4]\npreset = 'extended'\n[teacher]\nheading_error = 7\n"
     )
     settings = read_settings(file)
-    assert settings.ppo == replace(PpoSettings(), gamma=0.9)
+    assert settings.ppo == replace(PpoSettings(), gamma=0.9, only=("car",))
     assert settings.reward.close == 2.0
     assert settings.arena.mix == (0.2, 0.3, 0.5)
     assert settings.arena.staggered
@@ -179,6 +179,8 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
         ("[ppo]\ngamma = 1.5", "gamma is 1.5: give a number from 0 to 1"),
         ("[policy]\npreset = 'future'", r"\[policy\] preset is 'future': give paper or extended"),
         ("[policy]\npreset = 3", r"\[policy\] preset is 3: give paper or extended"),
+        ("[ppo]\nonly = ['bus']", r"\[ppo\] only is 'bus': give car or bicycle or pedestrian"),
+        ("[ppo]\nonly = 'car'", "give a list of several names"),
         ("[arena]\nextended = true", "has no setting 'extended'"),
         ("[teacher]\nheading_eror = 1", "has no setting 'heading_eror'; did you mean 'heading_error'?"),
         ("[ppo", "is no TOML"),
