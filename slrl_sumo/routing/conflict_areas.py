@@ -1,6 +1,7 @@
 """Where the lanes inside a junction cross or join each other."""
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,17 @@ class SharedArea(NamedTuple):
     area: ConflictArea
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Way:
+    """Lanes of a junction on which road users pass it; the same object wherever the lanes are the same."""
+
+    lanes: tuple[str, ...]
+    origin: str
+    """The lane outside the junction that leads to them."""
+    turns: bool
+    """Whether it turns (TURNS), so that vehicles on it need more room than their width."""
+
+
 class ConflictAreas:
     """The conflict areas of pairs of lanes, computed when they are first asked for."""
 
@@ -58,8 +70,8 @@ class ConflictAreas:
         self._graph = graph
         self._points: dict[str, Floats] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
-        self._turns: dict[tuple[str, ...], bool] = {}
-        self._of_ways: dict[tuple[tuple[str, ...], tuple[str, ...], float, float], tuple[SharedArea, ...]] = {}
+        self._ways: dict[tuple[str, ...], Way] = {}
+        self._of_ways: dict[tuple[Way, Way, float, float], tuple[SharedArea, ...]] = {}
 
     def add_line(self, name: str, line: Floats) -> None:
         """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""
@@ -76,35 +88,35 @@ class ConflictAreas:
             self._areas[other, lane, steps] = None if area is None else area.swapped()
         return self._areas[key]
 
-    def of_ways(
-        self, lanes: tuple[str, ...], others: tuple[str, ...], apart: float, abreast: float
-    ) -> tuple[SharedArea, ...]:
+    def way(self, lanes: tuple[str, ...]) -> Way:
+        """The way along lanes of a junction, or along lines (see `add_line`)."""
+        way = self._ways.get(lanes)
+        if way is None:
+            directions = np.concatenate([_directions(self._points_of(lane)) for lane in lanes])
+            turns = bool((directions @ directions[0] < math.cos(TURNS)).any())
+            way = self._ways[lanes] = Way(lanes, self._graph.origin(lanes[0]), turns)
+        return way
+
+    def of_ways(self, way: Way, other: Way, apart: float, abreast: float) -> tuple[SharedArea, ...]:
         """The conflict areas of the lanes of a way with those of another one, see `between`; none where both ways come
         from the same lane. Where both lead in the same direction, `abreast` m are enough instead of `apart`.
 
         Kept by ways: vehicles ask this of each other in each decision, and most ways share nothing.
         """
-        key = (lanes, others, apart, abreast)
+        key = (way, other, apart, abreast)
         shared = self._of_ways.get(key)
         if shared is None:
             found = []
-            if self._graph.origin(lanes[0]) != self._graph.origin(others[0]):
-                for i, lane in enumerate(lanes):
-                    for j, other in enumerate(others):
-                        area = self.between(lane, other, apart)
+            if way.origin != other.origin:
+                for i, lane in enumerate(way.lanes):
+                    for j, another in enumerate(other.lanes):
+                        area = self.between(lane, another, apart)
                         if area is not None and area.together:
-                            area = self.between(lane, other, abreast)
+                            area = self.between(lane, another, abreast)
                         if area is not None:
                             found.append(SharedArea(i, j, area))
             shared = self._of_ways[key] = tuple(found)
         return shared
-
-    def turns(self, lanes: tuple[str, ...]) -> bool:
-        """Whether a way turns (TURNS), so that vehicles on it need more room than their width."""
-        if lanes not in self._turns:
-            directions = np.concatenate([_directions(self._points_of(lane)) for lane in lanes])
-            self._turns[lanes] = bool((directions @ directions[0] < math.cos(TURNS)).any())
-        return self._turns[lanes]
 
     def _points_of(self, lane: str) -> Floats:
         """x, y and m along a lane, (points, 3), every SPACING m."""

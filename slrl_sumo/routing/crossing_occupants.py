@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.conflict_areas import ConflictAreas
-from slrl_sumo.routing.junction_occupants import UNUSED, Occupant, Piece, Size
+from slrl_sumo.routing.junction_occupants import UNUSED, Occupant, Size
 from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.nearest import PointIndex
@@ -118,7 +118,8 @@ class CrossingOccupants:
             if walker.passed < 0.0 and state in "rum":
                 continue  # it has to wait
             occupant = Occupant(
-                (Piece(walker.line, -walker.passed),),
+                self._areas.way((walker.line,)),
+                (-walker.passed,),
                 speed,
                 Size(world.length.item(row), world.width.item(row)),
                 math.inf,

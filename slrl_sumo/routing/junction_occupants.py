@@ -1,11 +1,11 @@
 """Vehicles in junctions, and the parts of junctions that they still need."""
 
 import math
-from collections.abc import Callable, Iterator
-from functools import lru_cache
+from bisect import bisect_right
+from collections.abc import Callable
 from typing import NamedTuple
 
-from slrl_sumo.routing.conflict_areas import half_width
+from slrl_sumo.routing.conflict_areas import ConflictAreas, Way, half_width
 from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
@@ -45,17 +45,13 @@ USUAL = Size(5.0, 1.8)
 """Of vehicles that are not in the world: those that have just departed."""
 
 
-class Piece(NamedTuple):
-    """A lane on a vehicle's way: m from the vehicle's front to its begin, negative where the front is on it."""
-
-    lane: str
-    ahead: float
-
-
 class Occupant(NamedTuple):
     """A vehicle that is in a junction, or has reserved its way through it, or a pedestrian on a crossing."""
 
-    pieces: tuple[Piece, ...]
+    way: Way
+    """The lanes that it still needs."""
+    ahead: tuple[float, ...]
+    """m from the front to the begin of each of them, negative where the front is on it."""
     speed: float
     size: Size
     until: float
@@ -83,17 +79,7 @@ class Occupant(NamedTuple):
 
     def half_width(self, *, turns: bool) -> float:
         """m to either side of its lanes' centre line that it needs; `turns`: where its way turns."""
-        return _half_width(self.size, swing=turns and self.swings)
-
-    @property
-    def lanes(self) -> tuple[str, ...]:
-        """Those of its pieces."""
-        return tuple([piece.lane for piece in self.pieces])
-
-
-@lru_cache(10_000)
-def _half_width(size: Size, *, swing: bool) -> float:
-    return half_width(*size) if swing else 0.5 * (size.width + SIDE_GAP)
+        return half_width(*self.size) if turns and self.swings else 0.5 * (self.size.width + SIDE_GAP)
 
 
 def reserves_from(speed: float) -> float:
@@ -101,17 +87,18 @@ def reserves_from(speed: float) -> float:
     return max(COMMITTED, speed * speed / (2.0 * BRAKING) + 0.4 * speed)
 
 
-def pieces_of(track: VehicleTrack, begin: float) -> Iterator[Piece]:
-    """The internal lanes of the junction on a path that end after `begin` (m along it), up to its exit."""
-    path, start, found = track.path, 0.0, False
-    for lane, end in zip(path.lanes, path.ends, strict=True):
-        internal = lane.startswith(":")
-        if internal and end > begin + 0.1:
-            found = True
-            yield Piece(lane, start - track.s)
-        elif found and not internal:
-            return
-        start = end
+def lanes_through(track: VehicleTrack, begin: float) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """The internal lanes of the junction on a path that end after `begin` (m along it), up to its exit, and m from the
+    front of the vehicle to the begin of each of them."""
+    path = track.path
+    first = bisect_right(path.ends, begin + 0.1)
+    while first < len(path.lanes) and not path.lanes[first].startswith(":"):
+        first += 1
+    last = first
+    while last < len(path.lanes) and path.lanes[last].startswith(":"):
+        last += 1
+    starts = (0.0, *path.ends)[first:last]
+    return path.lanes[first:last], tuple([start - track.s for start in starts])
 
 
 class _Inside(NamedTuple):
@@ -139,11 +126,13 @@ class BackgroundOccupants:
         self,
         api: SumoApi,
         graph: LaneGraph,
+        areas: ConflictAreas,
         learned: Callable[[str], VehicleTrack | None],
         right_of_way: RightOfWay,
     ) -> None:
         """`learned`: None for vehicles that SUMO drives."""
-        self._api, self._graph, self._learned, self._right_of_way = api, graph, learned, right_of_way
+        self._api, self._graph, self._areas = api, graph, areas
+        self._learned, self._right_of_way = learned, right_of_way
         self._inside: dict[str, list[str]] = {}
         self._lanes: dict[str, _Lanes] = {}
         for lane in graph.lanes.values():
@@ -176,9 +165,7 @@ class BackgroundOccupants:
                     continue  # since this decision
                 position = lane_position(self._api, vehicle)
                 until = length - position if goes_on else math.inf
-                found[vehicle] = self._occupant(
-                    vehicle, Piece(lane, -position), until, halts=waited, swings=not goes_on
-                )
+                found[vehicle] = self._occupant(vehicle, lane, -position, until, halts=waited, swings=not goes_on)
         for lane in lanes.before:
             end = self._graph.lanes[lane].length
             for vehicle in on_lane.get(lane, ()):
@@ -193,7 +180,7 @@ class BackgroundOccupants:
                     wanted = via and self._graph.lanes[target].edge == following
                     if wanted and self._right_of_way.has_priority(lane, target, via):
                         until = distance + self._graph.lanes[via].length
-                        found[vehicle] = self._occupant(vehicle, Piece(via, distance), until)
+                        found[vehicle] = self._occupant(vehicle, via, distance, until)
                         break
         return found
 
@@ -220,13 +207,15 @@ class BackgroundOccupants:
         return lanes
 
     def _occupant(
-        self, vehicle: str, piece: Piece, until: float, *, halts: bool = False, swings: bool = True
+        self, vehicle: str, lane: str, ahead: float, until: float, *, halts: bool = False, swings: bool = True
     ) -> Occupant:
         assert self._world is not None, "call renew first"
         idle = waiting_time(self._api, vehicle) > UNUSED
         speed, time = vehicle_speed(self._api, vehicle), self._world.time
-        size = self._size(vehicle)
-        return Occupant((piece,), speed, size, until, time, yields=False, idle=idle, halts=halts, swings=swings)
+        return Occupant(
+            self._areas.way((lane,)), (ahead,), speed, self._size(vehicle), until, time,
+            yields=False, idle=idle, halts=halts, swings=swings,
+        )  # fmt: skip
 
     def _size(self, vehicle: str) -> Size:
         assert self._world is not None, "call renew first"

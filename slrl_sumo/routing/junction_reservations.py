@@ -15,7 +15,7 @@ from slrl_sumo.routing.junction_occupants import (
     BackgroundOccupants,
     Occupant,
     Size,
-    pieces_of,
+    lanes_through,
     reserves_from,
 )
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
@@ -56,7 +56,7 @@ class JunctionReservations:
         """`learned` gives the track of a learned vehicle by id, None for all others."""
         self._learned, self._right_of_way = learned, right_of_way
         self._areas = ConflictAreas(graph)
-        self._background = BackgroundOccupants(api, graph, learned, right_of_way)
+        self._background = BackgroundOccupants(api, graph, self._areas, learned, right_of_way)
         self._on_foot = CrossingOccupants(api, graph, self._areas)
         self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
@@ -82,22 +82,23 @@ class JunctionReservations:
         # Not a look at every junction: a city has thousands, for each of its vehicles.
         for junction in self._holds.pop(vehicle, ()):
             self._held[junction].pop(vehicle, None)
-        pieces = tuple(pieces_of(track, track.s - size.length)) if track.entry else ()
-        if not pieces:
+        lanes, ahead = lanes_through(track, track.s - size.length) if track.entry else ((), ())
+        if not lanes:
             return math.inf
         line, until = _next_line(track)
         idle, closed = track.idle_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
         mine = Occupant(
-            pieces, track.speed, size, until, self._time, yields=False, idle=idle, entered=track.entered, closed=closed,
+            self._areas.way(lanes), ahead, track.speed, size, until, self._time,
+            yields=False, idle=idle, entered=track.entered, closed=closed,
             swings=line is None or until < -STOPS_OVER,
         )  # fmt: skip
-        junction, lanes = junction_of(pieces[0].lane), mine.lanes
+        junction = junction_of(lanes[0])
         waits = math.inf
         for name, other in self._occupants(junction, vehicle):
             theirs = self._learned(name)
             if theirs is not None and (theirs.entered, name) >= (track.entered, vehicle):
                 continue
-            areas = self._shared(mine, lanes, other)
+            areas = self._shared(mine, other)
             if areas and not self._in_way(track, size, theirs):
                 # An area in which it is already has to be cleared, whatever the order.
                 met = _meets(mine, other, areas, until, priority=False, pauses=False)
@@ -120,34 +121,29 @@ class JunctionReservations:
         reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count. One for
         which it is `too_late` to stop passes in any case, and the others have to know."""
         distance = stop_line - track.s
-        pieces = tuple(pieces_of(track, stop_line))
-        if not pieces:
+        lanes, ahead = lanes_through(track, stop_line)
+        if not lanes:
             return True
-        junction = junction_of(pieces[0].lane)
+        junction, way = junction_of(lanes[0]), self._areas.way(lanes)
         pause, exits = stops_inside(track, stop_line)
         # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
         idle = track.idle_time > UNUSED
-        mine = Occupant(pieces, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
-        lanes = mine.lanes
-        others = [
-            (name, other)
-            for name, other in self._occupants(junction, vehicle)
-            if not self._in_way(track, size, self._learned(name))
-        ]
+        mine = Occupant(way, ahead, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(until=until, swings=until == exits)
             free = too_late or not any(
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
-                for _, other in others
-                if (areas := self._shared(mine, lanes, other))
+                for name, other in self._occupants(junction, vehicle)
+                if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
             )
             if free:
                 if too_late or distance <= reserves_from(track.speed):
                     # With the lanes that it is on, where it waits inside the junction.
-                    held = tuple(pieces_of(track, track.s - size.length)) if track.entry else pieces
-                    self._hold(vehicle, junction, mine._replace(pieces=held))
+                    if track.entry:
+                        lanes, ahead = lanes_through(track, track.s - size.length)
+                    self._hold(vehicle, junction, mine._replace(way=self._areas.way(lanes), ahead=ahead))
                 return True
         return False
 
@@ -173,18 +169,18 @@ class JunctionReservations:
         s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
         return other.s < s and distance < size.width
 
-    def _shared(self, mine: Occupant, lanes: tuple[str, ...], other: Occupant) -> list[_Shared]:
-        """The conflict areas that a vehicle, with its `lanes`, shares with an occupant, and that neither of the two has
-        left; none with a leader or follower, such as one that is wholly in an area through which both lead together."""
-        shared, theirs = [], other.lanes
+    def _shared(self, mine: Occupant, other: Occupant) -> list[_Shared]:
+        """The conflict areas that a vehicle shares with another occupant, and that neither of the two has left; none
+        with a leader or follower, such as one that is wholly in an area through which both lead together."""
         # Two that have stood for long pass close to each other: in the room for each other's turn they stand for ever.
         close = mine.idle and other.idle
-        turns, they_turn = (other.on_foot or (not close and self._areas.turns(way)) for way in (lanes, theirs))
+        turns, they_turn = (other.on_foot or (not close and way.turns) for way in (mine.way, other.way))
         apart = mine.half_width(turns=turns) + other.half_width(turns=they_turn)
         # Neither of two that turn side by side needs room for its turn.
         abreast = mine.half_width(turns=False) + other.half_width(turns=False)
-        for i, j, area in self._areas.of_ways(lanes, theirs, apart, abreast):
-            ahead, their_ahead = mine.pieces[i].ahead, other.pieces[j].ahead
+        shared = []
+        for i, j, area in self._areas.of_ways(mine.way, other.way, apart, abreast):
+            ahead, their_ahead = mine.ahead[i], other.ahead[j]
             leave = ahead + area.end + mine.size.length
             their_leave = their_ahead + area.other_end + other.size.length
             passed = max(-ahead - area.begin - mine.size.length, -their_ahead - area.other_begin - other.size.length)

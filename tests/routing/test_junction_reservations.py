@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
-from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Piece, Size
+from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
@@ -101,7 +101,7 @@ def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
 def test_ways_turn_or_lead_straight_on(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     ways = [track(graph, "in0", end, 1.0, 0.0).path.entries[0].via for end in ("out1", "out2", "out3")]
-    assert [areas.turns((lane,)) for lane in ways] == [True, False, True]
+    assert [areas.way((lane,)).turns for lane in ways] == [True, False, True]
 
 
 def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> None:
@@ -116,11 +116,12 @@ def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> N
         reservations._areas.add_line(name, line)
 
     def on(lane: str, front: float) -> Occupant:
-        return Occupant((Piece(lane, -front),), 1.0, SIZE, math.inf, 1.0, yields=False, idle=False)
+        way = reservations._areas.way((lane,))
+        return Occupant(way, (-front,), 1.0, SIZE, math.inf, 1.0, yields=False, idle=False)
 
     def meets(other: Occupant) -> bool:
         mine = on(":centre_a", 0.0)
-        return bool(reservations._shared(mine, mine.lanes, other))
+        return bool(reservations._shared(mine, other))
 
     # b comes nearer than 1.9 m after 18 m: from then on it is a leader when it is past that with its whole length.
     assert meets(on(":centre_b", 20.0))
