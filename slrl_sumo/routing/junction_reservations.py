@@ -111,21 +111,21 @@ class JunctionReservations:
         self,
         vehicle: str,
         track: VehicleTrack,
-        stop_line: float,
+        entry: JunctionEntry,
         *,
         priority: bool,
         size: Size,
         too_late: bool = False,
     ) -> bool:
-        """Whether a learned vehicle may pass the line at `stop_line` (m along its path); if it is about to, its way is
+        """Whether a learned vehicle may pass the line of an `entry` on its path; if it is about to, its way is
         reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count. One for
         which it is `too_late` to stop passes in any case, and the others have to know."""
-        distance = stop_line - track.s
-        lanes, ahead = lanes_through(track, stop_line)
+        distance = entry.stop_line - track.s
+        lanes, ahead = lanes_through(track, entry.stop_line)
         if not lanes:
             return True
         junction, way = junction_of(lanes[0]), self._areas.way(lanes)
-        pause, exits = stops_inside(track, stop_line)
+        pause, exits = stops_inside(track, entry)
         # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
         idle = track.idle_time > UNUSED
@@ -226,12 +226,10 @@ def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:
     return enter > 0.0 and gone + GAP < time_to_cover(enter, max(other.speed, SLOWEST), other.acceleration)
 
 
-def stops_inside(track: VehicleTrack, stop_line: float) -> tuple[float, float]:
+def stops_inside(track: VehicleTrack, entry: JunctionEntry) -> tuple[float, float]:
     """m from the front to the next waiting position after a line (the exit where there is none), and to the exit of its
     junction."""
-    exits = next(entry.exit for entry in track.path.entries if entry.stop_line >= stop_line - 1e-6)
-    later = [entry.stop_line for entry in track.path.entries if stop_line + 1e-6 < entry.stop_line < exits]
-    return min((line - STOP_LINE for line in later), default=exits) - track.s, exits - track.s
+    return min(entry.waits - STOP_LINE, entry.exit) - track.s, entry.exit - track.s
 
 
 def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:

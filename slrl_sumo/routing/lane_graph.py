@@ -5,7 +5,7 @@ import random
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from slrl_sumo.routing.path_line import path_line
@@ -42,6 +42,8 @@ class JunctionEntry:
     """The lane after the junction."""
     exit: float
     """m along the path at which the junction ends."""
+    waits: float = math.inf
+    """m along the path of the next line in the junction before which vehicles wait; inf where there is none."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,10 @@ class LanePath:
     """Speed limit of each lane, m/s."""
     entries: tuple[JunctionEntry, ...]
     line: Polyline
+    route: tuple[str, ...] = ()
+    """The route from the edge of the first lane on, where that has other lanes to change to."""
+    next_lane: str | None = None
+    """The lane beside the first one that brings a vehicle nearer to its route (see LaneGraph.lane_to_change_to)."""
 
     @property
     def end(self) -> float:
@@ -99,10 +105,6 @@ class LaneGraph:
         self._origins: dict[str, str] = {}
         self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
 
-    def has_neighbours(self, lane: str) -> bool:
-        """Whether the edge of a lane has other lanes."""
-        return len(self._of_edge[self.lanes[lane].edge]) > 1
-
     def lane_to_change_to(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
         """The neighbouring lane that brings a vehicle nearer to its route `edges`, which begin with the lane's edge.
 
@@ -145,7 +147,11 @@ class LaneGraph:
             length += self.lanes[chain[-1]].length
             if not via and remaining and self.lanes[target].edge == remaining[0]:
                 remaining = remaining[1:]
-        return _joined([self.lanes[i] for i in chain], entries, before, self.lanes)
+        path = _joined([self.lanes[i] for i in chain], entries, before, self.lanes)
+        if not edges or self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
+            return path
+        route = (self.lanes[lane].edge, *edges)
+        return replace(path, route=route, next_lane=self.lane_to_change_to(lane, vehicle_class, route))
 
     def origin(self, lane: str) -> str:
         """The lane outside the junction that leads to an internal lane; of any other lane, the lane itself."""
@@ -233,5 +239,7 @@ def _joined(
     found = []
     for position, here, via, target in entries:
         end = next((ends[i - 1] for i in range(position + 1, len(lanes)) if not lanes[i].internal), ends[-1])
-        found.append(JunctionEntry(ends[position], here, via, target, end))
+        lines = (ends[inside] for inside, *_ in entries)
+        waits = next((line for line in lines if ends[position] + 1e-6 < line < end), math.inf)
+        found.append(JunctionEntry(ends[position], here, via, target, end, waits))
     return LanePath(tuple(i.id for i in lanes), ends, tuple(i.max_speed for i in lanes), tuple(found), line)

@@ -105,7 +105,7 @@ class Routes:
             line = entry.stop_line - s
             if line > -0.5:
                 route.line[i], route.out[i] = line, entry.exit - s
-                pause, exits = stops_inside(track, entry.stop_line)
+                pause, exits = stops_inside(track, entry)
                 route.wait[i] = pause if pause < exits else -math.inf
                 route.signal[i] = shown = self._speed_limits.signal(entry)
                 route.closed[i] = shown >= 2 and stop <= line

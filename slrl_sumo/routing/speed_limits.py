@@ -68,7 +68,7 @@ class SpeedLimits:
 
         That speed is reached with the share `decel_share` of its deceleration, and `dt` seconds early. The vehicle is
         expected to cross junctions with the share `accel_share` of its acceleration; `may_enter` says whether the
-        junction after a line (m along the path) can be crossed, with `priority` or without.
+        junction after an entry can be crossed, with `priority` or without.
         """
         stop, look = math.inf, math.inf
         for entry, distance in self._entries_near(track, dt):
@@ -79,7 +79,7 @@ class SpeedLimits:
             too_late = track.speed * track.speed / (2.0 * limits[1]) > distance + 1.0
             # A stop sign: a stand before the line comes first, also where nothing comes.
             rule = "stop" if self._right_of_way.halts(entry) and track.halted != entry.via else rule
-            if rule == "stop" or not may_enter(entry.stop_line, priority=rule == "go", too_late=too_late):
+            if rule == "stop" or not may_enter(entry, priority=rule == "go", too_late=too_late):
                 stop = min(stop, distance - STOP_LINE)
             elif rule == "look":
                 seen = max(distance - track.speed * dt, LINE_OF_SIGHT)

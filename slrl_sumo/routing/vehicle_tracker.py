@@ -256,27 +256,21 @@ class VehicleTracker:
     def choose_lane(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
         """Begin the lane change that the route needs, where there is a gap. Returns a change that is under way, or for
         which there is no gap."""
-        lane = track.path.lanes[0]
-        if not track.edges or lane.startswith(":") or track.path.lane_at(track.s) > 0:
+        path = track.path
+        if not track.edges or path.lanes[0].startswith(":") or path.lane_at(track.s) > 0:
             return None
-        left = track.path.ends[0] - track.s
         if abs(track.lateral_offset) > CHANGING:
-            return Wish(i, track.lateral_offset, track.path.line.at(track.s)[2], 0.0)
-        if not self._graph.has_neighbours(lane):
-            return None
-        edges = (self._graph.lanes[lane].edge, *track.edges)
-        target = self._graph.lane_to_change_to(lane, track.vehicle_class, edges)
-        if target is None:
-            return self._overtake(road_user, track, world, i, edges)
-        return self._change(road_user, track, world, i, target, left, always=True)
+            return Wish(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
+        if path.next_lane is not None:
+            left = path.ends[0] - track.s
+            return self._change(road_user, track, world, i, path.next_lane, left, always=True)
+        return self._overtake(road_user, track, world, i) if path.route else None
 
-    def _overtake(
-        self, road_user: str, track: VehicleTrack, world: WorldState, i: int, edges: tuple[str, ...]
-    ) -> Wish | None:
+    def _overtake(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
         """Change to a lane that serves the route as well, where the vehicle gets on better there."""
         if track.speed < OVERTAKES or world.time < track.changed + PAUSE:
             return None
-        for target in self._graph.equal_lanes(track.path.lanes[0], track.vehicle_class, edges):
+        for target in self._graph.equal_lanes(track.path.lanes[0], track.vehicle_class, track.path.route):
             wish = self._change(road_user, track, world, i, target, math.inf, always=False)
             if wish is not None:
                 return wish

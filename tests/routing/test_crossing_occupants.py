@@ -50,7 +50,7 @@ def may_enter(graph: LaneGraph, world: WorldState, before: float, speed: float) 
     reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
     reservations.renew(world)
     car = track(graph, "wm", "me", before, speed)
-    return reservations.may_enter("car", car, car.path.entries[0].stop_line, priority=False, size=SIZE)
+    return reservations.may_enter("car", car, car.path.entries[0], priority=False, size=SIZE)
 
 
 NORTH, SOUTH = 0.5 * math.pi, -0.5 * math.pi
@@ -83,6 +83,6 @@ def test_a_pedestrian_that_has_stood_beside_the_lane_for_long_lets_cars_pass(gra
     answers = []
     for time in (1.0, 1.0 + UNUSED + 0.4):
         reservations.renew(walker(0.6, SOUTH, 0.2, time=time))
-        line = car.path.entries[0].stop_line
+        line = car.path.entries[0]
         answers.append(reservations.may_enter("car", car, line, priority=False, size=SIZE))
     assert answers == [False, True]

@@ -44,7 +44,7 @@ def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[L
     start = graph.lanes[graph.origin(lane)].edge
     opposite = {"in_n": "in_s", "in_s": "in_n", "in_e": "in_w", "in_w": "in_e"}[start]
     oncoming = track(graph, opposite, start.replace("in", "out"), 10.0, 6.0)
-    line = oncoming.path.entries[0].stop_line
+    line = oncoming.path.entries[0]
     assert reservations.may_enter("car", oncoming, line, priority=True, size=USUAL)
 
 

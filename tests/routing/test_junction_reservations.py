@@ -79,7 +79,7 @@ def world(time: float) -> WorldState:
 def may(
     reservations: JunctionReservations, name: str, one: VehicleTrack, priority: bool = False, size: Size = SIZE
 ) -> bool:
-    line = next(entry.stop_line for entry in one.path.entries if entry.stop_line >= one.s)
+    line = next(entry for entry in one.path.entries if entry.stop_line >= one.s)
     return reservations.may_enter(name, one, line, priority=priority, size=size)
 
 
@@ -190,7 +190,7 @@ def test_a_vehicle_passes_before_one_that_comes_later(graph: LaneGraph) -> None:
 def test_a_vehicle_that_cannot_stop_any_more_reserves_its_way(graph: LaneGraph) -> None:
     fast, waiting = track(graph, "in0", "out2", 24.0, 12.0), track(graph, "in1", "out3", 1.0, 0.0)
     reservations = reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0))
-    line = fast.path.entries[0].stop_line
+    line = fast.path.entries[0]
     assert not reservations.may_enter("fast", fast, line, priority=False, size=SIZE)
     assert may(reservations, "waiting", waiting)
     # It drives on all the same: the next one has to wait for it.
