@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 SWING, LONG = 0.1, 5.0
@@ -92,7 +93,7 @@ class ConflictAreas:
         """The way along lanes of a junction, or along lines (see `add_line`)."""
         way = self._ways.get(lanes)
         if way is None:
-            directions = np.concatenate([_directions(self._points_of(lane)) for lane in lanes])
+            directions = np.concatenate([self._points_of(lane)[:, 3:] for lane in lanes])
             turns = bool((directions @ directions[0] < math.cos(TURNS)).any())
             way = self._ways[lanes] = Way(lanes, self._graph.origin(lanes[0]), turns)
         return way
@@ -119,7 +120,7 @@ class ConflictAreas:
         return shared
 
     def _points_of(self, lane: str) -> Floats:
-        """x, y and m along a lane, (points, 3), every SPACING m."""
+        """x, y, m along a lane and its direction, a unit vector, (points, 5), every SPACING m."""
         points = self._points.get(lane)
         if points is None:
             points = self._points[lane] = _sampled(self._graph.lanes[lane].shape)
@@ -129,22 +130,29 @@ class ConflictAreas:
 def _sampled(shape: Floats) -> Floats:
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
     s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
-    return np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1]), s], axis=1)
+    points = np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1])], axis=1)
+    steps = np.diff(points, axis=0)
+    steps = np.append(steps, steps[-1:], axis=0)
+    return np.column_stack([points, s, steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None]])
 
 
 def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea | None:
-    near = np.hypot(mine[:, None, 0] - theirs[None, :, 0], mine[:, None, 1] - theirs[None, :, 1]) < apart
-    if not near.any():
+    first, last, their_first, their_last = _near(mine, theirs, apart)
+    if first < 0:
         return None
-    at, other = (np.flatnonzero(near.any(axis)) for axis in (1, 0))
-    ends = [0, -1]
-    directions = np.sum(_directions(mine)[at[ends]] * _directions(theirs)[other[ends]], axis=1)
-    together = bool((directions > TOGETHER).all())
-    return ConflictArea(mine[at[0], 2], mine[at[-1], 2], theirs[other[0], 2], theirs[other[-1], 2], together)
+    begin, end, their_begin, their_end = mine[first], mine[last], theirs[their_first], theirs[their_last]
+    together = all(a[3] * b[3] + a[4] * b[4] > TOGETHER for a, b in ((begin, their_begin), (end, their_end)))
+    return ConflictArea(begin.item(2), end.item(2), their_begin.item(2), their_end.item(2), bool(together))
 
 
-def _directions(points: Floats) -> Floats:
-    """Unit vectors along a lane at its points, (points, 2)."""
-    steps = np.diff(points[:, :2], axis=0)
-    steps = np.append(steps, steps[-1:], axis=0)
-    return np.asarray(steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None])
+@compiled
+def _near(mine: Floats, theirs: Floats, apart: float) -> tuple[int, int, int, int]:
+    """Index of the first and last of points (k, 5) that is less than `apart` from another point, and of the first and
+    last of those other ones; -1 where there is none."""
+    first, last, their_first, their_last = -1, -1, len(theirs), -1
+    for i in range(len(mine)):
+        for j in range(len(theirs)):
+            if math.hypot(mine[i, 0] - theirs[j, 0], mine[i, 1] - theirs[j, 1]) < apart:
+                first, last = i if first < 0 else first, i
+                their_first, their_last = min(their_first, j), max(their_last, j)
+    return first, last, their_first, their_last

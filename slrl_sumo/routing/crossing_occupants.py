@@ -15,7 +15,7 @@ from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import read_links
+from slrl_sumo.sumo.links import ShownLinks
 from slrl_sumo.sumo.network import is_walking_area
 
 BEFORE = 1.0
@@ -65,7 +65,7 @@ class CrossingOccupants:
 
     def __init__(self, api: SumoApi, graph: LaneGraph, areas: ConflictAreas) -> None:
         """`areas`: gets the lines on which pedestrians cross."""
-        self._api, self._areas = api, areas
+        self._links, self._areas = ShownLinks(api), areas
         entered_from = {
             target: lane
             for lane in graph.lanes
@@ -96,13 +96,13 @@ class CrossingOccupants:
     def renew(self, world: WorldState) -> None:
         """Find the pedestrians on crossings; `world`: all road users now."""
         self._found = {}
+        self._links.renew()
         walking = np.flatnonzero(world.type == RoadUserType.PEDESTRIAN)
         if not len(self._points) or not len(walking):
             self._standing_since = {}
             return
         nearest, distance = self._points.nearest(world.x[walking], world.y[walking], within=self._reach)
         standing: dict[str, float] = {}
-        states: dict[str, str] = {}
         for k in np.flatnonzero(distance[:, 0] < self._reach).tolist():
             row = int(walking[k])
             walker = self._walker(self._crossings[self._crossing_of_point[nearest[k, 0]]], world, row)
@@ -111,11 +111,7 @@ class CrossingOccupants:
             name, speed, crossing = world.ids[row], world.speed.item(row), walker.crossing
             if speed < WALKING:
                 standing[name] = self._standing_since.get(name, world.time)
-            # A question to SUMO for each crossing, not for each pedestrian there.
-            if crossing.lane not in states:
-                states[crossing.lane] = self._state(crossing)
-            state = states[crossing.lane]
-            if walker.passed < 0.0 and state in "rum":
+            if walker.passed < 0.0 and self._state(crossing) in "rum":
                 continue  # it has to wait
             occupant = Occupant(
                 self._areas.way((walker.line,)),
@@ -155,5 +151,5 @@ class CrossingOccupants:
 
     def _state(self, crossing: _Crossing) -> str:
         """SUMO's letter for the link to a crossing."""
-        links = read_links(self._api, crossing.entered_from)
+        links = self._links(crossing.entered_from).values()
         return next((link.state for link in links if link.target == crossing.lane), "m")

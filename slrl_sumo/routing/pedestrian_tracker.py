@@ -10,7 +10,7 @@ from slrl_sumo.routing.walk_graph import CrossingEntry, WalkGraph, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import read_links
+from slrl_sumo.sumo.links import ShownLinks
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.road_users import walk_of, walking_speed
 
@@ -51,11 +51,11 @@ class PedestrianTracker:
         self._graph = WalkGraph(api, network)
         self._network = network
         self._pedestrians: dict[str, PedestrianTrack] = {}
-        self._red: dict[tuple[str, str], bool | None] = {}
+        self._links = ShownLinks(api)
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
-        self._red.clear()
+        self._links.renew()
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
         """Position (m) and heading (rad) `dt` s later of a person that walks along its path."""
@@ -146,12 +146,9 @@ class PedestrianTracker:
 
     def _is_red(self, entry: CrossingEntry) -> bool | None:
         """Whether the signal at a crossing is red; None where there is none."""
-        key = (entry.lane, entry.crossing)
-        if key not in self._red:
-            states = [link.state for link in read_links(self._api, entry.lane) if link.target == entry.crossing]
-            signal = any(state in "gGyYru" for state in states)
-            self._red[key] = any(state in "ru" for state in states) if signal else None
-        return self._red[key]
+        states = [link.state for link in self._links(entry.lane).values() if link.target == entry.crossing]
+        signal = any(state in "gGyYru" for state in states)
+        return any(state in "ru" for state in states) if signal else None
 
 
 def _side(person: str) -> float:

@@ -1,11 +1,12 @@
 """Signals and priority where the paths of vehicles enter junctions."""
 
 import math
+from collections.abc import Mapping
 from typing import Literal
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import Link, foe_lanes, internal_foe_lanes, read_links, signal_links
+from slrl_sumo.sumo.links import Link, ShownLinks, foe_lanes, internal_foe_lanes, read_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 STOP_LINE = 1.0
@@ -28,16 +29,15 @@ class RightOfWay:
         self._api = api
         self._trust_sumo = trust_sumo
         self._graph = graph
-        self._links: dict[str, dict[tuple[str, str], Link]] = {}
-        self._unsignalled: dict[str, dict[tuple[str, str], Link]] = {}
-        """Of lanes without a signal, whose links only change in what SUMO sees on them."""
-        self._signalled = frozenset(link.start for link in signal_links(api))
+        self._links: dict[str, Mapping[tuple[str, str], Link]] = {}
+        self._shown = ShownLinks(api)
         self._foes: dict[tuple[str, str], tuple[str, ...]] = {}
         self._internal_foes: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
         self._links.clear()
+        self._shown.renew()
 
     def speed(
         self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], standing_time: float
@@ -96,13 +96,15 @@ class RightOfWay:
     def _link(self, entry: JunctionEntry) -> Link:
         return self._links_from(entry.lane).get((entry.target, entry.via), ALWAYS_OPEN)
 
-    def _links_from(self, lane: str) -> dict[tuple[str, str], Link]:
+    def _links_from(self, lane: str) -> Mapping[tuple[str, str], Link]:
         """The links from a lane, by target and via."""
-        links = self._unsignalled.get(lane) or self._links.get(lane)
+        links = self._links.get(lane)
         if links is None:
-            links = {(link.target, link.via): link for link in read_links(self._api, lane)}
-            constant = not self._trust_sumo and lane not in self._signalled
-            (self._unsignalled if constant else self._links)[lane] = links
+            if self._trust_sumo:
+                links = {(link.target, link.via): link for link in read_links(self._api, lane)}
+            else:
+                links = self._shown(lane)
+            self._links[lane] = links
         return links
 
     def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:

@@ -1,5 +1,6 @@
 """Links: how lanes continue through junctions, with priority and signals."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from slrl_sumo.formats.signal_states import SignalState
@@ -75,6 +76,38 @@ def signal_programs(api: SumoApi, signal: str) -> list[list[tuple[str, float]]]:
     """The programs of a traffic light: the state and the duration (s) of each of their phases."""
     programs = api.trafficlight.getAllProgramLogics(signal)
     return [[(phase.state, phase.duration) for phase in program.phases] for program in programs]
+
+
+class ShownLinks:
+    """The links from lanes as traffic lights show them now, except whether they are open. Call `renew` after each step.
+
+    SUMO is asked for the links of a lane once for each state of its traffic lights: nothing else changes them.
+    """
+
+    def __init__(self, api: SumoApi) -> None:
+        self._api = api
+        self._lights: dict[str, tuple[str, ...]] = {}
+        for link in signal_links(api):
+            self._lights[link.start] = tuple(dict.fromkeys((*self._lights.get(link.start, ()), link.signal)))
+        self._shown: dict[str, str] = {}
+        self._links: dict[tuple[str, ...], dict[tuple[str, str], Link]] = {}
+
+    def renew(self) -> None:
+        """Forget what the traffic lights showed."""
+        self._shown.clear()
+
+    def __call__(self, lane: str) -> Mapping[tuple[str, str], Link]:
+        """The links from a lane by target and via."""
+        key = (lane, *map(self._state, self._lights.get(lane, ())))
+        links = self._links.get(key)
+        if links is None:
+            links = self._links[key] = {(link.target, link.via): link for link in read_links(self._api, lane)}
+        return links
+
+    def _state(self, light: str) -> str:
+        if light not in self._shown:
+            self._shown[light] = self._api.trafficlight.getRedYellowGreenState(light)
+        return self._shown[light]
 
 
 def foe_lanes(api: SumoApi, lane: str, target: str) -> tuple[str, ...]:
