@@ -3,6 +3,7 @@
 import math
 from bisect import bisect_right
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas, Way, half_width
@@ -34,11 +35,20 @@ SIDE_GAP = 0.1
 """m between vehicles that pass each other straight on, or where one waits inside a junction."""
 
 
-class Size(NamedTuple):
-    """Of a vehicle, m."""
+@dataclass(frozen=True, slots=True)
+class Size:
+    """Of a road user, m."""
 
     length: float
     width: float
+    straight: float = field(init=False)
+    """m to either side of its lane's centre line that it needs straight on."""
+    turning: float = field(init=False)
+    """The same where its way turns."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "straight", 0.5 * (self.width + SIDE_GAP))
+        object.__setattr__(self, "turning", half_width(self.length, self.width))
 
 
 USUAL = Size(5.0, 1.8)
@@ -79,7 +89,7 @@ class Occupant(NamedTuple):
 
     def half_width(self, *, turns: bool) -> float:
         """m to either side of its lanes' centre line that it needs; `turns`: where its way turns."""
-        return half_width(*self.size) if turns and self.swings else 0.5 * (self.size.width + SIDE_GAP)
+        return self.size.turning if turns and self.swings else self.size.straight
 
 
 def reserves_from(speed: float) -> float:

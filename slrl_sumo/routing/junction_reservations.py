@@ -173,9 +173,9 @@ class JunctionReservations:
         """The conflict areas that a vehicle shares with another occupant, and that neither of the two has left; none
         with a leader or follower, such as one that is wholly in an area through which both lead together."""
         # Two that have stood for long pass close to each other: in the room for each other's turn they stand for ever.
-        close = mine.idle and other.idle
-        turns, they_turn = (other.on_foot or (not close and way.turns) for way in (mine.way, other.way))
-        apart = mine.half_width(turns=turns) + other.half_width(turns=they_turn)
+        narrow, wide = mine.idle and other.idle, other.on_foot
+        apart = mine.half_width(turns=wide or (not narrow and mine.way.turns))
+        apart += other.half_width(turns=wide or (not narrow and other.way.turns))
         # Neither of two that turn side by side needs room for its turn.
         abreast = mine.half_width(turns=False) + other.half_width(turns=False)
         shared = []

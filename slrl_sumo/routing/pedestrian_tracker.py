@@ -52,10 +52,12 @@ class PedestrianTracker:
         self._network = network
         self._pedestrians: dict[str, PedestrianTrack] = {}
         self._links = ShownLinks(api)
+        self._red: dict[tuple[str, str], bool | None] = {}
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
         self._links.renew()
+        self._red.clear()
 
     def step(self, person: str, x: float, y: float, heading: float, dt: float) -> tuple[float, float, float]:
         """Position (m) and heading (rad) `dt` s later of a person that walks along its path."""
@@ -146,9 +148,12 @@ class PedestrianTracker:
 
     def _is_red(self, entry: CrossingEntry) -> bool | None:
         """Whether the signal at a crossing is red; None where there is none."""
-        states = [link.state for link in self._links(entry.lane).values() if link.target == entry.crossing]
-        signal = any(state in "gGyYru" for state in states)
-        return any(state in "ru" for state in states) if signal else None
+        key = (entry.lane, entry.crossing)
+        if key not in self._red:
+            states = [link.state for link in self._links(entry.lane).values() if link.target == entry.crossing]
+            signal = any(state in "gGyYru" for state in states)
+            self._red[key] = any(state in "ru" for state in states) if signal else None
+        return self._red[key]
 
 
 def _side(person: str) -> float:

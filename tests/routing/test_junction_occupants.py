@@ -6,7 +6,7 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from slrl_sumo.routing.conflict_areas import Way, half_width
+from slrl_sumo.routing.conflict_areas import Way
 from slrl_sumo.routing.junction_occupants import USUAL, Occupant
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
@@ -50,6 +50,6 @@ def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[L
 
 def test_vehicles_in_a_turn_swing_out_unless_they_wait() -> None:
     turning = Occupant(Way((), "", turns=True), (), 5.0, USUAL, 0.0, 0.0, yields=False, idle=False)
-    assert turning.half_width(turns=True) == pytest.approx(half_width(*USUAL))
+    assert turning.half_width(turns=True) == pytest.approx(USUAL.turning)
     straight = turning.half_width(turns=False)
     assert straight == turning._replace(swings=False).half_width(turns=True) == pytest.approx(0.5 * (USUAL.width + 0.1))

@@ -86,7 +86,7 @@ def may(
 def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
-    apart = 2.0 * half_width(*SIZE)
+    apart = 2.0 * SIZE.turning
     area = areas.between(across, along, apart)
     assert area is not None
     other = areas.between(along, across, apart)
@@ -136,7 +136,7 @@ def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> N
 def test_areas_are_as_wide_as_the_vehicles(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
-    car, bicycle = half_width(*SIZE), half_width(*BICYCLE)
+    car, bicycle = SIZE.turning, BICYCLE.turning
     lengths = [
         area.end - area.begin
         for apart in (2.0 * car, car + bicycle, 2.0 * bicycle)
@@ -205,7 +205,7 @@ def test_one_that_waits_inside_does_not_reserve_what_lies_behind_its_stop(graph:
     reservations = reserved(graph, waiting=waiting)
     oncoming = track(graph, "in3", "out1", 10.0, 5.0)
     area = ConflictAreas(graph).between(
-        oncoming.path.entries[0].via, waiting.entry, half_width(*SIZE) + half_width(*BICYCLE)
+        oncoming.path.entries[0].via, waiting.entry, SIZE.turning + BICYCLE.turning
     )
     assert area is not None
     assert abs(graph.lanes[waiting.entry].length - area.other_begin) < 0.9, "it begins near the line"
@@ -280,7 +280,7 @@ def test_two_that_have_stood_for_long_pass_each_other_with_less_room(graph: Lane
     ways = left.path.entries[1].via, other.path.entries[0].via
     wide, close = (
         area.other_begin
-        for apart in (half_width(*SIZE) + 0.5 * (SIZE.width + SIDE_GAP), SIZE.width + SIDE_GAP)
+        for apart in (SIZE.turning + 0.5 * (SIZE.width + SIDE_GAP), SIZE.width + SIDE_GAP)
         if (area := ConflictAreas(graph).between(*ways, apart))
     )
     assert close - wide > 0.3
