@@ -204,9 +204,7 @@ def test_one_that_waits_inside_does_not_reserve_what_lies_behind_its_stop(graph:
     waiting = replace(left, s=line - 1.2, entry=left.path.entries[0].via, entered=0.0)
     reservations = reserved(graph, waiting=waiting)
     oncoming = track(graph, "in3", "out1", 10.0, 5.0)
-    area = ConflictAreas(graph).between(
-        oncoming.path.entries[0].via, waiting.entry, SIZE.turning + BICYCLE.turning
-    )
+    area = ConflictAreas(graph).between(oncoming.path.entries[0].via, waiting.entry, SIZE.turning + BICYCLE.turning)
     assert area is not None
     assert abs(graph.lanes[waiting.entry].length - area.other_begin) < 0.9, "it begins near the line"
     assert may(reservations, "oncoming", oncoming, priority=True, size=BICYCLE)

@@ -25,6 +25,9 @@ def test_lanes_are_changed_before_a_short_edge_and_as_late_as_possible_otherwise
         assert graph.lane_to_change_to("A0A1_2", "passenger", right) == "A0A1_1"
         assert graph.lane_to_change_to("A0A1_1", "passenger", right) == "A0A1_0"
         assert graph.lane_to_change_to("A0A1_0", "passenger", right) is None
+        # Paths know it, except where the edge has one lane.
+        path = graph.path("A0A1_2", right[1:], "passenger", [])
+        assert (path.next_lane, path.route) == ("A0A1_1", right)
         straight = ("A0A1", edge, "A1top0")
         assert graph.lane_to_change_to("A0A1_2", "passenger", straight) is None
         # On the edge of 120 m that follows there is room for both changes.
