@@ -129,7 +129,9 @@ class JunctionReservations:
         # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
         idle = track.idle_time > UNUSED
-        mine = Occupant(way, ahead, track.speed, size, exits, self._time, yields, idle, entered=track.entered)
+        # One may still be in the junction before.
+        entered = track.entered if track.entry and junction_of(track.entry) == junction else math.inf
+        mine = Occupant(way, ahead, track.speed, size, exits, self._time, yields, idle, entered=entered)
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(until=until, swings=until == exits)
@@ -166,8 +168,12 @@ class JunctionReservations:
         """Whether a vehicle is on the path of another one, just ahead of it, so that the other one waits for it."""
         if other is None:
             return False
-        s, _, distance = other.path.line.place(track.x, track.y, other.s, other.s + IN_WAY)
-        return other.s < s and distance < size.width
+        middle, rear = (track.path.line.at(track.s - share * size.length)[:2] for share in (0.5, 1.0))
+        for x, y in ((track.x, track.y), middle, rear):
+            s, _, distance = other.path.line.place(x, y, other.s, other.s + IN_WAY)
+            if other.s < s and distance < size.width:
+                return True
+        return False
 
     def _shared(self, mine: Occupant, other: Occupant) -> list[_Shared]:
         """The conflict areas that a vehicle shares with another occupant, and that neither of the two has left; none

@@ -232,6 +232,8 @@ def test_one_outside_does_not_keep_one_waiting_inside_with_equal_rights(graph: L
     waiting = replace(left, s=left.path.entries[1].stop_line - 1.0, entry=left.path.entries[0].via, entered=0.0)
     minor = track(graph, "in0", "out2", 1.0, 0.0)
     assert not may(reserved(graph, waiting=waiting), "minor", minor)
+    # When it entered the junction before does not count.
+    assert not may(reserved(graph, waiting=waiting), "minor", replace(minor, entry=":before_0_0", entered=-1.0))
     assert may(reserved(graph), "minor", minor)
 
 
@@ -254,6 +256,13 @@ def test_one_that_stands_on_the_path_of_another_one_goes_first(graph: LaneGraph)
     assert not may(reservations, "ahead", ahead)
     x, y, _ = behind.path.line.at(behind.s + 3.0)
     assert may(reservations, "ahead", replace(ahead, x=x, y=y))
+    # Also with its rear alone.
+    area = ConflictAreas(graph).between(ahead.path.entries[0].via, behind.path.entries[0].via, SIZE.width)
+    assert area is not None
+    for beyond, in_way in ((-3.0, False), (area.end + 1.0, True), (area.end + SIZE.length + 1.0, False)):
+        front = inside(graph, "in0", "out2", beyond, 0.0)
+        x, y, _ = front.path.line.at(front.s)
+        assert reservations._in_way(replace(front, x=x, y=y), SIZE, behind) == in_way
 
 
 def test_far_away_nothing_is_reserved(graph: LaneGraph) -> None:
