@@ -5,10 +5,11 @@
     python tools/make_selector.py intersection-paper --out slrl_sumo/bundles/intersection-paper
     python tools/make_selector.py shared-space-paper --hc PATH/TO/hc --out slrl_sumo/bundles/shared-space-paper
 
-The first two know their routes (preset `extended`). On recordings there are none: how much the selector of
-`shared-space` counts there is learned from HC D1, and the recipe ends with an error where its prediction of D2 and D3
-has a higher mean error than the prior's, for any type; with --calibrate it does only that, with the selector that the
-bundle has. The bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
+The first two know their routes (preset `extended`). On recordings there are none: how much these selectors count there
+is learned from HC D1 (`shared-space`) and SUMO's traffic in generated networks (`intersection`), and the recipe ends
+with an error where the prediction of HC D2 and D3, or of SUMO's traffic in the shipped scenarios, has a higher mean
+error than the prior's, for any type; with --calibrate it does only that, with the selector that the bundle has. The
+bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
 logs lie in --work; --resume goes on from there. `intersection` takes a quarter of an hour on 16 cores,
 and half an hour more on two; the others ten minutes each on two free cores.
 """
@@ -22,12 +23,15 @@ from pathlib import Path
 from slrl_sumo.cli.train_display import train_with_progress
 from slrl_sumo.formats.importers.hc import read_hc
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.learning.rl.imitation import recorded_traffic
 from slrl_sumo.learning.rl.train import TrainRequest
 from slrl_sumo.learning.rl.training_settings import read_settings
 from slrl_sumo.learning.supervised.without_route import calibrated
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.studies.prediction.evaluate import evaluate
 from slrl_sumo.studies.prediction.rollout import STEPS
+from slrl_sumo.sumo.scenario import find_scenario
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,10 @@ RECIPES = {
     "intersection-paper": (Part("intersection-paper", "intersection,random", 1_500_000),),
     "shared-space-paper": (Part("shared-space-paper", "shared-space", 1_500_000),),
 }
+CALIBRATED = ("intersection", "shared-space")
+NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "signalised")
+"""Traffic without known routes that `intersection` is calibrated to, and tested on."""
+SEED, SECONDS = 6001, 150.0
 USUALLY_RULE = ("intersection", "shared-space")
 """Where road users are added to a scenario, these collide more often than `rule` (docs/measurements/flow.md)."""
 
@@ -62,7 +70,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="bundle folder to write")
     parser.add_argument("--work", type=Path, default=Path(".work/selectors"), help="where checkpoints and logs go")
     parser.add_argument("--hc", type=Path, help="folder with D1.csv to D3.csv, for shared-space and shared-space-paper")
-    parser.add_argument("--calibrate", action="store_true", help="shared-space: train nothing")
+    parser.add_argument("--calibrate", action="store_true", help="train nothing, for intersection and shared-space")
     parser.add_argument("--steps", type=int)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--resume", action="store_true")
@@ -94,14 +102,31 @@ def main() -> None:
                 raise SystemExit(code)
             bundle = str(out)
     made = replace(load_bundle(bundle), name=name)
-    if name == "shared-space":
-        train, *tests = (read_hc(arguments.hc / f"D{number}.csv") for number in (1, 2, 3))
-        made = calibrated(made, [train])
+    if name in CALIBRATED:
+        train, tests = hc_recordings(arguments.hc) if name == "shared-space" else sumo_recordings()
+        made = calibrated(made, train)
         if worse := worse_than_prior(made, tests):
             raise SystemExit(f"the selector predicts worse than the prior: {', '.join(worse)}")
     if name in USUALLY_RULE:
         made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": "rule"})
     made.save(arguments.out)
+
+
+def hc_recordings(folder: Path) -> tuple[list[Trajectories], list[Trajectories]]:
+    """D1 to learn from, D2 and D3 to test on."""
+    first, *others = (read_hc(folder / f"D{number}.csv") for number in (1, 2, 3))
+    return [first], others
+
+
+def sumo_recordings() -> tuple[list[Trajectories], list[Trajectories]]:
+    """SUMO's traffic in generated networks to learn from, and in shipped scenarios to test on."""
+    train: list[Trajectories] = []
+    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
+        for family in NETWORKS:
+            config = generate(family, SEED, Path(folder) / family)
+            traffic, _ = recorded_traffic(find_scenario(str(config)), SECONDS, SEED)
+            train.append(replace(traffic, source="SUMO's traffic in generated networks"))
+    return train, [recorded_traffic(find_scenario(name), SECONDS, SEED)[0] for name in SCENARIOS]
 
 
 def worse_than_prior(bundle: ModelBundle, tests: Sequence[Trajectories]) -> list[str]:

@@ -48,6 +48,7 @@ class Policy(nn.Module):
 
     without_route: (3, 2) by type, how much the heads and the scorers count for road users whose route is not known, in
         the preset `extended`, which learns with routes alone; see slrl_sumo.learning.supervised.without_route.
+        Where they are not 1, those of the prior are added in any case.
     """
 
     without_route: Tensor
@@ -198,8 +199,8 @@ def policy_logits(
     Modes where `mask` (n, modes) is False are excluded. With `explore` that share of choices is drawn uniformly from
     the modes that are allowed.
 
-    The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen (not
-    where the correction counts less than wholly, see Policy.without_route).
+    The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen. Where
+    the correction counts less than wholly (Policy.without_route) they do not, and the prior counts in any case.
     """
     correction, value = policy(vector, image, kind, rollouts, route)
     logits = _corrected(policy, prior, vector, kind, correction, route)
@@ -234,15 +235,18 @@ def choice_logits(
 def _corrected(
     policy: Policy, prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor, route: Tensor | None
 ) -> Tensor:
-    if not policy.config.prior_logits:
-        return torch.log_softmax(correction, -1)
+    learned = torch.ones(len(kind), dtype=torch.bool)
+    if route is not None:
+        learned = (route[:, KNOWN] > 0.0) | (policy.without_route[kind] == 1.0).all(-1)
     with torch.no_grad():
-        known = torch.log_softmax(prior.logits(vector, kind), -1)
-        # Training can find modes that the prior has never seen; where it has taught nothing, they would only be noise.
-        least = known.new_full((len(known), 1), LEAST_PRIOR)
-        if route is not None:
-            least[(route[:, KNOWN] == 0.0) & (policy.without_route[kind] < 1.0).any(-1)] = -torch.inf
-        known = torch.maximum(known, least)
+        if policy.config.prior_logits:
+            known = torch.log_softmax(prior.logits(vector, kind), -1)
+            # Training can find modes that the prior has never seen; where it has taught nothing, they would be noise.
+            known = torch.where(learned[:, None], known.clamp_min(LEAST_PRIOR), known)
+        else:
+            known = torch.zeros_like(correction)
+            if not learned.all():
+                known[~learned] = torch.log_softmax(prior.logits(vector[~learned], kind[~learned]), -1)
     return torch.log_softmax(known + correction, -1)
 
 

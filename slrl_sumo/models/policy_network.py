@@ -141,13 +141,15 @@ class PolicyNetwork:
     ) -> Singles:
         """As policy.choice_logits: log probabilities of all modes, (n, modes)."""
         correction = self._correction(vector, kind, rollouts, route)
-        if not self.config.prior_logits:
-            return log_softmax(correction)
-        known = log_softmax(outputs(prior, vector, kind)[:, 0])
-        least = np.full((len(known), 1), LEAST_PRIOR, np.float32)
+        learned = np.ones(len(kind), np.bool_)
         if route is not None:
-            least[(route[:, KNOWN] == 0.0) & (self.without_route[kind] < 1.0).any(axis=1)] = -np.inf
-        return log_softmax(np.maximum(known, least) + correction)
+            learned = (route[:, KNOWN] > 0.0) | (self.without_route[kind] == 1.0).all(axis=1)
+        known = np.zeros_like(correction)
+        asked = np.flatnonzero(~learned | self.config.prior_logits)
+        if len(asked):
+            known[asked] = log_softmax(outputs(prior, vector[asked], kind[asked])[:, 0])
+        known[learned] = known[learned].clip(LEAST_PRIOR)
+        return log_softmax(known + correction)
 
     def _correction(
         self, vector: Singles, kind: NDArray[np.int64], rollouts: Singles | None, route: Singles | None

@@ -208,6 +208,19 @@ def test_without_a_route_corrections_count_by_their_shares(
     torch.testing.assert_close(some[::2], torch.log_softmax(known + 0.25 * heads + 0.5 * scorers, -1)[::2])
 
 
+def test_without_a_route_the_prior_counts_where_it_does_not_with_one(bundle: ModelBundle, seen: Observation) -> None:
+    torch.manual_seed(7)
+    policy = Policy(PolicyConfig(preset="extended", modes=20, hidden=32, head=16, image=False, prior_logits=False))
+    _disturb(policy)
+    vector, _, kind, ahead, route = _everything(_on_route(seen))
+    route[:, 0] = torch.arange(len(route)) % 2  # every other one has a route
+    before = choice_logits(policy, bundle.prior, vector, None, kind, ahead, route)
+    policy.without_route.zero_()
+    after = choice_logits(policy, bundle.prior, vector, None, kind, ahead, route)
+    torch.testing.assert_close(after[1::2], before[1::2])
+    torch.testing.assert_close(after[::2], torch.log_softmax(bundle.prior.logits(vector, kind), -1)[::2])
+
+
 def test_a_prediction_takes_the_most_central_mode(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
     _disturb(policy)
     looked, trained = _with_images(seen), replace(bundle, policy=policy)

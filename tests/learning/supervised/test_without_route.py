@@ -28,6 +28,15 @@ def test_a_correction_counts_as_much_as_it_makes_recorded_modes_likelier() -> No
     assert shares(known, torch.stack([useful, useless]), mode).tolist() == [0.0, 0.0]
 
 
+def test_a_correction_that_hardly_makes_modes_likelier_does_not_count() -> None:
+    generator = torch.Generator().manual_seed(1)
+    known, useful = (torch.randn(40_000, 5, generator=generator) for _ in range(2))
+    known = torch.log_softmax(known, -1)
+    for weight, counts in ((0.1, False), (0.3, True)):  # 0.003 and 0.03 nats
+        mode = torch.multinomial((known + weight * useful).softmax(-1), 1, generator=generator)[:, 0]
+        assert (shares(known, torch.stack([useful, 0.0 * useful]), mode)[0] > 0.0) == counts
+
+
 def test_a_calibrated_bundle_keeps_its_shares(tmp_path: Path) -> None:
     torch.manual_seed(3)
     policy = Policy(PolicyConfig(preset="extended", channels=(4, 4), hidden=16, head=8))
