@@ -129,13 +129,19 @@ def _collision_scores(
                 for step in range(steps):
                     x0, x1 = min(x0, bounds[i, step, 0]), max(x1, bounds[i, step, 1])
                     y0, y1 = min(y0, bounds[i, step, 2]), max(y1, bounds[i, step, 3])
-            waits = goes_first(me, other, precedence)
-            expected, their_bounds = (yielding, yielding_bounds) if waits else (boxes, going_bounds)
-            their_x, their_y, their_cos, their_sin = expected.x, expected.y, expected.cos, expected.sin
             touching = radius[me] + radius[other]
-            dx = _between(x0, x1, their_bounds[other, 0, 0], their_bounds[other, 0, 1])
-            if not _near(dx, _between(y0, y1, their_bounds[other, 0, 2], their_bounds[other, 0, 3]), touching):
+            # Whether it waits is looked up last: it takes longer than both comparisons.
+            dx = _between(x0, x1, going_bounds[other, 0, 0], going_bounds[other, 0, 1])
+            going = _near(dx, _between(y0, y1, going_bounds[other, 0, 2], going_bounds[other, 0, 3]), touching)
+            dx = _between(x0, x1, yielding_bounds[other, 0, 0], yielding_bounds[other, 0, 1])
+            waiting = _near(dx, _between(y0, y1, yielding_bounds[other, 0, 2], yielding_bounds[other, 0, 3]), touching)
+            if not (going or waiting):
                 continue
+            waits = goes_first(me, other, precedence)
+            if not (waiting if waits else going):
+                continue
+            expected = yielding if waits else boxes
+            their_x, their_y, their_cos, their_sin = expected.x, expected.y, expected.cos, expected.sin
             # In contact, what separates the two, or keeps them as they are, is no collision: else none could go on.
             least = clearance(
                 now_x[other] - now_x[me],
