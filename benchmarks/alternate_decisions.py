@@ -2,6 +2,7 @@
 
     python benchmarks/alternate_decisions.py CHECKOUT OTHER SCENARIO AGENTS STEPS [MIX [SELECTOR]]
 
+AGENTS: a number, or shares of the scenario's own road users that are taken over, such as car=1,bicycle=1,pedestrian=1.
 Both hold the same run; while one decides the other waits. Prints the processor time of a decision of each (median, ms),
 and the median and the quartiles of the ratios of single decisions, CHECKOUT to OTHER. Needs nothing of the package that
 old checkouts do not have. Ratios mean something where both take the same decisions, see compare_decisions.py.
@@ -22,8 +23,8 @@ try:
 except ImportError:  # checkouts until 2026-11-21
     from slrl_sumo.simulation.events import RunSettings
 scenario, mix, selector = sys.argv[1], *(word or None for word in sys.argv[4:6])
-agents, steps = map(int, sys.argv[2:4])
-events = run(RunSettings(scenario=scenario, agents=agents, steps=steps, mix=mix, selector=selector))
+learned = {"takeover": sys.argv[2]} if "=" in sys.argv[2] else {"agents": int(sys.argv[2])}
+events = run(RunSettings(scenario=scenario, steps=int(sys.argv[3]), mix=mix, selector=selector, **learned))
 next(events)
 for _ in sys.stdin:
     begin = process_time()
@@ -52,7 +53,8 @@ def main() -> None:
 def _started(checkout: str, words: list[str]) -> subprocess.Popen[str]:
     """A run that decides once for each line that it reads."""
     return subprocess.Popen(
-        [sys.executable, "-c", PROGRAM, *words],
+        # -P: else both import the package of the folder in which this is run.
+        [sys.executable, "-P", "-c", PROGRAM, *words],
         env={**os.environ, "PYTHONPATH": str(Path(checkout).resolve()), "GLIBC_TUNABLES": MEMORY},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
