@@ -155,9 +155,11 @@ def _route_fit(
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             left = here.stop[i] - first * dt
-            # Beyond a stop going on is too late at any speed: else road users creep over red lights.
+            # Beyond a stop going on is too late at any speed, else road users creep over red lights; the faster, the
+            # worse, else those that cannot stop at once need not brake.
             creeps = left < -STOP_MARGIN[here.kind[i]] and first > STANDING_SPEED
-            stop_ratio[i, mode] = MAX_RATIO if creeps else _ratio(needed, left)
+            late = 0.5 * MAX_RATIO if creeps else 0.0
+            stop_ratio[i, mode] = min(late + _ratio(needed, left), MAX_RATIO)
             behind = here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
             follow_ratio[i, mode] = _ratio(needed, behind)
             leader_ratio[i, mode] = min(

@@ -94,7 +94,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         left = stop[i] - first * DECISION_INTERVAL
         too_late = (left < -STOP_MARGIN[kind]) & (first > STANDING_SPEED)
         np.testing.assert_allclose(
-            fits.stop_ratio[i], np.where(too_late, MAX_RATIO, np.minimum(need / np.maximum(left, AT), MAX_RATIO))
+            fits.stop_ratio[i], np.minimum(0.5 * MAX_RATIO * too_late + need / np.maximum(left, AT), MAX_RATIO)
         )
         behind = room[i] + leading[i] * DECISION_INTERVAL - (DECISION_INTERVAL + HEADWAY[kind]) * first
         np.testing.assert_allclose(
