@@ -59,8 +59,9 @@ CALIBRATED = ("intersection", "shared-space")
 NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "signalised")
 """Traffic without known routes that `intersection` is calibrated to, and tested on."""
 SEED, SECONDS = 6001, 150.0
-USUALLY_RULE = ("intersection", "shared-space")
-"""Where road users are added to a scenario, these collide more often than `rule` (docs/measurements/flow.md)."""
+USUALLY = {"intersection": "mixed", "shared-space": "rule"}
+"""The selectors that these bundles use where none is named: pedestrians of trained ones step onto crossings at red more
+often than those of `rule` (docs/measurements/flow.md)."""
 
 
 def main() -> None:
@@ -107,8 +108,8 @@ def main() -> None:
         made = calibrated(made, train)
         if worse := worse_than_prior(made, tests):
             raise SystemExit(f"the selector predicts worse than the prior: {', '.join(worse)}")
-    if name in USUALLY_RULE:
-        made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": "rule"})
+    if name in USUALLY:
+        made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": USUALLY[name]})
     made.save(arguments.out)
 
 

@@ -9,7 +9,7 @@ from slrl_sumo.models.bundle import load_bundle
 @pytest.mark.parametrize(
     ("name", "selector"),
     [
-        ("intersection", "rule"),
+        ("intersection", "mixed"),
         ("shared-space", "rule"),
         ("intersection-paper", "greedy"),
         ("shared-space-paper", "greedy"),

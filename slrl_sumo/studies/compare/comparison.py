@@ -11,8 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo.agent.driver import SELECTORS, usual_selector
-from slrl_sumo.agent.selectors import PolicySelector
+from slrl_sumo.agent.driver import SELECTORS, TRAINED, make_selector, usual_selector
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
@@ -153,8 +152,8 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
     selector = settings.selector or usual_selector(bundle)
     if selector not in SELECTORS:
         raise InputError(f"--selector {selector}: there is none of that name; use {' or '.join(SELECTORS)}")
-    if selector in ("greedy", "sampled"):
-        PolicySelector(bundle)  # raises where the bundle has none
+    if selector in TRAINED:
+        make_selector(selector, bundle, 0)  # raises where the bundle has none
     if settings.guard and selector == "lane":
         raise InputError("--guard: --selector lane chooses no modes; leave the guard out, or take another selector")
     if not 1 <= settings.seeds <= 10_000:

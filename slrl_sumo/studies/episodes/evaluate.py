@@ -10,8 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo.agent.driver import GUARDED, SELECTORS
-from slrl_sumo.agent.selectors import PolicySelector
+from slrl_sumo.agent.driver import GUARDED, SELECTORS, TRAINED, make_selector
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible
@@ -171,8 +170,8 @@ def _check(settings: EvaluationSettings, selectors: Sequence[str], bundle: Model
             raise InputError(
                 f"--selectors {name}: there is none of that name; use {', '.join(known)}, or greedy{GUARDED}"
             )
-        if name.removesuffix(GUARDED) in ("greedy", "sampled"):
-            PolicySelector(bundle)  # raises where the bundle has none
+        if name.removesuffix(GUARDED) in TRAINED:
+            make_selector(name.removesuffix(GUARDED), bundle, 0)  # raises where the bundle has none
     for agents in settings.agents:
         if not 1 <= agents <= MOST_AGENTS:
             raise InputError(f"--agents {agents}: give numbers from 1 to {MOST_AGENTS}")

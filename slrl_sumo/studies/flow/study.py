@@ -9,8 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo.agent.driver import GUARDED, SELECTORS, unknown_selector
-from slrl_sumo.agent.selectors import PolicySelector
+from slrl_sumo.agent.driver import GUARDED, SELECTORS, TRAINED, make_selector, unknown_selector
 from slrl_sumo.errors import InputError, SumoError, check_whole_number
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
@@ -137,8 +136,8 @@ def _checked(settings: FlowSettings, bundle: ModelBundle) -> tuple[tuple[str, ..
             raise unknown_selector(name)
         if name == "lane" and selector != name:
             raise InputError("lane chooses no modes; name it without the guard", argument="selectors", value=selector)
-        if name in ("greedy", "sampled"):
-            PolicySelector(bundle)  # raises where the bundle has none
-    usual = tuple(name for name in SELECTORS if name != "sampled" and (name != "greedy" or bundle.policy is not None))
+        if name in TRAINED:
+            make_selector(name, bundle, 0)  # raises where the bundle has none
+    usual = tuple(one for one in SELECTORS if one not in TRAINED or (one == "greedy" and bundle.policy is not None))
     groups = tuple(name for name, situation in SITUATIONS.items() if situation.network == settings.networks)
     return settings.only or groups, settings.selectors or usual
