@@ -146,7 +146,7 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
         assert name in done.stdout
     assert "540 agent-steps" in done.stdout
     # Roads, pavements and the colours of three types; not a blank page.
-    pictures = ["conflicts", "density", "ego_images", "modes", "motion", "paths", "space_time"]
+    pictures = ["conflicts", "density", "ego_images", "modes", "motion", "paths", "queues", "space_time"]
     names = [*(f"{name}{page}.png" for name in pictures for page in ("", "-dark")), "report.html"]
     assert sorted(p.name for p in (tmp_path / "pictures").iterdir()) == sorted(names)
     assert colours(tmp_path / "pictures" / "paths.png") > 8
