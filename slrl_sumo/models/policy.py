@@ -235,7 +235,7 @@ def choice_logits(
 def _corrected(
     policy: Policy, prior: Prior, vector: Tensor, kind: Tensor, correction: Tensor, route: Tensor | None
 ) -> Tensor:
-    learned = torch.ones(len(kind), dtype=torch.bool)
+    learned = torch.ones_like(kind, dtype=torch.bool)
     if route is not None:
         learned = (route[:, KNOWN] > 0.0) | (policy.without_route[kind] == 1.0).all(-1)
     with torch.no_grad():
