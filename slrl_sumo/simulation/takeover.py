@@ -132,10 +132,10 @@ class Handover:
         # Ids of spawned road users are those of road users without a route.
         wanted &= np.array([i not in skip and not i.startswith(SPAWNED_PREFIX) for i in users.ids], np.bool_)
         # SUMO sets the heading of a person with its first step: until then it may face the other way.
-        walking = users.type == RoadUserType.PEDESTRIAN
-        wanted &= ~walking | (users.speed > WALKING)
+        persons = np.flatnonzero(users.type == RoadUserType.PEDESTRIAN)
+        wanted[persons] &= users.speed[persons] > WALKING
         # Persons of a flow depart inside each other: SUMO leads them apart, learned ones would stay in single file.
-        wanted[[row for pair in colliding_pairs(users).tolist() if walking[pair].all() for row in pair]] = False
+        wanted[persons[colliding_pairs(users.take(persons))]] = False
         room = int(min(rule.most - len(learned_before), len(users)))
         rows = np.flatnonzero(wanted) if room > 0 else np.zeros(0, np.intp)
         ids = tuple(users.ids[row] for row in rows)

@@ -189,19 +189,25 @@ def test_an_extended_selector_reads_the_route_and_does_without_one(
         selector.choose(looked, None)
 
 
-def test_without_a_route_corrections_count_by_their_shares(
-    bundle: ModelBundle, seen: Observation, extended: Policy
-) -> None:
-    _disturb(extended)
+def _without_corrections(policy: Policy, bundle: ModelBundle, seen: Observation) -> tuple[torch.Tensor, ...]:
+    """What is seen, and the prior's log probabilities; corrections count for none of those without a route."""
+    _disturb(policy)
     vector, image, kind, ahead, route = _everything(_on_route(seen))
     route[:, 0] = torch.arange(len(route)) % 2  # every other one has a route
-    before = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
-    extended.without_route.zero_()
-    after = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
+    before = choice_logits(policy, bundle.prior, vector, image, kind, ahead, route)
+    policy.without_route.zero_()
+    after = choice_logits(policy, bundle.prior, vector, image, kind, ahead, route)
     torch.testing.assert_close(after[1::2], before[1::2])
     # Nothing but the prior is left, its improbable modes included.
     known = torch.log_softmax(bundle.prior.logits(vector, kind), -1)
     torch.testing.assert_close(after[::2], known[::2])
+    return vector, image, kind, ahead, route, known
+
+
+def test_without_a_route_corrections_count_by_their_shares(
+    bundle: ModelBundle, seen: Observation, extended: Policy
+) -> None:
+    vector, image, kind, ahead, route, known = _without_corrections(extended, bundle, seen)
     heads, scorers = extended.parts(vector, image, kind, ahead, route)
     extended.without_route.copy_(torch.tensor([[0.25, 0.5]] * 3))
     some = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
@@ -211,14 +217,7 @@ def test_without_a_route_corrections_count_by_their_shares(
 def test_without_a_route_the_prior_counts_where_it_does_not_with_one(bundle: ModelBundle, seen: Observation) -> None:
     torch.manual_seed(7)
     policy = Policy(PolicyConfig(preset="extended", modes=20, hidden=32, head=16, image=False, prior_logits=False))
-    _disturb(policy)
-    vector, _, kind, ahead, route = _everything(_on_route(seen))
-    route[:, 0] = torch.arange(len(route)) % 2  # every other one has a route
-    before = choice_logits(policy, bundle.prior, vector, None, kind, ahead, route)
-    policy.without_route.zero_()
-    after = choice_logits(policy, bundle.prior, vector, None, kind, ahead, route)
-    torch.testing.assert_close(after[1::2], before[1::2])
-    torch.testing.assert_close(after[::2], torch.log_softmax(bundle.prior.logits(vector, kind), -1)[::2])
+    _without_corrections(policy, bundle, seen)
 
 
 def test_a_prediction_takes_the_most_central_mode(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:

@@ -66,6 +66,9 @@ RANGES = {
 }
 """Lowest and highest values that would otherwise fail in the middle of a training."""
 
+NAMES = {("policy", "preset"): PRESETS, ("ppo", "only"): TYPE_NAMES}
+"""The names that settings take which are no numbers."""
+
 
 def read_settings(file: Path | None) -> TrainSettings:
     """The settings of a TOML file, with defaults for missing keys; None: all defaults.
@@ -98,18 +101,17 @@ def _changed(name: str, section: Section, given: dict[str, Any], where: str) -> 
     for key, value in given.items():
         if key not in known:
             raise InputError(f"{where} has no setting '{key}'{_nearest(key, known)}")
-        values[key] = _converted(value, types[key], f"{where} {key}")
+        values[key] = _converted(value, types[key], f"{where} {key}", NAMES.get((name, key), ()))
         low, high = RANGES.get((name, key), (None, None))
         if low is not None and high is not None and not low <= values[key] <= high:
             raise InputError(f"{where} {key} is {value:g}: give a number from {low:g} to {high:g}")
     return replace(section, **values)  # type: ignore[type-var]
 
 
-def _converted(value: Any, type_: Any, where: str) -> Any:
-    """`value` of a TOML file as a field of type `type_`: str (a preset or a type), bool, int, float, or a tuple of
-    numbers or types, or None."""
+def _converted(value: Any, type_: Any, where: str, names: tuple[str, ...]) -> Any:
+    """`value` of a TOML file as a field of type `type_`: str (one of `names`), bool, int, float, or a tuple of numbers
+    or names, or None."""
     if type_ is str:
-        names = TYPE_NAMES if where.endswith(" only") else PRESETS
         if value not in names:
             raise InputError(f"{where} is {value!r}: give {' or '.join(names)}")
         return value
@@ -125,7 +127,7 @@ def _converted(value: Any, type_: Any, where: str) -> Any:
         raise InputError(
             f"{where} is {value!r}: give a list of {length or 'several'} {'names' if element is str else 'numbers'}"
         )
-    return tuple(_converted(item, element, where) for item in value)
+    return tuple(_converted(item, element, where, names) for item in value)
 
 
 def _nearest(name: str, known: list[str]) -> str:
