@@ -17,8 +17,10 @@ check: test
 
 .venv/.installed: pyproject.toml | .venv/bin/python
 	.venv/bin/python -m pip install --editable ".[report,train,pandas]"
+	.venv/bin/python tools/make_machine_code.py
 	touch $@
 
 .venv/.installed-dev: pyproject.toml | .venv/bin/python
 	.venv/bin/python -m pip install --editable ".[dev]"
+	.venv/bin/python tools/make_machine_code.py
 	touch .venv/.installed $@

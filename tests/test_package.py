@@ -24,6 +24,8 @@ NEEDED = re.compile(r"([\w-]+)[^;]*")
 """A requirement of no extra."""
 
 ROOT = Path(__file__).parent.parent
+MACHINE_CODE = "slrl_sumo/machine_code/system-and-numba/kernel.py311.1.nbc"
+"""As tools/make_machine_code.py would make."""
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +36,9 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], s
     for name in tracked():
         (source / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, source / name, follow_symlinks=False)
+    made = source / MACHINE_CODE
+    made.parent.mkdir(parents=True)
+    made.touch()
     out.mkdir()
     script = f"from setuptools.build_meta import *; build_wheel({str(out)!r}); build_sdist({str(out)!r})"
     subprocess.run([sys.executable, "-c", script], cwd=source, check=True, capture_output=True, timeout=300)
@@ -41,6 +46,12 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], s
         files = {name: wheel.read(name) for name in wheel.namelist()}
     with tarfile.open(next(out.glob("*.tar.gz"))) as archive:
         return files, {name.partition("/")[2] for name in archive.getnames()}
+
+
+def test_machine_code_is_in_the_wheel_alone(built: tuple[dict[str, bytes], set[str]]) -> None:
+    wheel, archive = built
+    assert MACHINE_CODE in wheel
+    assert MACHINE_CODE not in archive
 
 
 def tracked() -> list[str]:

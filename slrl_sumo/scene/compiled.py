@@ -12,17 +12,20 @@ from typing import Any, ParamSpec, TypeVar
 
 import numba
 import numpy as np
+from llvmlite.binding import parse_assembly, parse_bitcode
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
 from slrl_sumo.scene.compile_ahead import awaited
+from slrl_sumo.scene.shipped_code import has_shipped, shipped
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _KERNELS: list[Any] = []
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
-_LANGUAGE = f"py{sys.version_info.major}{sys.version_info.minor}{getattr(sys, 'abiflags', '')}"
+LANGUAGE = f"py{sys.version_info.major}{sys.version_info.minor}{getattr(sys, 'abiflags', '')}"
+"""The Python that runs: part of the names of files with machine code."""
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -83,10 +86,25 @@ def what_to_expect() -> str:
 
 
 class _Files(CompileResultCacheImpl):
-    """Names cache files by module and function, not by line: the fingerprint is added on first use."""
+    """Names cache files by module and function, not by line: the fingerprint is added on first use. LLVM's code of a
+    function is read only where another one that calls it is compiled: to look for symbols in it, which numba does,
+    takes two thirds of the time of loading."""
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         return fullname.replace("<", "").replace(">", "")
+
+    def reduce(self, cres: Any) -> Any:
+        (name, kind, (machine_code, whole)), *rest = super().reduce(cres)
+        names = [cres.fndesc.llvm_func_name, cres.fndesc.llvm_cpython_wrapper_name, cres.environment.env_name]
+        names += [environment.env_name for environment in cres._find_referenced_environments()]
+        symbols = "".join(f'@"{one}" = global i8 0\n' for one in dict.fromkeys(names))
+        return (name, kind, (machine_code, parse_assembly(symbols).as_bitcode())), *rest, whole
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        *reduced, whole = payload
+        found = super().rebuild(target_context, reduced)
+        found.library._get_module_for_linking = lambda: parse_bitcode(whole)
+        return found
 
 
 class _Cache(FunctionCache):
@@ -113,6 +131,10 @@ class _Cache(FunctionCache):
 
     def _read(self, sig: Any, target_context: Any) -> Any:
         """The machine code for `sig`; None where there is none."""
+        with suppress(Exception):  # see below
+            key = self._index_key(sig, target_context.codegen())
+            if (found := shipped(self._files, self._stamp, key)) is not None:
+                return self._impl.rebuild(target_context, found)
         try:
             return self._load_overload(sig, target_context)
         except Exception:  # whatever unpickling raises
@@ -124,21 +146,22 @@ class _Cache(FunctionCache):
         self._find()
         with suppress(OSError):
             if not self.filled():
-                for file in Path(self.cache_path).glob(f"{self._impl.filename_base}-*.{_LANGUAGE}.*"):
+                for file in Path(self.cache_path).glob(f"{self._impl.filename_base}-*.{LANGUAGE}.*"):
                     file.unlink(missing_ok=True)
             super().save_overload(sig, data)
 
     def filled(self) -> bool:
         """Whether there is machine code of the present fingerprint."""
         self._find()
-        return Path(self._cache_file._index_path).exists()
+        return Path(self._cache_file._index_path).exists() or has_shipped(self._files)
 
     def _find(self) -> None:
         """Not on construction: what a function uses may be defined below it."""
         if not self._found:
-            stamp = fingerprint(self._py_func)
-            name = f"{self._impl.filename_base}-{stamp}.{_LANGUAGE}"
-            self._cache_file, self._found = IndexDataCacheFile(self.cache_path, name, stamp), True
+            self._stamp = fingerprint(self._py_func)
+            self._files = f"{self._impl.filename_base}-{self._stamp}.{LANGUAGE}"
+            self._cache_file = IndexDataCacheFile(self.cache_path, self._files, self._stamp)
+            self._found = True
 
 
 def _add_function(function: Any, parts: list[object], known: set[int]) -> None:

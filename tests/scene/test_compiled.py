@@ -105,6 +105,28 @@ def test_machine_code_is_kept_until_a_constant_of_another_module_changes(tmp_pat
     assert not cached() & before
 
 
+def test_a_function_is_compiled_into_another_one_from_what_is_kept_of_it(tmp_path: Path) -> None:
+    for name, source in MODULES.items():
+        (tmp_path / f"{name}.py").write_text(source)
+    inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    program = """
+from helpers import Pair, scaled
+scaled(1.0)
+from caller import ratio
+print(ratio(Pair(left=2.0, right=4.0)), sum(scaled.stats.cache_hits.values()), sum(ratio.stats.cache_hits.values()))
+"""
+
+    def printed() -> str:
+        words = [sys.executable, "-W", "error", "-c", program]
+        return subprocess.run(words, env=inherited, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+
+    assert printed() == "2.0 0 0\n"
+    for file in (tmp_path / "__pycache__").glob("caller.ratio*.nb?"):
+        file.unlink()
+    assert printed() == "2.0 1 0\n"
+    assert printed() == "2.0 1 1\n"
+
+
 def fingerprint_of_caller(monkeypatch: pytest.MonkeyPatch, edited: str = "", old: str = "", new: str = "") -> str:
     """The fingerprint of `ratio`, with a text of one of the modules replaced."""
     for name, source in MODULES.items():
