@@ -35,6 +35,8 @@ FEATURES: tuple[str, ...] = (
 """Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of all others within each radius."""
 COUNTS = FEATURES.index("vru_5")
 """First of the columns that count neighbours; they are the last ones."""
+WITHIN_20 = [FEATURES.index("vru_20"), FEATURES.index("other_20")]
+"""Columns whose sum is the number of road users within the largest of RADII: how dense the traffic is there."""
 COMPANY = ("vru_", "other_", "near_")
 """Beginnings of the names of columns about other road users."""
 

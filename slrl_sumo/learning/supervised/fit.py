@@ -22,7 +22,7 @@ from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacemen
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.models.stacked_networks import StackedNetworks
 from slrl_sumo.models.threads import one_thread
-from slrl_sumo.perception.features import COMPANY, STATES
+from slrl_sumo.perception.features import COMPANY, STATES, WITHIN_20
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.version import __version__
@@ -332,6 +332,7 @@ def _measured(
         "most_frequent_accuracy": float((true == int(counts.argmax())).float().mean()),
         "moving_speed_mps": float(way[moving].mean() / (FUTURE * DECISION_INTERVAL)) if moving.any() else None,
         "speed_percentiles_mps": np.percentile(train.vector[:, SPEED], (1, 99)).tolist(),
+        "within_20_m_percentiles": np.percentile(train.vector[:, WITHIN_20].sum(1), (1, 99)).tolist(),
         "acceleration_percentiles_mps2": np.percentile(train.acceleration, (1, 99)).tolist(),
         "acceleration_bounds_mps2": models.acceleration_bounds[t].tolist(),
         "yaw_rate_bounds_radps": models.yaw_rate_bounds[t].tolist(),

@@ -71,6 +71,12 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             f"| {kind} | {brake:.2f} to {gas:.2f} | {right:.2f} to {left:.2f} | {curvature} "
             f"| {kinds[kind]['max_speed_mps']:.1f} |"
         )
+    ranges = []
+    for kind in names:
+        slow, fast = kinds[kind]["speed_percentiles_mps"]
+        least, most = kinds[kind].get("within_20_m_percentiles", (None, None))
+        company = "not measured" if most is None else f"{least:.0f} to {most:.0f}"
+        ranges.append(f"| {kind} | {slow:.1f} to {fast:.1f} | {company} |")
     few = [
         f"{kind} ({count})"
         for kind in names
@@ -133,6 +139,13 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "| type | acceleration (m/s²) | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
             "|---|---|---|---|---|",
             *bounds,
+            "",
+            "Speeds and numbers of other road users within 20 m that they were learned from, 1st to 99th percentile; "
+            "`slrl-sumo evaluate FILE` notes where those of a recording lie outside:",
+            "",
+            "| type | speed (m/s) | others within 20 m |",
+            "|---|---|---|",
+            *ranges,
             "",
             f"{scarce}The models observe {OBSERVED[training.get('preset', 'paper')]}"
             f"{ALONE.get(training['modes_by'], '')}, but neither lanes, traffic lights nor destinations. Do not use "

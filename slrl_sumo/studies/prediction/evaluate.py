@@ -14,6 +14,8 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.threads import one_thread
+from slrl_sumo.perception.features import WITHIN_20, features
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.studies.prediction.long_rollout import STEPS as DRIVE_STEPS
 from slrl_sumo.studies.prediction.long_rollout import LongRollout, long_rollout, long_rollout_figures
@@ -70,8 +72,8 @@ def evaluate(
     there is `off_surface`: per selector and type the share of steps that end off the own surface, also of what was
     recorded. Without it everything is road.
     `selectors`: of selectors_of(bundle), which is the default. Types that the bundle has no models for are there as
-    recorded; `notes` names them, and types at other speeds than the bundle was
-    learned from.
+    recorded; `notes` names them, and types at other speeds, or with other numbers of road users nearby, than the bundle
+    was learned from.
     The figures depend on `seed`, not on `batch`. Raises InputError where nothing can be evaluated.
     """
     known = selectors_of(bundle)
@@ -111,7 +113,7 @@ def evaluate(
     if (unserved := bundle.missing(there)) and not (there & bundle.types).any():
         raise InputError(f"bundle {bundle.name} has no models for {unserved}, and the recording holds nothing else")
     notes = [f"bundle {bundle.name} has no models for {unserved}: as recorded, without figures"] if unserved else []
-    notes += _beyond(recording, bundle)
+    notes += _beyond(recording, bundle, starts)
     if not len(starts) or not any((part.steps > 0).any() for part in parts[selectors[0]]):
         raise InputError("no road user of the recording can be simulated: that takes 1.2 s of a track of its own")
     return {
@@ -132,21 +134,41 @@ def evaluate(
     }
 
 
-def _beyond(recording: Trajectories, bundle: ModelBundle) -> list[str]:
-    """A note for each type of which more than BEYOND of the recorded speeds are not among those of the training."""
-    notes, kind = [], recording.type[recording.track]
+def _beyond(recording: Trajectories, bundle: ModelBundle, frames: Integers) -> list[str]:
+    """A note where more than BEYOND of the recorded speeds of a type, or of the numbers of others near it at `frames`,
+    are not among those of the training."""
+    notes, moving = [], ~recording.parked[recording.track]
+    kind, within_20 = _others(recording, frames)
     for t, type_name in enumerate(TYPE_NAMES):
-        bounds = bundle.training.get("types", {}).get(type_name, {}).get("speed_percentiles_mps")
-        speed = recording.speed[(kind == t) & ~recording.parked[recording.track]]
-        if bounds is None or not len(speed):
-            continue
-        share = float(((speed < bounds[0] - 1e-3) | (speed > bounds[1] + 1e-3)).mean())
-        if share > BEYOND:
-            notes.append(
-                f"{type_name}: {share:.0%} of the recorded speeds lie outside {bounds[0]:.1f} to {bounds[1]:.1f} m/s, "
-                f"from which bundle {bundle.name} was learned; its models extrapolate there"
-            )
+        learned = bundle.training.get("types", {}).get(type_name, {})
+        speed = recording.speed[moving & (recording.type[recording.track] == t)]
+        for values, percentiles, what, unit, digits in (
+            (speed, "speed_percentiles_mps", "speeds", " m/s", 1),
+            (within_20[kind == t], "within_20_m_percentiles", "numbers of others within 20 m", "", 0),
+        ):
+            bounds = learned.get(percentiles)
+            if bounds is None or not len(values):
+                continue
+            share = float(((values < bounds[0] - 1e-3) | (values > bounds[1] + 1e-3)).mean())
+            if share > BEYOND:
+                notes.append(
+                    f"{type_name}: {share:.0%} of the recorded {what} lie outside {bounds[0]:.{digits}f} to "
+                    f"{bounds[1]:.{digits}f}{unit}, from which bundle {bundle.name} was learned; its models "
+                    "extrapolate there"
+                )
     return notes
+
+
+def _others(recording: Trajectories, frames: Integers) -> tuple[NDArray[np.int8], Floats]:
+    """Types (n,) of the road users at `frames` that are not parked, and numbers of all others within 20 m of them."""
+    kinds, counts = [np.zeros(0, np.int8)], [np.zeros(0)]
+    for frame in frames.tolist():
+        track = recording.track[recording.rows_at(frame)]
+        rows = np.flatnonzero(~recording.parked[track])
+        if len(rows):
+            kinds.append(recording.type[track[rows]])
+            counts.append(features(recording.world(frame), rows)[:, WITHIN_20].sum(1))
+    return np.concatenate(kinds), np.concatenate(counts)
 
 
 def _in_a_run(bundle: ModelBundle, ground: RoadMap, starts: Integers, seed: int, cast: Cast) -> Move:

@@ -16,6 +16,10 @@ def test_card_states_data_licence_sizes_and_errors(learned: ModelBundle) -> None
         assert errors in card
         sizes = f"| {record['windows']} | {record['held_out_windows']} | {record['smallest_mode']} |"
         assert f"| {kind} | {record['tracks']} {sizes}" in card
+        slow, fast = record["speed_percentiles_mps"]
+        few, many = record["within_20_m_percentiles"]
+        assert 0.0 <= few < many
+        assert f"| {kind} | {slow:.1f} to {fast:.1f} | {few:.0f} to {many:.0f} |" in card
     assert "seed 4, 15 epochs" in card
     assert card.endswith("\n")
     for line in card.splitlines():

@@ -376,3 +376,11 @@ def test_speeds_that_the_bundle_was_not_learned_from_are_noted(bundle: ModelBund
     [note] = result["notes"]
     assert note.startswith("bicycle: 100% of the recorded speeds lie outside 0.0 to 7.0 m/s")
     assert evaluate(made, bundle, selectors=["constant-velocity"])["notes"] == []
+
+
+def test_denser_traffic_than_the_bundle_was_learned_from_is_noted(bundle: ModelBundle) -> None:
+    # Three abreast, 2 m apart, and one 50 m away.
+    made = recording([straight(30, 1.2, y=y) for y in (0, 2, 4, 50)], [2, 2, 2, 1])
+    known = {"types": {name: {"within_20_m_percentiles": [0.0, 1.0]} for name in ("bicycle", "pedestrian")}}
+    [note] = evaluate(made, replace(bundle, training=known), selectors=["constant-velocity"])["notes"]
+    assert note.startswith("pedestrian: 100% of the recorded numbers of others within 20 m lie outside 0 to 1, from")
