@@ -3,8 +3,8 @@
     python tools/record_signatures.py
 
 Needed after a change of a kernel's arguments; without it, the first run on a machine compiles that kernel by itself.
-Those with the most machine code, which take the longest to compile, come first, but kernels that only runs with SUMO's
-own vehicles call come last.
+Those with the most machine code, which take the longest to compile, come first within each of RUNS, and kernels that
+only later ones call come last.
 """
 
 import json
@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from slrl_sumo.scene.compile_ahead import SIGNATURES, named
+from slrl_sumo.scene.shipped_code import folder
 
 Signatures = dict[str, list[list[Any]]]
 
 RUNS = (
     {"scenario": "intersection", "agents": 16, "steps": 1},
     {"scenario": "district", "agents": 60, "takeover": "car=0.5", "steps": 20},
+    {"scenario": "district", "agents": 64, "guard": True, "steps": 100},
+    {"scenario": "intersection", "bundle": "intersection-paper", "agents": 40, "steps": 2},
 )
 
 PROGRAM = """
@@ -66,7 +69,8 @@ def machine_code(name: str) -> int:
     kept = named(name)._cache
     assert kept.filled()
     index = Path(kept._cache_file._index_path)
-    return sum(file.stat().st_size for file in index.parent.glob(f"{index.stem}.*.nbc"))
+    files = [*index.parent.glob(f"{index.stem}.*.nbc"), *folder().glob(f"{index.stem}.*.nbc")]
+    return max(file.stat().st_size for file in files)
 
 
 if __name__ == "__main__":
