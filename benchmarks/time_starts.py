@@ -45,7 +45,7 @@ def _started(checkout: str, words: list[str], *, first: bool) -> tuple[float, fl
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "PYTHONPATH": str(Path(checkout).resolve())}
         environment |= {"NUMBA_CACHE_DIR": folder} if first else {}
-        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else Python compiles the modules in each start, for 0.5 s
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)  # else Python compiles the modules in each start, for 0.3 s
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), perf_counter()
         subprocess.run(command, env=environment, cwd=folder, check=True)
         wall, after = perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
