@@ -6,12 +6,13 @@ https://sumo.dlr.de/docs/Specification/Persons.html.
 """
 
 from collections.abc import Mapping
+from itertools import pairwise
 from random import Random
 
 from lxml import etree
 
 from slrl_sumo.netgen.errors import NetgenError
-from slrl_sumo.netgen.reach import CLASSES, NetGraph, reachable
+from slrl_sumo.netgen.reach import CLASSES, NetGraph, reachable, shortest_path
 from slrl_sumo.netgen.specs import DemandSpec
 
 TYPES_PER_CLASS = 8
@@ -98,7 +99,8 @@ def _add_flows(
         }
         if vehicle_class == "pedestrian":
             person = etree.SubElement(root, "personFlow", {**flow, "departPos": _outer_end(graph, start)})
-            etree.SubElement(person, "walk", {"from": start, "to": end, "arrivalPos": _outer_end(graph, end)})
+            way = _way(graph, shortest_path(graph, start, end, vehicle_class))
+            etree.SubElement(person, "walk", {**way, "arrivalPos": _outer_end(graph, end)})
         else:
             entry = {"from": start, "to": end, "departLane": "best", "departSpeed": "max"}
             etree.SubElement(root, "flow", {**flow, **entry})
@@ -125,6 +127,22 @@ def trip_pairs(graph: NetGraph, vehicle_class: str) -> list[tuple[str, str]]:
         for end in reachable(graph, start, vehicle_class) & ends.keys()
         if starts[start] != ends[end]
     )
+
+
+def _way(graph: NetGraph, path: list[str]) -> dict[str, str]:
+    """The attributes of a walk along edges.
+
+    Of the first and the last edge alone SUMO makes a walk around the end of the net rather than over a crossing. Where
+    a street is left at the end where it was entered, as without sidewalks, SUMO has to find the way all the same.
+    """
+    shared = [_ends(graph, one) & _ends(graph, other) for one, other in pairwise(path)]
+    if all(len(joint) == 1 for joint in shared) and all(here != then for here, then in pairwise(shared)):
+        return {"edges": " ".join(path)}
+    return {"from": path[0], "to": path[-1]}
+
+
+def _ends(graph: NetGraph, edge: str) -> set[str]:
+    return {graph.edges[edge].start, graph.edges[edge].end}
 
 
 def _outer_end(graph: NetGraph, edge: str) -> str:

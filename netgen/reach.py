@@ -1,5 +1,6 @@
 """Which edges of a net are connected, by vehicle class."""
 
+import heapq
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +18,8 @@ class NetGraph:
     """Junctions at the fringe, where road users enter and leave."""
     follows: Mapping[tuple[str, str], frozenset[str]]
     """(class, edge) -> edges one step further; also through walking areas and crossings, which count as edges."""
+    inside: Mapping[str, float]
+    """m: lengths of walking areas, crossings and all other edges inside junctions."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +45,14 @@ def read_graph(net: bytes) -> NetGraph:
     """
     root = etree.fromstring(net)
     allowed = {str(lane.attrib["id"]): _classes(lane) for lane in root.iter("lane")}
-    edges = {}
+    edges, inside = {}, {}
     for edge in root.iter("edge"):
-        if "from" in edge.attrib:
-            lanes = edge.findall("lane")
+        lanes = edge.findall("lane")
+        length = float(lanes[0].attrib["length"])
+        if "from" not in edge.attrib:
+            inside[str(edge.attrib["id"])] = length
+        else:
             classes = frozenset[str]().union(*(allowed[str(lane.attrib["id"])] for lane in lanes))
-            length = float(lanes[0].attrib["length"])
             edges[str(edge.attrib["id"])] = NetEdge(str(edge.attrib["from"]), str(edge.attrib["to"]), length, classes)
     dead_ends = frozenset(str(j.attrib["id"]) for j in root.iter("junction") if j.attrib["type"] == "dead_end")
     follows: dict[tuple[str, str], set[str]] = defaultdict(set)
@@ -60,7 +65,7 @@ def read_graph(net: bytes) -> NetGraph:
         if "pedestrian" in both and not at_dead_end:
             follows["pedestrian", a].add(b)
             follows["pedestrian", b].add(a)
-    return NetGraph(edges, dead_ends, {k: frozenset(v) for k, v in follows.items()})
+    return NetGraph(edges, dead_ends, {k: frozenset(v) for k, v in follows.items()}, inside)
 
 
 def reachable(graph: NetGraph, start: str, vehicle_class: str) -> frozenset[str]:
@@ -72,6 +77,26 @@ def reachable(graph: NetGraph, start: str, vehicle_class: str) -> frozenset[str]
         seen |= new
         ahead += new
     return frozenset(seen & graph.edges.keys())
+
+
+def shortest_path(graph: NetGraph, start: str, end: str, vehicle_class: str) -> list[str]:
+    """The streets' edges from `start` to `end`, both included, by the shortest way for `vehicle_class`.
+
+    Raises ValueError where `end` is not reachable.
+    """
+    ahead: list[tuple[float, str, tuple[str, ...]]] = [(0.0, start, (start,))]
+    seen = set()
+    while ahead:
+        covered, edge, path = heapq.heappop(ahead)
+        if edge == end:
+            return [e for e in path if e in graph.edges]
+        if edge in seen:
+            continue
+        seen.add(edge)
+        for onward in graph.follows.get((vehicle_class, edge), frozenset()) - seen:
+            length = graph.edges[onward].length if onward in graph.edges else graph.inside[onward]
+            heapq.heappush(ahead, (covered + length, onward, (*path, onward)))
+    raise ValueError(f"no way leads from {start} to {end} for the class {vehicle_class}")
 
 
 def _classes(lane: etree._Element) -> frozenset[str]:

@@ -11,7 +11,7 @@ with an error where the prediction of HC D2 and D3, or of SUMO's traffic in the 
 error than the prior's, for any type; with --calibrate it does only that, with the selector that the bundle has. The
 bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
 logs lie in --work; --resume goes on from there. `intersection` takes a quarter of an hour on 16 cores,
-and half an hour more on two; the others ten minutes each on two free cores.
+and an hour and a half more on two; the others ten minutes each on two free cores.
 """
 
 import argparse
@@ -46,10 +46,11 @@ class Part:
 
 EVERYWHERE = "town,town,random,roundabout,shared-space,motorway"
 RECIPES = {
-    # The second part goes on from the selector of the first one.
+    # The parts after the first go on from the selector of the one before.
     "intersection": (
         Part("intersection", EVERYWHERE, 24_000_000, 32),
         Part("intersection-refined", EVERYWHERE, 4_000_000, 4),
+        Part("intersection-pedestrians", "signals,signals,signals,town,random,intersection", 6_000_000),
     ),
     "shared-space": (Part("shared-space", "shared-space", 1_000_000),),
     "intersection-paper": (Part("intersection-paper", "intersection,random", 1_500_000),),
@@ -59,9 +60,8 @@ CALIBRATED = ("intersection", "shared-space")
 NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "signalised")
 """Traffic without known routes that `intersection` is calibrated to, and tested on."""
 SEED, SECONDS = 6001, 150.0
-USUALLY = {"intersection": "mixed", "shared-space": "rule"}
-"""The selectors that these bundles use where none is named: pedestrians of trained ones step onto crossings at red more
-often than those of `rule` (docs/measurements/flow.md)."""
+USUALLY = {"shared-space": "rule"}
+"""The selectors that bundles use where none is named, if not the trained one."""
 
 
 def main() -> None:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.decide import Agent, Changed, Situation, consider, decide
 from slrl_sumo.agent.lane_driver import LaneDriver
-from slrl_sumo.agent.mixed_selector import MixedSelector
 from slrl_sumo.agent.path_smoothing import too_sharp
 from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.agent.selection import Modes, Selector
@@ -33,12 +32,12 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
 
-SELECTORS = ("prior", "rule", "greedy", "mixed", "sampled", "lane")
+SELECTORS = ("prior", "rule", "greedy", "sampled", "lane")
 """`prior`: the bundle's mode classifier; `rule`: the mode of the least cost, without learning; `greedy` and `sampled`:
-the most probable mode of its trained policy, or one sampled from it; `mixed`: `greedy` for vehicles, `rule` for
-pedestrians; `lane`: the baseline that follows lanes, without models."""
+the most probable mode of its trained policy, or one sampled from it; `lane`: the baseline that follows lanes, without
+models."""
 
-TRAINED = ("greedy", "mixed", "sampled")
+TRAINED = ("greedy", "sampled")
 """Those that need the bundle's trained policy."""
 
 GUARDED = "+guard"
@@ -211,12 +210,10 @@ def usual_selector(bundle: ModelBundle) -> str:
 
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:
-    """The selector `prior`, `rule`, `greedy`, `mixed` or `sampled`. Raises InputError where the bundle has no trained
-    policy, or not the one that is needed."""
+    """The selector `prior`, `rule`, `greedy` or `sampled`. Raises InputError where the bundle has no trained policy for
+    the last two."""
     if name == "rule":
         return RuleSelector()
-    if name == "mixed":
-        return MixedSelector(bundle)
     uniform = np.random.default_rng(seed).random
     if name == "prior":
         return PriorSelector(bundle, uniform)

@@ -82,7 +82,7 @@ def run(
     `scenario`: shipped name, folder, .sumocfg file or Scenario. `agents`: road users to add, shared out among the types
     by `mix`. `takeover`: share of each type of the scenario's own road users that become learned, inside `region`
     (text as on the command line, or a JunctionRegion, EdgesRegion or BoxRegion). `bundle`: shipped name or folder.
-    `selector`: prior, rule, greedy, mixed, sampled or lane. `guard`: modes that run into a conflict are not chosen
+    `selector`: prior, rule, greedy, sampled or lane. `guard`: modes that run into a conflict are not chosen
     where others are left. `without`: names of constraints to switch off (see agent.constraints).
     `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the
     scenario's end, or, where it has none, until its road users have left.

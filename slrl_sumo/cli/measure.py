@@ -133,8 +133,8 @@ def compare(
     selector: Annotated[
         str | None,
         typer.Option(
-            help="prior, rule, greedy, mixed, sampled or lane. "
-            "[default: the bundle's usual one: mixed of intersection, rule of shared-space, else the trained one]"
+            help="prior, rule, greedy, sampled or lane. "
+            "[default: the bundle's usual one: rule of shared-space, else the trained one]"
         ),
     ] = None,
     guard: Annotated[

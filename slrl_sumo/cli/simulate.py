@@ -41,8 +41,8 @@ def run(
     selector: Annotated[
         str | None,
         typer.Option(
-            help="Chooses the modes: prior, rule, greedy, mixed or sampled; or lane: the baseline without models. "
-            "[default: the bundle's usual one: mixed of intersection, rule of shared-space, else the trained one]"
+            help="Chooses the modes: prior, rule, greedy or sampled; or lane: the baseline without models. "
+            "[default: the bundle's usual one: rule of shared-space, else the trained one]"
         ),
     ] = None,
     guard: Annotated[

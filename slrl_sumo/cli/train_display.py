@@ -10,6 +10,14 @@ from slrl_sumo.learning.rl.train import TrainRequest, train
 from slrl_sumo.learning.rl.training_log import Figures
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 
+_RESEMBLE = {
+    "random": "district",
+    "town": "district",
+    "motorway": "district",
+    "roundabout": "intersection",
+    "signals": "signalised",
+}
+"""Families, and the shipped scenarios that resemble them most."""
 LINE_EVERY = 20
 """Updates between two lines of output if stderr is no terminal."""
 
@@ -45,9 +53,7 @@ def closing_scenario(trained_in: str) -> str:
     was not among them.
     """
     first = trained_in.split(",")[0].strip()
-    return {"random": "district", "town": "district", "motorway": "district", "roundabout": "intersection"}.get(
-        first, first
-    )
+    return _RESEMBLE.get(first, first)
 
 
 def _text(stage: str, figures: Figures) -> str:

@@ -143,7 +143,7 @@ class JunctionReservations:
             if free:
                 if too_late or distance <= reserves_from(track.speed):
                     # With the lanes that it is on, where it waits inside the junction.
-                    if track.entry:
+                    if entered < math.inf:
                         lanes, ahead = lanes_through(track, track.s - size.length)
                     self._hold(vehicle, junction, mine._replace(way=self._areas.way(lanes), ahead=ahead))
                 return True

@@ -18,8 +18,9 @@ AIM = 1.0
 """m along the path to the point that a person heads for."""
 WAITING_DISTANCE = 0.6
 """m before a crossing at which persons wait for its signal."""
-KERB = 0.5
-"""m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge."""
+KERB = 1.0
+"""m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge, others cut the corner before
+it. `metrics.signal_crossings` counts from there on."""
 OFF_PATH = 4.0
 """m beside its path beyond which an observed person is somewhere else on it, or on another path."""
 DISPLACED = 0.5

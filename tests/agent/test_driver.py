@@ -9,7 +9,7 @@ from slrl_sumo.models.bundle import load_bundle
 @pytest.mark.parametrize(
     ("name", "selector"),
     [
-        ("intersection", "mixed"),
+        ("intersection", "greedy"),
         ("shared-space", "rule"),
         ("intersection-paper", "greedy"),
         ("shared-space-paper", "greedy"),

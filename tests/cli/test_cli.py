@@ -62,7 +62,7 @@ def test_help_imports_nothing_heavy(words: list[str]) -> None:
     assert done.stdout.splitlines()[-1] == "heavy: []"
 
 
-@pytest.mark.parametrize("selector", ["rule", "greedy", "mixed", "sampled", "prior"])
+@pytest.mark.parametrize("selector", ["rule", "greedy", "sampled", "prior"])
 def test_a_run_without_images_imports_neither_torch_nor_trees_and_algebra_of_scipy(selector: str) -> None:
     program = (
         "import sys\n"
@@ -137,7 +137,7 @@ def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -
     result = json.loads((tmp_path / "s.json").read_text())
     check_summary(result)
     assert (result["scenario"], result["seed"], result["bundle"]) == ("intersection", 4, "intersection")
-    assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("mixed", 45, 0.4)
+    assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("greedy", 45, 0.4)
     assert result["agent_steps"] == 540
     assert sum(result["per_type"][name]["count"] for name in TYPE_NAMES) == 12
     assert result["real_time_factor"] == pytest.approx(45 * 0.4 / result["wall_s"], rel=0.01)

@@ -10,7 +10,7 @@ from lxml import etree
 from slrl_sumo.netgen.demand import TYPES_PER_CLASS, demand_xml, trip_pairs
 from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.netgen.network import build_net
-from slrl_sumo.netgen.reach import CLASSES, NetEdge, NetGraph, reachable, read_graph
+from slrl_sumo.netgen.reach import CLASSES, NetEdge, NetGraph, reachable, read_graph, shortest_path
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec, RandomSpec
 
 
@@ -42,6 +42,38 @@ def test_people_only_go_where_they_can_walk_without_crossings() -> None:
         [(f"in{k}", f"out{(k + 1) % 4}") for k in range(4)] + [(f"out{(k + 1) % 4}", f"in{k}") for k in range(4)]
     )
     assert len(trip_pairs(graph, "passenger")) == 12
+
+
+def test_walks_lead_over_crossings_and_not_around_the_ends_of_the_net() -> None:
+    graph = read_graph(build_net(IntersectionSpec()))
+    routes = etree.fromstring(demand_xml(graph, DemandSpec(pedestrians_per_hour=2000.0)))
+    walks = [walk.get("edges").split() for walk in routes.iter("walk")]
+    assert len(walks) > 20
+    for first, *others in walks:
+        assert len(others) == 1, "the streets of one intersection: into it, and out of it"
+        shared = _ends(graph, first) & _ends(graph, others[0])
+        assert shared
+        assert not shared & graph.dead_ends
+
+
+def _ends(graph: NetGraph, edge: str) -> set[str]:
+    return {graph.edges[edge].start, graph.edges[edge].end}
+
+
+def test_the_shortest_path_counts_metres_and_not_edges() -> None:
+    # From a to d by one long street, or by two short ones and a crossing.
+    streets = {"a": 10.0, "long": 90.0, "b": 20.0, "c": 20.0, "d": 10.0}
+    edges = {i: NetEdge(f"{i}0", f"{i}1", metres, frozenset({"passenger"})) for i, metres in streets.items()}
+    onward = {"a": ["long", "b"], "b": [":x"], ":x": ["c"], "c": ["d"], "long": ["d"]}
+    follows = {("passenger", i): frozenset(ends) for i, ends in onward.items()}
+    assert shortest_path(NetGraph(edges, frozenset(), follows, {":x": 5.0}), "a", "d", "passenger") == [*"abcd"]
+    assert shortest_path(NetGraph(edges, frozenset(), follows, {":x": 60.0}), "a", "d", "passenger") == [
+        "a",
+        "long",
+        "d",
+    ]
+    with pytest.raises(ValueError, match="no way leads from d to a"):
+        shortest_path(NetGraph(edges, frozenset(), follows, {":x": 5.0}), "d", "a", "passenger")
 
 
 def test_a_class_with_nowhere_to_go_is_named() -> None:
@@ -76,6 +108,6 @@ def test_in_a_net_without_dead_ends_every_street_is_an_end() -> None:
     # A triangle of one-way streets.
     ring = {i: NetEdge(i, end, 50.0, frozenset({"passenger"})) for i, end in ("ab", "bc", "ca")}
     follows = {("passenger", i): frozenset({e.end}) for i, e in ring.items()}
-    graph = NetGraph(ring, frozenset(), follows)
+    graph = NetGraph(ring, frozenset(), follows, {})
     assert trip_pairs(graph, "passenger") == [(a, b) for a in "abc" for b in "abc" if a != b]
     assert trip_pairs(graph, "bicycle") == []

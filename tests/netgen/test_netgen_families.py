@@ -27,6 +27,14 @@ def test_intersections_vary_in_arms_lanes_control_and_surfaces() -> None:
         assert len({getattr(spec, name) for spec in specs}) == values
 
 
+def test_signals_are_intersections_with_signals_crossings_and_crowds() -> None:
+    drawn = [draw_spec("signals", seed) for seed in range(60)]
+    specs = [spec for spec, _ in drawn]
+    assert all(isinstance(spec, IntersectionSpec) and spec.crossings for spec in specs)
+    assert {spec.control for spec in specs} == {"traffic_light"}
+    assert min(demand.pedestrians_per_hour for _, demand in drawn) >= 600.0
+
+
 def test_every_seed_draws_a_roundabout_that_can_be_built() -> None:
     # The arms' turns must leave room on the ring, which hangs on the other numbers drawn: a spec refuses too much.
     specs = [spec for spec, _ in (draw_spec("roundabout", seed) for seed in range(400))]

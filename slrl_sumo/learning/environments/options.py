@@ -17,7 +17,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario
 
-Others = Literal["prior", "rule", "greedy", "mixed", "sampled"]
+Others = Literal["prior", "rule", "greedy", "sampled"]
 
 TRIP_STEPS = 1500
 """Decisions (10 min) after which an episode with a takeover is truncated."""

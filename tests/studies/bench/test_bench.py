@@ -32,7 +32,7 @@ def test_one_row_has_the_keys_and_its_figures_agree(tmp_path: Path) -> None:
     found = json.loads(file.read_text())
     (row,) = found["rows"]
     assert set(row) >= KEYS
-    assert (row["scenario"], row["agents"], row["cores"], row["selector"]) == ("intersection", 4, 1, "mixed")
+    assert (row["scenario"], row["agents"], row["cores"], row["selector"]) == ("intersection", 4, 1, "greedy")
     assert set(row["parts_ms"]) == set(PARTS)
     # Every part takes some time in a run of a looking policy, and together they are the decision.
     assert all(value > 0.0 for value in row["parts_ms"].values())

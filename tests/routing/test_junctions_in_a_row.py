@@ -1,0 +1,86 @@
+"""Reservations where one junction follows another."""
+
+import math
+
+import libsumo
+
+from slrl_sumo.routing.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junction_occupants import Size
+from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.lane_graph import LaneGraph, LanePath, junction_of
+from slrl_sumo.routing.right_of_way import RightOfWay
+from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.sumo.scenario import find_scenario
+from slrl_sumo.sumo.session import SumoSession
+from tests.builders import make_world
+
+SIZE = Size(5.0, 1.8)
+
+
+def test_a_vehicle_in_a_junction_holds_its_way_through_the_next_one() -> None:
+    with SumoSession(find_scenario("district"), seed=1) as session:
+        graph = LaneGraph(libsumo, session.network)
+        path = _through_two_junctions(graph)
+        here, onward = path.entries
+        inside = _track(path, 0.5 * (here.stop_line + here.exit))
+        inside.entry, inside.entered = here.via, 0.5
+        # The streets of this net are long: too fast for the other one to pass before, too slow to pass first.
+        inside.speed = (onward.stop_line - inside.s) / 4.0
+        foe = _track(_crossings(graph, onward.via)[0], 0.0)
+        line = foe.path.entries[0]
+        foe.s = line.stop_line - 2.0
+        tracks = {"inside": inside, "foe": foe}
+        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
+        reservations.renew(make_world(time=1.0))
+        assert reservations.may_enter("foe", foe, line, priority=False, size=SIZE)
+        reservations.renew(make_world(time=2.0))
+        # Too fast to stop: it will come, and the other one has to know.
+        assert reservations.may_enter("inside", inside, onward, priority=True, size=SIZE, too_late=True)
+        assert not reservations.may_enter("foe", foe, line, priority=False, size=SIZE)
+
+
+def _through_two_junctions(graph: LaneGraph) -> LanePath:
+    """A way for cars through two junctions, the second of which at least one other way crosses."""
+    for lane in graph.lanes.values():
+        for target, _ in () if lane.internal else graph.links(lane.id):
+            for last, _ in graph.links(target):
+                path = graph.path(lane.id, (graph.lanes[target].edge, graph.lanes[last].edge), "passenger", [])
+                junctions = [junction_of(entry.via) for entry in path.entries]
+                if len(junctions) == 2 == len(set(junctions)) and _crossings(graph, path.entries[1].via):
+                    return path
+    raise AssertionError("no way leads through two junctions")
+
+
+def _crossings(graph: LaneGraph, via: str) -> list[LanePath]:
+    """The ways for cars over lanes that cross the internal lane `via`."""
+    found, areas = [], ConflictAreas(graph)
+    for foe in libsumo.lane.getInternalFoes(via):
+        area = areas.between(via, foe, 2.0 * SIZE.turning)
+        if area is None or area.together:
+            continue
+        origin = graph.origin(foe)
+        if foe.startswith(":") and not origin.startswith(":") and graph.lanes[origin].admits("passenger"):
+            target = next((target for target, by in graph.links(origin) if by == foe), None)
+            if target is not None and graph.lanes[target].admits("passenger"):
+                found.append(graph.path(origin, (graph.lanes[target].edge,), "passenger", []))
+    return [path for path in found if len(path.entries) == 1]
+
+
+def _track(path: LanePath, s: float) -> VehicleTrack:
+    return VehicleTrack(
+        path=path,
+        s=s,
+        lateral_offset=0.0,
+        lateral_speed=0.0,
+        speed=2.0,
+        edges=(),
+        vehicle_class="passenger",
+        accel=2.6,
+        decel=4.5,
+        emergency=9.0,
+        max_speed=13.9,
+        speed_factor=1.0,
+        tau=1.0,
+        x=-math.inf,
+        y=-math.inf,
+    )
