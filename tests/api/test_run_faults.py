@@ -56,7 +56,7 @@ def steps_of(fcd: Path) -> int:
     [
         ("a.xml", "a.xml", 400),
         # The table of learned road users is not compressed.
-        pytest.param("a.xml.gz", "a.learned.csv", 60, marks=pytest.mark.slow),
+        pytest.param("a.xml.gz", "a.learned.csv", 120, marks=pytest.mark.slow),
         pytest.param("a.csv", "a.csv", 400, marks=pytest.mark.slow),
     ],
 )
