@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.links import LaneLinks, signal_links, signal_states
 from slrl_sumo.sumo.network import Network
@@ -22,7 +22,8 @@ PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
 """From the least permissive to the most."""
 
 BEYOND, ASIDE = 0.5, 10.0
-"""m behind a stop line, and beside its lane, within which a vehicle without a lane in SUMO has passed the line."""
+"""m behind a stop line, and beside its lane, within which a vehicle has passed the line that stands, or has no lane in
+SUMO."""
 KERB = 1.0
 """m at each end of a crossing on which persons may wait for green, or cut the corner."""
 AWAY = 3.0
@@ -143,7 +144,8 @@ class SignalCrossings:
             lane = vehicle_lane(self._api, vehicle)
             came = self._approach.get(vehicle)
             links = self._links[came] if came is not None else []
-            taken = self._taken(vehicle, lane, links, float(front_x[row]), float(front_y[row]), came)
+            front = float(front_x[row]), float(front_y[row])
+            taken = self._taken(vehicle, lane, links, front, came, stands=bool(users.speed[row] < STANDING_SPEED))
             if came is not None and taken:
                 del self._approach[vehicle]
                 edge = self._lanes[came].edge
@@ -164,25 +166,37 @@ class SignalCrossings:
         return found
 
     def _taken(
-        self, vehicle: str, lane: str, links: list[_Link], front_x: float, front_y: float, came: str | None
+        self,
+        vehicle: str,
+        lane: str,
+        links: list[_Link],
+        front: tuple[float, float],
+        came: str | None,
+        *,
+        stands: bool,
     ) -> list[_Link]:
         """The links from the lane `came` that a vehicle has taken in this step; empty if it has taken none."""
         if came is None or not links:
             return []
         if not lane:
-            line = self._lanes[came].shape
-            ahead_x, ahead_y = (line[-1] - line[-2]) / max(float(np.hypot(*(line[-1] - line[-2]))), 1e-9)
-            dx, dy = front_x - line[-1, 0], front_y - line[-1, 1]
-            ahead, aside = dx * ahead_x + dy * ahead_y, dy * ahead_x - dx * ahead_y
-            if ahead < BEYOND or abs(aside) > ASIDE + ahead:
-                return []
-            return self._on_route(vehicle, came, links)
+            return self._on_route(vehicle, came, links) if self._beyond(came, *front) else []
         if lane.startswith(":"):
+            # SUMO has a moved vehicle that stands exactly on the line inside the junction.
+            if stands and not self._beyond(came, *front):
+                return []
             return [link for link in links if lane in link.inside] or (
                 self._on_route(vehicle, came, links) if self._same_junction(lane, links) else []
             )
         edge = self._lanes[lane].edge
         return [link for link in links if link.edge == edge] if edge != self._lanes[came].edge else []
+
+    def _beyond(self, lane: str, x: float, y: float) -> bool:
+        """Whether a place (m) is behind the stop line at the end of a lane."""
+        line = self._lanes[lane].shape
+        ahead_x, ahead_y = (line[-1] - line[-2]) / max(float(np.hypot(*(line[-1] - line[-2]))), 1e-9)
+        dx, dy = x - line[-1, 0], y - line[-1, 1]
+        ahead, aside = dx * ahead_x + dy * ahead_y, dy * ahead_x - dx * ahead_y
+        return bool(ahead >= BEYOND and abs(aside) <= ASIDE + ahead)
 
     def _same_junction(self, lane: str, links: list[_Link]) -> bool:
         junction = lane.rsplit("_", 2)[0]

@@ -142,6 +142,24 @@ def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) ->
     assert [p.aspect for p in found] == ["red"]
 
 
+def test_a_moved_car_that_stands_exactly_on_the_stop_line_has_not_passed(made: Scenario) -> None:
+    with SumoSession(made, seed=2) as session:
+        passages, loans = SignalCrossings(session.api, session.network), TakenOverControl(session.api, session.network)
+        car = first_at_red(session, passages)
+        line = session.api.vehicle.getNextTLS(car)[0][2]
+        world = world_of(session)
+        loans.take_over((car,), np.zeros(1, np.bool_))
+        start = world.take(np.array([world.ids.index(car)]))
+        found = []
+        for distance in (line + 0.05, line + 0.05, line + 2.0):
+            x, y = start.x + distance * np.cos(start.heading), start.y + distance * np.sin(start.heading)
+            loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
+            session.step()
+            assert session.api.vehicle.getLaneID(car).startswith(":"), "so SUMO has it"
+            found.append([p.aspect for p in passages.update(world_of(session), (car,))])
+    assert found == [[], [], ["red"]]
+
+
 def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:
     # Bicycles turn right there without a signal, while the rest of their lane has red.
     with SumoSession(find_scenario(str(game / "fkk_in.sumocfg")), seed=1) as session:
