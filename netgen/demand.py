@@ -135,14 +135,10 @@ def _way(graph: NetGraph, path: list[str]) -> dict[str, str]:
     Of the first and the last edge alone SUMO makes a walk around the end of the net rather than over a crossing. Where
     a street is left at the end where it was entered, as without sidewalks, SUMO has to find the way all the same.
     """
-    shared = [_ends(graph, one) & _ends(graph, other) for one, other in pairwise(path)]
+    shared = [graph.edges[one].ends & graph.edges[other].ends for one, other in pairwise(path)]
     if all(len(joint) == 1 for joint in shared) and all(here != then for here, then in pairwise(shared)):
         return {"edges": " ".join(path)}
     return {"from": path[0], "to": path[-1]}
-
-
-def _ends(graph: NetGraph, edge: str) -> set[str]:
-    return {graph.edges[edge].start, graph.edges[edge].end}
 
 
 def _outer_end(graph: NetGraph, edge: str) -> str:

@@ -33,6 +33,11 @@ class NetEdge:
     classes: frozenset[str]
     """Those of CLASSES that may use at least one lane."""
 
+    @property
+    def ends(self) -> frozenset[str]:
+        """Both of its junctions."""
+        return frozenset((self.start, self.end))
+
 
 CLASSES = ("passenger", "bicycle", "pedestrian")
 

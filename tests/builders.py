@@ -13,6 +13,8 @@ from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
 from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import STATES
+from slrl_sumo.routing.lane_graph import LanePath
+from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
@@ -120,6 +122,27 @@ def straight_routes(
         line = np.concatenate([np.zeros((len(begin), 1)), SPACING * np.cumsum(step, axis=1)], axis=1)
         lines.append(line + begin - line[:, HERE : HERE + 1])
     return make_routes(*lines, **columns)
+
+
+def make_track(path: LanePath, s: float, speed: float, edges: tuple[str, ...] = ()) -> VehicleTrack:
+    """A car with its front `s` m along a path, as SUMO's usual one."""
+    return VehicleTrack(
+        path=path,
+        s=s,
+        lateral_offset=0.0,
+        lateral_speed=0.0,
+        speed=speed,
+        edges=edges,
+        vehicle_class="passenger",
+        accel=2.6,
+        decel=4.5,
+        emergency=9.0,
+        max_speed=13.9,
+        speed_factor=1.0,
+        tau=1.0,
+        x=0.0,
+        y=0.0,
+    )
 
 
 def make_recording(

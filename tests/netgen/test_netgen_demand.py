@@ -51,13 +51,9 @@ def test_walks_lead_over_crossings_and_not_around_the_ends_of_the_net() -> None:
     assert len(walks) > 20
     for first, *others in walks:
         assert len(others) == 1, "the streets of one intersection: into it, and out of it"
-        shared = _ends(graph, first) & _ends(graph, others[0])
+        shared = graph.edges[first].ends & graph.edges[others[0]].ends
         assert shared
         assert not shared & graph.dead_ends
-
-
-def _ends(graph: NetGraph, edge: str) -> set[str]:
-    return {graph.edges[edge].start, graph.edges[edge].end}
 
 
 def test_the_shortest_path_counts_metres_and_not_edges() -> None:

@@ -17,7 +17,7 @@ from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_world
+from tests.builders import make_track, make_world
 
 SIZE = Size(5.0, 1.8)
 BICYCLE = Size(1.6, 0.65)
@@ -39,23 +39,7 @@ def track(graph: LaneGraph, start: str, end: str, before: float, speed: float) -
         and lane.admits("passenger")
     )
     path = graph.path(lane, (end,), "passenger", [])
-    return VehicleTrack(
-        path=path,
-        s=path.entries[0].stop_line - before,
-        lateral_offset=0.0,
-        lateral_speed=0.0,
-        speed=speed,
-        edges=(end,),
-        vehicle_class="passenger",
-        accel=2.6,
-        decel=4.5,
-        emergency=9.0,
-        max_speed=13.9,
-        speed_factor=1.0,
-        tau=1.0,
-        x=0.0,
-        y=0.0,
-    )
+    return make_track(path, path.entries[0].stop_line - before, speed, (end,))
 
 
 def inside(graph: LaneGraph, start: str, end: str, beyond: float, speed: float) -> VehicleTrack:

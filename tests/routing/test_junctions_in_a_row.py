@@ -1,7 +1,5 @@
 """Reservations where one junction follows another."""
 
-import math
-
 import libsumo
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas
@@ -9,10 +7,9 @@ from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_world
+from tests.builders import make_track, make_world
 
 SIZE = Size(5.0, 1.8)
 
@@ -22,13 +19,13 @@ def test_a_vehicle_in_a_junction_holds_its_way_through_the_next_one() -> None:
         graph = LaneGraph(libsumo, session.network)
         path = _through_two_junctions(graph)
         here, onward = path.entries
-        inside = _track(path, 0.5 * (here.stop_line + here.exit))
-        inside.entry, inside.entered = here.via, 0.5
+        middle = 0.5 * (here.stop_line + here.exit)
         # The streets of this net are long: too fast for the other one to pass before, too slow to pass first.
-        inside.speed = (onward.stop_line - inside.s) / 4.0
-        foe = _track(_crossings(graph, onward.via)[0], 0.0)
-        line = foe.path.entries[0]
-        foe.s = line.stop_line - 2.0
+        inside = make_track(path, middle, (onward.stop_line - middle) / 4.0)
+        inside.entry, inside.entered = here.via, 0.5
+        foe_path = _crossings(graph, onward.via)[0]
+        line = foe_path.entries[0]
+        foe = make_track(foe_path, line.stop_line - 2.0, 2.0)
         tracks = {"inside": inside, "foe": foe}
         reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
         reservations.renew(make_world(time=1.0))
@@ -64,23 +61,3 @@ def _crossings(graph: LaneGraph, via: str) -> list[LanePath]:
             if target is not None and graph.lanes[target].admits("passenger"):
                 found.append(graph.path(origin, (graph.lanes[target].edge,), "passenger", []))
     return [path for path in found if len(path.entries) == 1]
-
-
-def _track(path: LanePath, s: float) -> VehicleTrack:
-    return VehicleTrack(
-        path=path,
-        s=s,
-        lateral_offset=0.0,
-        lateral_speed=0.0,
-        speed=2.0,
-        edges=(),
-        vehicle_class="passenger",
-        accel=2.6,
-        decel=4.5,
-        emergency=9.0,
-        max_speed=13.9,
-        speed_factor=1.0,
-        tau=1.0,
-        x=-math.inf,
-        y=-math.inf,
-    )

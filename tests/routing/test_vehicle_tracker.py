@@ -8,6 +8,7 @@ import pytest
 from slrl_sumo.routing.lane_graph import JunctionEntry, LanePath
 from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from tests.builders import make_track
 
 FIRST = JunctionEntry(20.0, "in_0", ":a_14_0", "out_0", 50.0)
 INSIDE = JunctionEntry(28.0, ":a_14_0", ":a_22_0", "out_0", 50.0)
@@ -19,10 +20,7 @@ def track() -> VehicleTrack:
     along = np.array([0.0, 100.0])
     line = Polyline(along, np.zeros(2), along)
     path = LanePath(("in_0", ":a_14_0"), (20.0, 100.0), (13.9, 13.9), (FIRST, INSIDE, NEXT), line)
-    return VehicleTrack(
-        path=path, s=10.0, lateral_offset=0.0, lateral_speed=0.0, speed=5.0, edges=(), vehicle_class="passenger",
-        accel=2.6, decel=4.5, emergency=9.0, max_speed=50.0, speed_factor=1.0, tau=1.0, x=0.0, y=0.0,
-    )  # fmt: skip
+    return make_track(path, 10.0, 5.0)
 
 
 def entered(track: VehicleTrack, *places: tuple[float, float]) -> list[float]:
