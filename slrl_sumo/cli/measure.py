@@ -55,7 +55,8 @@ def evaluate(
     net: Annotated[
         Path | None,
         typer.Option(
-            help="FILE: SUMO network in its coordinates, or Lanelet2 map, .osm. [default: everything is road]"
+            help="FILE: SUMO network in its coordinates, on which vehicles are expected to keep to their lanes, or "
+            "Lanelet2 map, .osm. [default: everything is road]"
         ),
     ] = None,
     origin: Annotated[
@@ -225,7 +226,7 @@ def _evaluate_recording(
     from slrl_sumo.studies.prediction.report import print_evaluation, write_evaluation
 
     recording, models = load_trajectories(file), load_bundle(bundle)
-    roadmap, surface = given_ground(recording, *ground)
+    roadmap, surface, routes = given_ground(recording, *ground)
     with progress() as bar:
         task = bar.add_task("rollouts", total=1.0)
         result = measure(
@@ -234,6 +235,7 @@ def _evaluate_recording(
             selectors=selectors,
             roadmap=roadmap,
             surface=surface,
+            routes=routes,
             starts_every=starts,
             seed=seed,
             progress=lambda share: bar.update(task, completed=share),

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TypeVar
@@ -49,9 +50,12 @@ class Policy(nn.Module):
     without_route: (3, 2) by type, how much the heads and the scorers count for road users whose route is not known, in
         the preset `extended`, which learns with routes alone; see slrl_sumo.learning.supervised.without_route.
         Where they are not 1, those of the prior are added in any case.
+    with_route: (3, 2), the same for those whose route is known: 1, but for routes that are only expected
+        (slrl_sumo.routing.expected_routes).
     """
 
     without_route: Tensor
+    with_route: Tensor
 
     def __init__(self, config: PolicyConfig) -> None:
         super().__init__()
@@ -67,6 +71,7 @@ class Policy(nn.Module):
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
         # In the record of the training, because weights are those of the training.
         self.register_buffer("without_route", torch.ones(types, 2), persistent=False)
+        self.register_buffer("with_route", torch.ones(types, 2), persistent=False)
 
     def forward(
         self,
@@ -134,8 +139,12 @@ class Policy(nn.Module):
         if not self.config.route_columns:
             return heads + scorers
         assert route is not None
-        share = torch.where(route[:, KNOWN, None] > 0.0, 1.0, self.without_route[kind])
+        share = self.shares(route, kind)
         return share[:, :1] * heads + share[:, 1:] * scorers
+
+    def shares(self, route: Tensor, kind: Tensor) -> Tensor:
+        """How much heads and scorers count, (n, 2)."""
+        return torch.where(route[:, KNOWN, None] > 0.0, self.with_route[kind], self.without_route[kind])
 
     def _parts(self, seen: Tensor, vector: Tensor, types: "_Types", rollouts: Tensor | None) -> tuple[Tensor, Tensor]:
         heads = types.each(self.actors, seen)
@@ -237,7 +246,7 @@ def _corrected(
 ) -> Tensor:
     learned = torch.ones_like(kind, dtype=torch.bool)
     if route is not None:
-        learned = (route[:, KNOWN] > 0.0) | (policy.without_route[kind] == 1.0).all(-1)
+        learned = (policy.shares(route, kind) == 1.0).all(-1)
     with torch.no_grad():
         if policy.config.prior_logits:
             known = torch.log_softmax(prior.logits(vector, kind), -1)
@@ -330,4 +339,15 @@ def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | Non
 def network_of(policy: Policy) -> PolicyNetwork:
     """A policy that reads no image for decisions without PyTorch; its weights are copied."""
     weights = {name: value.detach().cpu().numpy() for name, value in policy.state_dict().items()}
-    return PolicyNetwork.of(policy.config, weights, policy.without_route.cpu().numpy())
+    return PolicyNetwork.of(policy.config, weights, policy.without_route.cpu().numpy(), policy.with_route.cpu().numpy())
+
+
+def on_expected_routes(policy: Policy, training: dict[str, Any]) -> Policy | None:
+    """A copy of a policy for routes that are only expected, with the shares in the record of its `training`; None where
+    there are none, or all are 0."""
+    shares = torch.tensor(training.get("expected_route", [[0.0, 0.0]]))
+    if not shares.any():
+        return None
+    copied = deepcopy(policy)
+    copied.with_route.copy_(shares)
+    return copied

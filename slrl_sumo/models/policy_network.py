@@ -114,9 +114,13 @@ class PolicyNetwork:
     """None for policies that do not look ahead."""
     without_route: Singles
     """(3, 2), see Policy."""
+    with_route: Singles
+    """(3, 2), see Policy."""
 
     @classmethod
-    def of(cls, config: PolicyConfig, weights: Weights, without_route: Singles) -> "PolicyNetwork":
+    def of(
+        cls, config: PolicyConfig, weights: Weights, without_route: Singles, with_route: Singles | None = None
+    ) -> "PolicyNetwork":
         """The network of the `weights` of a policy, by their names in its file."""
         types = range(len(RoadUserType))
 
@@ -129,7 +133,8 @@ class PolicyNetwork:
 
         actors = stacked("actors.{type}.0"), stacked("actors.{type}.2")
         scorers = (stacked("scorers.{type}.0"), stacked("scorers.{type}.2")) if config.lookahead else None
-        return cls(config, stacked("trunk.0"), actors, scorers, without_route)
+        with_route = np.ones_like(without_route) if with_route is None else with_route
+        return cls(config, stacked("trunk.0"), actors, scorers, without_route, with_route)
 
     def choice_logits(
         self,
@@ -143,7 +148,7 @@ class PolicyNetwork:
         correction = self._correction(vector, kind, rollouts, route)
         learned = np.ones(len(kind), np.bool_)
         if route is not None:
-            learned = (route[:, KNOWN] > 0.0) | (self.without_route[kind] == 1.0).all(axis=1)
+            learned = (self._shares(route, kind) == 1.0).all(axis=1)
         known = np.zeros_like(correction)
         asked = np.flatnonzero(~learned | self.config.prior_logits)
         if len(asked):
@@ -170,8 +175,13 @@ class PolicyNetwork:
             scores = layer(inner, each, *self.scorers[1]).reshape(heads.shape)
         if route is None:
             return heads + scores
-        share: Singles = np.where(route[:, KNOWN, None] > 0.0, np.float32(1.0), self.without_route[kind])
+        share = self._shares(route, kind)
         return share[:, :1] * heads + share[:, 1:] * scores
+
+    def _shares(self, route: Singles, kind: NDArray[np.int64]) -> Singles:
+        """How much heads and scorers count, (n, 2)."""
+        shares: Singles = np.where(route[:, KNOWN, None] > 0.0, self.with_route[kind], self.without_route[kind])
+        return shares
 
     def _rated(self, rollouts: Singles, vector: Singles) -> Singles:
         """Inputs of the scorers, as Policy makes them, (n, modes, inputs)."""
@@ -240,9 +250,10 @@ def read_policy_files(folder: Path, modes: int) -> PolicyFiles | None:
         weights = load_file(folder / POLICY_FILES[1])
         types = len(RoadUserType)
         without_route = np.array(training.get("without_route", np.ones((types, 2))), np.float32)
-        if without_route.shape != (types, 2):
-            raise ValueError("without_route")
-        if not all(bool(np.isfinite(value).all()) for value in (*weights.values(), without_route)):
+        expected_route = np.array(training.get("expected_route", np.zeros((types, 2))), np.float32)
+        if without_route.shape != (types, 2) or expected_route.shape != (types, 2):
+            raise ValueError("without_route or expected_route")
+        if not all(bool(np.isfinite(value).all()) for value in (*weights.values(), without_route, expected_route)):
             raise ValueError("weights that are not finite")
     return PolicyFiles(config, weights, training, without_route)
 

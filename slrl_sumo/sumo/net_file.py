@@ -11,7 +11,7 @@ from lxml import etree
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.isolation import isolated
-from slrl_sumo.sumo.links import SignalLink, signal_links
+from slrl_sumo.sumo.links import LaneLinks, SignalLink, signal_links
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.road_users import Motor, motors
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
@@ -32,6 +32,12 @@ def read_net_file(net: Path) -> Network:
 def read_net_signals(net: Path) -> tuple[Network, list[SignalLink]]:
     """The network as `read_net_file` reads it, with the links that traffic lights control."""
     return _read(_network, net, None)
+
+
+def read_net_lanes(net: Path) -> tuple[Network, dict[str, tuple[str, ...]]]:
+    """The network as `read_net_file` reads it, with the ids of the lanes that follow each lane, also inside
+    junctions."""
+    return _read(_lanes, net, None)
 
 
 def read_net_motors(net: Path, scenario: Scenario | None) -> tuple[Network, Mapping[str, Motor]]:
@@ -74,6 +80,16 @@ def _read(read: Callable[[Path], Answer], net: Path, additional: bytes | None) -
 def _network(config: Path) -> tuple[Network, list[SignalLink]]:
     with SumoSession(read_scenario(config)) as session:
         return session.network, signal_links(session.api)
+
+
+def _lanes(config: Path) -> tuple[Network, dict[str, tuple[str, ...]]]:
+    with SumoSession(read_scenario(config)) as session:
+        links = LaneLinks(session.api, session.network)
+        following = {
+            lane.id: tuple(dict.fromkeys(via or target for target, via in links(lane.id)))
+            for lane in session.network.lanes
+        }
+        return session.network, following
 
 
 def _motors(config: Path) -> tuple[Network, dict[str, Motor]]:

@@ -15,7 +15,14 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.models.policy import AT_ONCE, Policy, choice_logits, policy_logits
+from slrl_sumo.models.policy import (
+    AT_ONCE,
+    Policy,
+    choice_logits,
+    network_of,
+    on_expected_routes,
+    policy_logits,
+)
 from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.perception.observation import Observation
 
@@ -220,6 +227,29 @@ def test_without_a_route_the_prior_counts_where_it_does_not_with_one(bundle: Mod
     _without_corrections(policy, bundle, seen)
 
 
+def test_on_expected_routes_corrections_count_by_their_own_shares(
+    bundle: ModelBundle, seen: Observation, extended: Policy
+) -> None:
+    _disturb(extended)
+    vector, image, kind, ahead, route = _everything(_on_route(seen))
+    route[:, 0] = torch.arange(len(route)) % 2  # every other one has a route
+    heads, scorers = extended.parts(vector, image, kind, ahead, route)
+    copied = on_expected_routes(extended, {"expected_route": [[0.25, 0.5]] * 3})
+    assert copied is not None
+    found = choice_logits(copied, bundle.prior, vector, image, kind, ahead, route)
+    known = torch.log_softmax(bundle.prior.logits(vector, kind), -1)
+    torch.testing.assert_close(found[1::2], torch.log_softmax(known + 0.25 * heads + 0.5 * scorers, -1)[1::2])
+    # Without a route, and in runs, as before.
+    before = choice_logits(extended, bundle.prior, vector, image, kind, ahead, route)
+    torch.testing.assert_close(found[::2], before[::2])
+    assert not torch.allclose(found[1::2], before[1::2])
+
+
+def test_a_policy_that_does_not_count_on_expected_routes_has_none(extended: Policy) -> None:
+    assert on_expected_routes(extended, {}) is None
+    assert on_expected_routes(extended, {"expected_route": [[0.0, 0.0]] * 3}) is None
+
+
 def test_a_prediction_takes_the_most_central_mode(bundle: ModelBundle, seen: Observation, policy: Policy) -> None:
     _disturb(policy)
     looked, trained = _with_images(seen), replace(bundle, policy=policy)
@@ -330,6 +360,13 @@ def test_a_network_without_pytorch_gives_the_same_logits(
     )
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, expected.detach().numpy(), rtol=1e-4, atol=1e-4)
+    if config.route_columns:
+        policy.with_route.copy_(torch.tensor([[0.5, 0.125]] * 3))
+        expected = choice_logits(policy, bundle.prior, vector, None, kind, torch.from_numpy(ahead), route)
+        found = network_of(policy).choice_logits(
+            bundle.prior_networks, looked.vector, kind.numpy(), ahead if config.lookahead else None, looked.route
+        )
+        np.testing.assert_allclose(found, expected.detach().numpy(), rtol=1e-4, atol=1e-4)
 
 
 def test_weights_of_other_shapes_are_damage_without_pytorch_too(bundle: ModelBundle, tmp_path: Path) -> None:

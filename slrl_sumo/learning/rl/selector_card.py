@@ -47,7 +47,12 @@ def shares_without_route(training: dict[str, Any]) -> str:
         return ""
     each = zip(TYPE_NAMES, training["without_route"], strict=True)
     shares = ", ".join(f"{name} {heads:.2f} and {scorers:.2f}" for name, (heads, scorers) in each)
-    return f"{WITHOUT_ROUTE} {training['without_route_from']}: {shares}.\n"
+    text = f"{WITHOUT_ROUTE} {training['without_route_from']}: {shares}."
+    if "expected_route" in training:
+        each = zip(TYPE_NAMES, training["expected_route"], strict=True)
+        shares = ", ".join(f"{name} {heads:.2f} and {scorers:.2f}" for name, (heads, scorers) in each)
+        text += f" On routes that are expected along the lanes: {shares}."
+    return f"{text}\n"
 
 
 def _command(training: dict[str, Any]) -> str:

@@ -1,8 +1,9 @@
-"""How much of a trained policy counts where no route is known: as much as recordings bear out.
+"""How much of a trained policy counts where a route is not known, or only expected: as much as recordings bear out.
 
 A policy of the preset `extended` learns in simulations, where every road user has a route. Without one, as on
 recordings, its scorers still weigh what modes lead to as if all of them fitted the route alike, and drive standing cars
-off. Recordings say by how much heads and scorers make the recorded modes likelier, per type.
+off. Recordings say by how much heads and scorers make the recorded modes likelier, per type; where lanes are known,
+also by how much on the routes that are expected along these (slrl_sumo.routing.expected_routes).
 """
 
 from collections.abc import Sequence
@@ -26,6 +27,7 @@ from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.past_motion import recorded_past
 from slrl_sumo.perception.scene import Scene
+from slrl_sumo.routing.expected_routes import ExpectedRoutes, routes_ahead
 from slrl_sumo.scene.types import RoadUserType
 
 STRIDE = 2
@@ -41,32 +43,45 @@ WORTH = 0.01
 higher."""
 
 
-def calibrated(bundle: ModelBundle, recordings: Sequence[Trajectories]) -> ModelBundle:
-    """The bundle with a policy that counts without a route as much as the recordings bear out.
+def calibrated(
+    bundle: ModelBundle, recordings: Sequence[Trajectories], routes: Sequence[ExpectedRoutes] = ()
+) -> ModelBundle:
+    """The bundle with a policy that counts without a route, and on expected `routes`, as much as the recordings bear
+    out.
 
     The shares, from 0 to 1 by type for heads and scorers, maximise the likelihood of the recorded modes under
     prior + share x correction. The prior has learned from these recordings, so the shares are rather too small than too
-    large. Raises InputError where the bundle has no policy of the preset `extended`.
+    large. `routes`: those on the lanes of each recording; without, the policy does not count on expected ones. Raises
+    InputError where the bundle has no policy of the preset `extended`.
     """
     if bundle.policy is None or not bundle.policy.config.route_columns:
         raise InputError(f"bundle {bundle.name}: it has no trained selector that reads routes")
+    policy = Policy(bundle.policy.config)
+    policy.load_state_dict(bundle.policy.state_dict())
+    names = ", ".join(dict.fromkeys(recording.source for recording in recordings))
+    training = {**(bundle.policy_training or {}), "without_route_from": names}
+    training.pop("expected_route", None)
     with one_thread():
-        parts = [_parts(bundle, bundle.policy, recording) for recording in recordings]
+        training["without_route"] = _shares_by_type([_parts(bundle, policy, one) for one in recordings])
+        if routes:
+            each = zip(recordings, routes, strict=True)
+            training["expected_route"] = _shares_by_type([_parts(bundle, policy, *one) for one in each])
+    policy.without_route.copy_(torch.tensor(training["without_route"]))
+    card = bundle.card.split(WITHOUT_ROUTE)[0] + shares_without_route(training)
+    policy.requires_grad_(False).eval()
+    return replace(bundle, policy=policy, policy_training=training, card=card)
+
+
+def _shares_by_type(parts: Sequence[tuple[Tensor, ...]]) -> list[list[float]]:
+    """The shares of heads and scorers of each type, from the parts of all recordings."""
     kind, mode, known, heads, scorers = (torch.cat(some) for some in zip(*parts, strict=True))
     found = torch.zeros(len(RoadUserType), 2)
     for t in RoadUserType:
         mine = kind == t
         if mine.any():
             found[t] = shares(known[mine], torch.stack([heads[mine], scorers[mine]]), mode[mine])
-    policy = Policy(bundle.policy.config)
-    policy.load_state_dict(bundle.policy.state_dict())
-    rounded = np.round(found.numpy().astype(np.float64), 3).tolist()
-    policy.without_route.copy_(torch.tensor(rounded))
-    names = ", ".join(dict.fromkeys(recording.source for recording in recordings))
-    training = {**(bundle.policy_training or {}), "without_route": rounded, "without_route_from": names}
-    card = bundle.card.split(WITHOUT_ROUTE)[0] + shares_without_route(training)
-    policy.requires_grad_(False).eval()
-    return replace(bundle, policy=policy, policy_training=training, card=card)
+    rounded: list[list[float]] = np.round(found.numpy().astype(np.float64), 3).tolist()
+    return rounded
 
 
 def shares(known: Tensor, corrections: Tensor, mode: Tensor) -> Tensor:
@@ -89,8 +104,11 @@ def shares(known: Tensor, corrections: Tensor, mode: Tensor) -> Tensor:
     return share.detach() if worth else torch.zeros(2)
 
 
-def _parts(bundle: ModelBundle, policy: Policy, recording: Trajectories) -> tuple[Tensor, ...]:
-    """Type, recorded mode, log probabilities of the prior, and logits of heads and scorers, of all windows."""
+def _parts(
+    bundle: ModelBundle, policy: Policy, recording: Trajectories, routes: ExpectedRoutes | None = None
+) -> tuple[Tensor, ...]:
+    """Type, recorded mode, log probabilities of the prior, and logits of heads and scorers, of all windows; with
+    `routes` of those on one."""
     modes_by = str(bundle.training.get("modes_by", "kmeans"))
     every = windows([recording], STRIDE, bundle.config.preset, max(HORIZONS.get(modes_by, FUTURE), FUTURE))
     every = every.take(bundle.types[every.type])
@@ -102,6 +120,13 @@ def _parts(bundle: ModelBundle, policy: Policy, recording: Trajectories) -> tupl
         rows = recording.rows_at(frame)
         place = np.searchsorted(recording.track[rows], every.track[here])
         scene = Scene(recording.world(frame), place, ground, past=recorded_past(recording, rows))
+        if routes is not None:
+            expected = routes.of(recording, rows)
+            on = np.array([expected[k] is not None for k in place.tolist()], np.bool_)
+            if not on.any():
+                continue
+            here = here[on]
+            scene = replace(scene, rows=place[on], route=routes_ahead(expected, scene.world))
         situation = consider(scene, agent, last_look=True)
         observation, rollouts = situation.observation, situation.rollouts
         assert observation.image is not None
@@ -109,8 +134,13 @@ def _parts(bundle: ModelBundle, policy: Policy, recording: Trajectories) -> tupl
         vector, kind = torch.from_numpy(observation.vector), torch.from_numpy(observation.type).long()
         ahead = torch.from_numpy(rollouts.columns(policy.config.rollout_features))
         route = torch.zeros(len(here), policy.config.route_columns)
+        if observation.route is not None:
+            route = torch.from_numpy(observation.route)
         with torch.inference_mode():
             corrections = policy.parts(vector, torch.from_numpy(observation.image), kind, ahead, route)
             known = torch.log_softmax(bundle.prior.logits(vector, kind), -1)
         found.append((kind, torch.from_numpy(mode[here]), known, *corrections))
+    if not found:
+        nothing = torch.zeros(0, dtype=torch.long)
+        return nothing, nothing, *torch.zeros(3, 0, policy.config.modes)
     return tuple(torch.cat(some).clone() for some in zip(*found, strict=True))

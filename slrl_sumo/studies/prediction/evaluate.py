@@ -15,8 +15,10 @@ from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.features import WITHIN_20, features
+from slrl_sumo.routing.expected_routes import ExpectedRoutes
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
+from slrl_sumo.studies.prediction.expectations import expectations
 from slrl_sumo.studies.prediction.long_rollout import STEPS as DRIVE_STEPS
 from slrl_sumo.studies.prediction.long_rollout import LongRollout, long_rollout, long_rollout_figures
 from slrl_sumo.studies.prediction.predictors import prior_sampled
@@ -55,6 +57,7 @@ def evaluate(
     selectors: Sequence[str] | None = None,
     roadmap: RoadMap | None = None,
     surface: str = "",
+    routes: ExpectedRoutes | None = None,
     starts_every: int = STARTS_EVERY,
     seed: int = 1,
     batch: int = BATCH,
@@ -70,7 +73,8 @@ def evaluate(
     they are cars that reverse then. `driving`: long rollouts of the prior over 64 steps (see
     slrl_sumo.studies.prediction.long_rollout). `roadmap` is the ground, `surface` says where it comes from; with it
     there is `off_surface`: per selector and type the share of steps that end off the own surface, also of what was
-    recorded. Without it everything is road.
+    recorded. Without it everything is road. On `routes` the trained selector reads where vehicles are expected to go,
+    if it was calibrated to that (slrl_sumo.learning.supervised.without_route); `expected_routes` says for which types.
     `selectors`: of selectors_of(bundle), which is the default. Types that the bundle has no models for are there as
     recorded; `notes` names them, and types at other speeds, or with other numbers of road users nearby, than the bundle
     was learned from.
@@ -95,7 +99,7 @@ def evaluate(
         starts = starts[present[np.searchsorted(present, starts)] <= starts + STEPS]
     parts: dict[str, list[Rollouts]] = {name: [] for name in selectors}
     ground = everywhere_road(recording.x, recording.y) if roadmap is None else roadmap
-    truth = recorded(recording, roadmap)
+    truth, expected = recorded(recording, roadmap), expectations(bundle, routes)
     drives: list[LongRollout] = []
     reversed_ = 0
     with one_thread():
@@ -104,7 +108,7 @@ def evaluate(
             cast = cast_of(recording, here, types=bundle.types)
             reversed_ += int(cast.reverses.sum())
             for name in selectors:
-                parts[name].append(selector_rollouts(truth, cast, here, name, bundle, ground, seed))
+                parts[name].append(selector_rollouts(truth, cast, here, name, bundle, ground, seed, expected))
             if "prior" in selectors:
                 make = partial(_in_a_run, bundle, ground, here, seed)
                 drives.append(long_rollout(recording, here, make, bundle.types))
@@ -126,6 +130,7 @@ def evaluate(
         "samples": SAMPLES,
         "reversing": reversed_,
         "surface": "everything is road (no --net or --mask was given)" if roadmap is None else surface,
+        "expected_routes": [] if expected is None else [TYPE_NAMES[t] for t in np.flatnonzero(expected.types)],
         "rows": [row for name in selectors for row in _rows(name, parts[name])],
         "bends": [row for name in selectors for row in _bends(name, parts[name])],
         "off_surface": [] if roadmap is None else _off_surface(recording, parts, roadmap),

@@ -1,11 +1,13 @@
 """How the road users of rollouts move: constant velocity, the best mode in hindsight, or a selector of a bundle."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.decide import Agent, consider, decide
 from slrl_sumo.agent.selection import Selector, Uniform
 from slrl_sumo.agent.selectors import PolicySelector, PriorSelector
@@ -13,9 +15,15 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.perception.observation import Observation, observe
 from slrl_sumo.perception.scene import Scene
+from slrl_sumo.routing.expected_routes import ExpectedRoute, routes_ahead
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.studies.prediction.rollout import Moment, Motion, Move
+
+Expected = Sequence[ExpectedRoute | None] | None
+"""The routes that members of a cast are expected to take; None where none are known."""
+ON_EXPECTED_ROUTES = Constraints(deadlock_release=False)
+"""In predictions road users with a route and others decide together, and those that stand may do so all the time."""
 
 
 def constant_velocity(moment: Moment) -> Motion:
@@ -95,33 +103,60 @@ def prior_sampled(bundle: ModelBundle, ground: RoadMap, draws: Floats) -> Move:
     return _decided(bundle, ground, lambda uniform: PriorSelector(bundle, uniform), draws)
 
 
-def policy_central(bundle: ModelBundle, ground: RoadMap) -> Move:
-    """The trained policy's single prediction: at each step its most central mode, as that of the prior."""
-    return _decided(bundle, ground, lambda uniform: PolicySelector(bundle, middle=True), np.zeros((0, 0)))
+def policy_central(bundle: ModelBundle, ground: RoadMap, expected: Expected = None) -> Move:
+    """The trained policy's single prediction: at each step its most central mode, as that of the prior.
+
+    `expected`: the routes of the members of the cast; None where none are known.
+    """
+    return _decided(bundle, ground, lambda uniform: PolicySelector(bundle, middle=True), np.zeros((0, 0)), expected)
 
 
-def policy_chosen(bundle: ModelBundle, ground: RoadMap, draws: Floats | None) -> Move:
+def policy_chosen(bundle: ModelBundle, ground: RoadMap, draws: Floats | None, expected: Expected = None) -> Move:
     """Modes of the trained policy, which sees the ground, as in a run (see PolicySelector).
 
-    `draws` (U, steps) from [0, 1) by member of the cast and step; without, the most probable mode is taken.
-    Raises InputError where the bundle has no policy.
+    `draws` (U, steps) from [0, 1) by member of the cast and step; without, the most probable mode is taken. `expected`:
+    as in policy_central. Raises InputError where the bundle has no policy.
     """
     if draws is None:
-        return _decided(bundle, ground, lambda uniform: PolicySelector(bundle), np.zeros((0, 0)))
-    return _decided(bundle, ground, lambda uniform: PolicySelector(bundle, uniform), draws)
+        return _decided(bundle, ground, lambda uniform: PolicySelector(bundle), np.zeros((0, 0)), expected)
+    return _decided(bundle, ground, lambda uniform: PolicySelector(bundle, uniform), draws, expected)
 
 
-def _decided(bundle: ModelBundle, ground: RoadMap, make_selector: Callable[[Uniform], Selector], draws: Floats) -> Move:
+def _decided(
+    bundle: ModelBundle,
+    ground: RoadMap,
+    make_selector: Callable[[Uniform], Selector],
+    draws: Floats,
+    expected: Expected = None,
+) -> Move:
     """The decision of a run, with random numbers that belong to members of the cast."""
     now: list[Moment] = []
-    agent = Agent(bundle, make_selector(lambda shape: draws[now[-1].users, now[-1].step].T))
+    rules = Constraints() if expected is None else ON_EXPECTED_ROUTES
+    agent = Agent(bundle, make_selector(lambda shape: draws[now[-1].users, now[-1].step].T), rules)
 
     def move(moment: Moment) -> Motion:
         now[:] = [moment]
-        motion = decide(consider(_scene(moment, ground), agent), agent, moment.users.tolist())
+        scene = _scene(moment, ground)
+        if expected is not None:
+            routes: list[ExpectedRoute | None] = [None] * len(moment.world)
+            for row, user in zip(moment.rows.tolist(), moment.users.tolist(), strict=True):
+                routes[row] = expected[user]
+            scene = replace(scene, route=routes_ahead(routes, moment.world), group=None)
+        motion = decide(consider(scene, agent), agent, moment.users.tolist())
         return motion.acceleration, motion.yaw_rate, motion.max_speed
 
-    return move
+    if expected is None:
+        return move
+    return lambda moment: _scene_by_scene(moment, move)
+
+
+def _scene_by_scene(moment: Moment, move: Move) -> Motion:
+    """The motion of road users of whom those of other scenes are not seen: with routes, all of a world are."""
+    result = np.empty((3, len(moment.rows)))
+    for part, places in moment.scenes():
+        result[:, places] = move(part)
+    acceleration, yaw_rate, top = result
+    return acceleration, yaw_rate, top
 
 
 def _scene(moment: Moment, ground: RoadMap) -> Scene:

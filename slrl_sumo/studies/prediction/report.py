@@ -92,6 +92,8 @@ def print_evaluation(result: dict[str, Any]) -> None:
     if result["reversing"]:
         print(f"left out: cars that reverse, {result['reversing']} times")
     print(f"surface: {result['surface']}")
+    if result["expected_routes"]:
+        print(f"routes straight on along their lanes are expected of: {', '.join(result['expected_routes'])}")
 
 
 def _cell(value: float | None, form: str) -> str:

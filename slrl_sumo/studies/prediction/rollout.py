@@ -4,7 +4,7 @@ All road users of a start frame are simulated together (paper, section 3.5). Man
 each is a scene of its own, whose road users do not see other scenes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +72,25 @@ class Moment:
     next_y: Floats
     past: Floats
     """Motion of the road users of `world` in the last 2 s, (n, PAST, 2) (see perception.past_motion)."""
+
+    def scenes(self) -> Iterator[tuple["Moment", NDArray[np.intp]]]:
+        """Each scene alone in which road users are to be moved, with their places (k,) among `rows`."""
+        mine = self.scene[self.rows]
+        for scene in np.unique(mine).tolist():
+            members, places = np.flatnonzero(self.scene == scene), np.flatnonzero(mine == scene)
+            yield (
+                Moment(
+                    self.world.take(members),
+                    self.scene[members],
+                    np.searchsorted(members, self.rows[places]),
+                    self.users[places],
+                    self.step,
+                    self.next_x[places],
+                    self.next_y[places],
+                    self.past[members],
+                ),
+                places,
+            )
 
 
 Motion = tuple[Floats, Floats, Floats]

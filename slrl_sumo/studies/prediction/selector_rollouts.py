@@ -11,8 +11,10 @@ from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.routing.expected_routes import ExpectedRoute
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.studies.prediction.central_path import central_path
+from slrl_sumo.studies.prediction.expectations import Expectations
 from slrl_sumo.studies.prediction.predictors import (
     PriorRanked,
     constant_velocity,
@@ -67,7 +69,14 @@ def joined(parts: Sequence[Rollouts]) -> Rollouts:
 
 
 def selector_rollouts(
-    truth: Recorded, cast: Cast, starts: Integers, name: str, bundle: ModelBundle, ground: RoadMap, seed: int
+    truth: Recorded,
+    cast: Cast,
+    starts: Integers,
+    name: str,
+    bundle: ModelBundle,
+    ground: RoadMap,
+    seed: int,
+    expected: Expectations | None = None,
 ) -> Rollouts:
     """Simulate the cast of the frames `starts` by the selector `name`, one of SELECTORS and POLICY_SELECTORS.
 
@@ -76,7 +85,8 @@ def selector_rollouts(
     are whole paths (`fit --modes paths`), which are not chosen anew at each step, the most central path of the samples.
     Its realism is that of draws as in a run. The one prediction of `sampled` is the most central mode at each step,
     too; `greedy` takes the most probable one, as in a run. Samples of a policy choose anew in every decision, as in
-    training; each takes another twentieth of the distribution (`stratified`).
+    training; each takes another twentieth of the distribution (`stratified`). A policy reads the routes that are
+    `expected`.
     """
     recording = truth.recording
     copies = _copies(cast, len(starts))
@@ -100,14 +110,19 @@ def selector_rollouts(
         drawn = draws(cast, starts, seed, SAMPLES, STEPS).reshape(-1, STEPS, 2)
         _, paths = many(partial(prior_sampled, bundle, ground, drawn))
         return _rollouts(truth, cast, one, samples, paths)
+    policy = bundle if expected is None else expected.bundle
+
+    def routes(members: Cast) -> list[ExpectedRoute | None] | None:
+        return None if expected is None else expected.of(recording, members)
+
     if name == "sampled":
-        one = rollout(recording, cast, policy_central(bundle, ground), ground)
+        one = rollout(recording, cast, policy_central(policy, ground, routes(cast)), ground)
         chosen = stratified(draws(cast, starts, seed, SAMPLES, STEPS)).reshape(-1, STEPS)
-        return _rollouts(truth, cast, one, *many(partial(policy_chosen, bundle, ground, chosen)))
+        return _rollouts(truth, cast, one, *many(lambda: policy_chosen(policy, ground, chosen, routes(copies))))
     alone: dict[str, Callable[[], Move]] = {
         "constant-velocity": lambda: constant_velocity,
         "step-oracle": lambda: step_oracle(bundle, ground),
-        "greedy": lambda: policy_chosen(bundle, ground, None),
+        "greedy": lambda: policy_chosen(policy, ground, None, routes(cast)),
     }
     one = rollout(recording, cast, alone[name](), ground)
     return _rollouts(truth, cast, one, one.error[None], one.path[None])

@@ -48,7 +48,7 @@ def test_a_mask_is_what_its_pixels_say(tmp_path: Path) -> None:
 
 
 def test_a_network_is_the_ground_in_its_own_coordinates() -> None:
-    found, name = given_ground(walk(88.0, 95.0), NET, None, None, None)
+    found, name, routes = given_ground(walk(88.0, 95.0), NET, None, None, None)
     assert found is not None
     assert found.has(Surface.ROAD)
     assert found.has(Surface.SIDEWALK)
@@ -56,11 +56,20 @@ def test_a_network_is_the_ground_in_its_own_coordinates() -> None:
     assert (x0 + x1) / 2 == pytest.approx(95.0, abs=1.0)
     assert (y0 + y1) / 2 == pytest.approx(95.0, abs=1.0)
     assert name == f"SUMO network {NET}"
+    # A car that comes from the west leaves to the east.
+    assert routes is not None
+    car = make_recording((np.linspace(60.0, 72.0, 6), 93.4, 0.0))
+    (expected,) = routes.of(car, np.array([5]))
+    assert expected is not None
+    assert expected.line.end > 140.0
+    x, _, heading = expected.line.at(140.0)
+    assert x > 95.0
+    assert heading == pytest.approx(0.0, abs=0.1)
 
 
 def test_without_either_there_is_road_everywhere() -> None:
     made = walk(100.0, -20.0)
-    assert given_ground(made, None, None, None, None) == (None, "")
+    assert given_ground(made, None, None, None, None) == (None, "", None)
     roadmap = everywhere_road(made.x, made.y)
     assert (roadmap.surface_at(made.x, made.y + 50.0) == Surface.ROAD).all()
 

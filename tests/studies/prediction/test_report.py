@@ -23,7 +23,8 @@ def a_result() -> dict[str, object]:
     ]  # fmt: skip
     return {
         "recording": "made", "bundle": "b", "seed": 1, "starts": 3, "starts_every": 5, "samples": 20, "reversing": 2,
-        "notes": [], "surface": "everything is road", "rows": rows, "bends": rows[-1:], "driving": [],
+        "notes": [], "surface": "everything is road",
+    "expected_routes": ["car"], "rows": rows, "bends": rows[-1:], "driving": [],
         "realism": [{"selector": "prior", "type": "car", "score": 0.625, "n": 7, "groups": {"kinematic": 0.5},
                      "features": {"speed": 0.25, "standing": 0.75}}],
         "off_surface": [{"selector": "recorded", "type": "car", "share": 0.125, "steps": 80}],
