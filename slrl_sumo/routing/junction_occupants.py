@@ -27,6 +27,8 @@ COMMITTED = 3.0
 """m before its line at which a vehicle reserves its way at the latest."""
 ACCELERATION = 1.2
 """m/s² with which vehicles are expected to leave a junction."""
+STARTING = 1.0
+"""m/s: a slower vehicle of SUMO's that does not go first of all is not expected to enter."""
 UNUSED = 3.0
 """s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
 
@@ -71,7 +73,7 @@ class Occupant(NamedTuple):
     yields: bool
     """It is not in the junction, can still stop, and others have the right of way."""
     idle: bool
-    """It has stood for UNUSED, although it may go: something else stops it."""
+    """It has stood for UNUSED, although its signal is not red."""
     entered: float = math.inf
     """s: when it entered the junction; inf of those that have not, and of those that SUMO drives."""
     closed: bool = False
@@ -86,6 +88,10 @@ class Occupant(NamedTuple):
 
     on_foot: bool = False
     """Vehicles pass it with the room that they need for a turn."""
+    stuck: bool = False
+    """It has stood for UNUSED with its way reserved: something else stops it, as a vehicle in its exit."""
+    before: str = ""
+    """The lane on which it comes to the junction, if it goes first of some of the others only."""
 
     def half_width(self, *, turns: bool) -> float:
         """m to either side of its lanes' centre line that it needs; `turns`: where its way turns."""
@@ -130,7 +136,7 @@ class _Lanes(NamedTuple):
 
 
 class BackgroundOccupants:
-    """The vehicles in junctions that SUMO drives, and those that are about to enter with the right of way."""
+    """The vehicles in junctions that SUMO drives, and those that are about to enter."""
 
     def __init__(
         self,
@@ -181,16 +187,20 @@ class BackgroundOccupants:
             for vehicle in on_lane.get(lane, ()):
                 if self._learned(vehicle) is not None:
                     continue
-                distance = end - lane_position(self._api, vehicle)
-                if distance > reserves_from(vehicle_speed(self._api, vehicle)):
+                distance, speed = end - lane_position(self._api, vehicle), vehicle_speed(self._api, vehicle)
+                if distance > reserves_from(speed):
                     continue
                 route, index = vehicle_route(self._api, vehicle)
                 following = route[index + 1] if 0 <= index + 1 < len(route) else ""
                 for target, via in self._graph.links(lane):
                     wanted = via and self._graph.lanes[target].edge == following
-                    if wanted and self._right_of_way.has_priority(lane, target, via):
+                    first = wanted and self._right_of_way.has_priority(lane, target, via)
+                    # One that stands may stand for others.
+                    if first or (wanted and speed > STARTING and self._right_of_way.is_green(lane, target, via)):
                         until = distance + self._graph.lanes[via].length
-                        found[vehicle] = self._occupant(vehicle, via, distance, until)
+                        goes_on = any(more for _, more in self._graph.links(via))
+                        one = self._occupant(vehicle, via, distance, until, swings=not goes_on)
+                        found[vehicle] = one if first else one._replace(before=lane)
                         break
         return found
 

@@ -90,7 +90,7 @@ class JunctionReservations:
         mine = Occupant(
             self._areas.way(lanes), ahead, track.speed, size, until, self._time,
             yields=False, idle=idle, entered=track.entered, closed=closed,
-            swings=line is None or until < -STOPS_OVER,
+            swings=line is None or until < -STOPS_OVER, stuck=self._is_stuck(track),
         )  # fmt: skip
         junction = junction_of(lanes[0])
         waits = math.inf
@@ -120,6 +120,18 @@ class JunctionReservations:
         """Whether a learned vehicle may pass the line of an `entry` on its path; if it is about to, its way is
         reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count. One for
         which it is `too_late` to stop passes in any case, and the others have to know."""
+        free = self._reserve(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
+        if entry is next(line for line in track.path.entries if line.stop_line > track.s - STOPS_OVER):
+            waits = not free or track.standing_time == 0.0
+            track.free_since = math.inf if waits else min(track.free_since, self._time)
+        return free
+
+    def _is_stuck(self, track: VehicleTrack) -> bool:
+        return self._time - track.free_since > UNUSED
+
+    def _reserve(
+        self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size, too_late: bool
+    ) -> bool:
         distance = entry.stop_line - track.s
         lanes, ahead = lanes_through(track, entry.stop_line)
         if not lanes:
@@ -131,13 +143,14 @@ class JunctionReservations:
         idle = track.idle_time > UNUSED
         # One may still be in the junction before.
         entered = track.entered if track.entry and junction_of(track.entry) == junction else math.inf
-        mine = Occupant(way, ahead, track.speed, size, exits, self._time, yields, idle, entered=entered)
+        stuck = self._is_stuck(track)
+        mine = Occupant(way, ahead, track.speed, size, exits, self._time, yields, idle, entered=entered, stuck=stuck)
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(until=until, swings=until == exits)
             free = too_late or not any(
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
-                for name, other in self._occupants(junction, vehicle)
+                for name, other in self._occupants(junction, vehicle, entry)
                 if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
             )
             if free:
@@ -149,10 +162,14 @@ class JunctionReservations:
                 return True
         return False
 
-    def _occupants(self, junction: str, vehicle: str) -> Iterator[tuple[str, Occupant]]:
-        """All occupants of a junction but this vehicle, by id."""
+    def _occupants(
+        self, junction: str, vehicle: str, entry: JunctionEntry | None = None
+    ) -> Iterator[tuple[str, Occupant]]:
+        """All occupants of a junction that count for this vehicle at an `entry`, or inside, by id."""
         held, on_foot = self._held.get(junction, {}), self._on_foot.of(junction)
         for name, one in self._background.of(junction).items():
+            if one.before and (entry is None or not self._right_of_way.goes_first(one.before, entry)):
+                continue
             if name != vehicle and name not in held and name not in on_foot:
                 yield name, one
         yield from on_foot.items()
@@ -215,15 +232,21 @@ def _meets(
             continue  # it goes on after this one, which may be what stops it
         elif not (
             _before(mine, leave, other, their_enter)
-            or ((not other.halts and other.speed >= STANDING) and _before(other, their_leave, mine, enter))
+            or (_goes_on(other, their_leave) and _before(other, their_leave, mine, enter))
         ):
             yield enter
 
 
+def _goes_on(one: Occupant, leave: float) -> bool:
+    """Whether a road user is expected to leave a conflict area, `leave` m on: it does not stop in it, or wait there."""
+    pauses = not one.swings and leave > one.until
+    return not (one.halts or pauses or one.speed < STANDING)
+
+
 def _is_idle(one: Occupant, other: Occupant) -> bool:
     """Whether a vehicle has stood for so long that another one need not wait for it. Of two that wait for each other,
-    only one goes: the one that entered the junction first."""
-    return one.idle and not (other.idle and one.entered < other.entered)
+    only one goes: the one that entered the junction first, unless it could have gone and is stuck."""
+    return (one.stuck and not other.stuck) or (one.idle and not (other.idle and one.entered < other.entered))
 
 
 def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:

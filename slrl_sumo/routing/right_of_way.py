@@ -85,6 +85,14 @@ class RightOfWay:
         link = self._links_from(lane).get((target, via), ALWAYS_OPEN)
         return link.state not in "ruyY" and (link.has_priority or link.state in "GM")
 
+    def is_green(self, lane: str, target: str, via: str) -> bool:
+        """Whether no signal stops vehicles now that go from a lane to a target lane over an internal lane."""
+        return self._links_from(lane).get((target, via), ALWAYS_OPEN).state not in "ruyY"
+
+    def goes_first(self, lane: str, entry: JunctionEntry) -> bool:
+        """Whether vehicles of a lane have priority over those at an entry, wherever they go."""
+        return lane in self._foe_lanes(entry)
+
     def halts(self, entry: JunctionEntry) -> bool:
         """Whether vehicles have to stand before the line even where nothing comes."""
         return self._link(entry).state in "ws"
@@ -109,11 +117,7 @@ class RightOfWay:
 
     def _foe_arrives(self, entry: JunctionEntry, within: float) -> bool:
         """Whether a moving vehicle with priority reaches the junction within `within` s."""
-        key = (self._graph.origin(entry.lane), entry.target)
-        lanes = self._foes.get(key)
-        if lanes is None:
-            lanes = self._foes[key] = foe_lanes(self._api, *key)
-        for lane in lanes:
+        for lane in self._foe_lanes(entry):
             if self._all_red(lane):
                 continue
             length = self._graph.lanes[lane].length
@@ -122,6 +126,14 @@ class RightOfWay:
                 if foe_speed > 1.0 and length - lane_position(self._api, foe) < foe_speed * within:
                     return True
         return False
+
+    def _foe_lanes(self, entry: JunctionEntry) -> tuple[str, ...]:
+        """The lanes outside the junction from which vehicles have priority at an entry."""
+        key = (self._graph.origin(entry.lane), entry.target)
+        lanes = self._foes.get(key)
+        if lanes is None:
+            lanes = self._foes[key] = foe_lanes(self._api, *key)
+        return lanes
 
     def _all_red(self, lane: str) -> bool:
         """Whether all links from a lane are red now."""

@@ -5,6 +5,7 @@ random, equally in every run.
 """
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
-from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
-from slrl_sumo.routing.right_of_way import RightOfWay
+from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
@@ -75,7 +76,8 @@ class Routes:
         return np.array([road_user in self._near_end for road_user in ids], np.bool_)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have stood for STUCK_TIME where no lane continues their route, or off it, (n,)."""
+        """Which of n road users have passed their destination, are on no lane of SUMO's nor on one that continues their
+        route, or have stood for STUCK_TIME off their route, (n,)."""
         return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
@@ -104,7 +106,7 @@ class Routes:
         for entry in path.entries:
             line = entry.stop_line - s
             if line > -0.5:
-                route.line[i], route.out[i] = line, entry.exit - s
+                route.line[i], route.out[i] = line, exit_with_room(path.entries, entry, size.length) - s
                 pause, exits = stops_inside(track, entry)
                 route.wait[i] = pause if pause < exits else -math.inf
                 route.signal[i] = shown = self._speed_limits.signal(entry)
@@ -114,7 +116,10 @@ class Routes:
         self._note_end(road_user, left, track.speed)
         off_lane = abs(track.lateral_offset) > OFF_LANE
         track.idle_time = track.idle_time + DECISION_INTERVAL if track.standing_time and not route.closed[i] else 0.0
-        if track.idle_time > STUCK_TIME and (off_lane or not self._speed_limits.lane_continues(track)):
+        astray = not self._speed_limits.lane_continues(track)
+        stuck = track.idle_time > STUCK_TIME and (off_lane or astray)
+        # Beyond its destination, as on a last edge of a few metres, or on a foreign lane, no rule holds a vehicle.
+        if stuck or left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
@@ -142,6 +147,16 @@ class Routes:
             self._near_end.add(road_user)
         else:
             self._near_end.discard(road_user)
+
+
+def exit_with_room(entries: Sequence[JunctionEntry], first: JunctionEntry, length: float) -> float:
+    """m along a path to the exit after an entry behind which a vehicle of this `length` (m) can stand before the next
+    junction: in a row of junctions, it must not stop between two."""
+    room = first.exit
+    for entry in entries:
+        if entry.stop_line >= first.stop_line and entry.stop_line - room < length + STOP_LINE:
+            room = max(room, entry.exit)
+    return room
 
 
 def is_near_end(left: float, speed: float) -> bool:

@@ -61,6 +61,8 @@ class VehicleTrack:
     """s."""
     idle_time: float = 0.0
     """s that it has stood although no signal is red."""
+    free_since: float = math.inf
+    """Time (s) since which it has stood before a line although nothing reserved is in its way; inf: not so."""
     obstructed: bool = False
     """A road user on its path slows it down."""
     ignores_standing_until: float = -math.inf
@@ -105,6 +107,10 @@ class VehicleTracker:
         """Drop the tracks of vehicles."""
         for road_user in ids:
             self._vehicles.pop(road_user, None)
+
+    def on_no_lane(self, road_user: str) -> bool:
+        """Whether SUMO has a vehicle of the scenario on no lane: too far beside those of its route."""
+        return not road_user.startswith(SPAWNED_PREFIX) and vehicle_lane(self._api, road_user) == ""
 
     def remaining_distance(self, road_user: str) -> float:
         """m to the end of a vehicle's route; inf where the path ends before, and without a route or track.
@@ -151,6 +157,7 @@ class VehicleTracker:
             track = self._vehicles[road_user] = self._begin(state, i)
             if before is not None:
                 track.standing_time, track.idle_time = before.standing_time, before.idle_time
+                track.free_since = before.free_since
                 track.entry, track.entered, track.halted = before.entry, before.entered, before.halted
             place, track.lateral_offset = track.path.line.nearest(x, y, track.s - 2.0 * half - 2.0, track.s + half)
             track.s = max(place + half, 0.0)

@@ -54,7 +54,7 @@ class RouteAhead:
     line: Floats
     """Distance to the next line at which a junction or a signalised crossing begins."""
     out: Floats
-    """Distance to the end of that junction."""
+    """Distance to the end of that junction, or of the next one where there is no room to stand between the two."""
     wait: Floats
     """Distance to the first position beyond that line where vehicles wait inside the junction, as before a left turn;
     -inf where there is none."""

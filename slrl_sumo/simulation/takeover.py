@@ -1,6 +1,7 @@
 """Which of the scenario's own road users become learned ones, and when they are SUMO's again."""
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +16,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.contacts import colliding_pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.wraparound import left_scene
@@ -34,6 +35,11 @@ TURNING = 10.0
 """s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
 FAST = "fast lane"
 """Why a road user stays SUMO's there."""
+NEAR_JUNCTION = 2.0
+"""m before the end of its lane, and those of one decision, within which a vehicle is not taken over: after its first
+step it could be in a turn that it cannot follow, or beyond its destination, where SUMO does not take it back."""
+ON_LANE = 0.2
+"""m of a vehicle's length that may still be before its lane: SUMO's depart within 0.1 m of the whole length."""
 RIM = 8.0
 """m outside the network's bounding box that a road user of the scenario may be."""
 
@@ -68,6 +74,7 @@ class Handover:
         self._takeover, self._population, self._control = takeover, population, control
         self._driver, self._road_map = driver, road_map
         self._fast = fast_lanes(network, driver.max_speed)
+        self._lane_ends = {lane.id: lane.length for lane in network.lanes if not lane.internal}
         self.left: dict[str, str] = {}
         self.finished: set[str] = set()
         self.handed_back: set[str] = set()
@@ -131,6 +138,9 @@ class Handover:
         wanted &= rule.region.inside(users.x, users.y)
         # Ids of spawned road users are those of road users without a route.
         wanted &= np.array([i not in skip and not i.startswith(SPAWNED_PREFIX) for i in users.ids], np.bool_)
+        vehicles = np.flatnonzero(wanted & (users.type != RoadUserType.PEDESTRIAN))
+        if len(vehicles):
+            wanted[vehicles] = ~self._near_junction(users.take(vehicles), snapshot)
         # SUMO sets the heading of a person with its first step: until then it may face the other way.
         persons = np.flatnonzero(users.type == RoadUserType.PEDESTRIAN)
         wanted[persons] &= users.speed[persons] > WALKING
@@ -155,6 +165,17 @@ class Handover:
             self._population.take_over(users.take(rows), tuple(snapshot.sumo_type[row] for row in rows))
             taken = tuple(i for i in taken if i in self._population.ids)
         return taken
+
+    def _near_junction(self, vehicles: WorldState, snapshot: Snapshot) -> NDArray[np.bool_]:
+        """Which of n vehicles are in a junction, at least with their rear, or may be after one decision, (n,)."""
+        places = dict(zip(snapshot.ids, zip(snapshot.lane, snapshot.lane_position.tolist(), strict=True), strict=True))
+        lane, front = zip(*(places.get(vehicle, ("", 0.0)) for vehicle in vehicles.ids), strict=True)
+        left = np.array([self._lane_ends.get(name, -math.inf) for name in lane]) - front
+        near = left < NEAR_JUNCTION + DECISION_INTERVAL * vehicles.speed
+        # Behind a sharp turn SUMO's vehicles are not yet in the direction of the lane.
+        near |= np.array(front) < vehicles.length - ON_LANE
+        # On no lane: why these cannot be taken over is said later.
+        return np.asarray(near & np.array([name != "" for name in lane]))
 
     def _on_fast_lane(self, ids: tuple[str, ...], snapshot: Snapshot) -> NDArray[np.bool_]:
         """Which road users are on a lane where SUMO's vehicles are faster than learned ones can be, (n,)."""

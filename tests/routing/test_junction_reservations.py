@@ -10,7 +10,7 @@ import pytest
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
 from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Size
-from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.junction_reservations import JunctionReservations, _meets
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
@@ -117,6 +117,24 @@ def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> N
     assert not meets(on(":centre_d", 10.0))
 
 
+@pytest.mark.parametrize(("swings", "until", "waits"), [(True, 2.0, False), (False, 2.0, True), (False, 30.0, False)])
+def test_one_that_may_wait_in_an_area_is_not_expected_to_leave_it(
+    graph: LaneGraph, swings: bool, until: float, waits: bool
+) -> None:
+    areas = ConflictAreas(graph)
+    areas.add_line(":centre_a", np.array([[0.0, 0.0], [90.0, 0.0]]))
+    areas.add_line(":centre_c", np.array([[70.0, 20.0], [70.0, -20.0]]))
+    mine = Occupant(areas.way((":centre_a",)), (0.0,), 5.0, SIZE, math.inf, 1.0, yields=False, idle=False)
+    # Its front is in the area, and it is past it long before the other one comes, unless it stops at its line.
+    other = Occupant(areas.way((":centre_c",)), (-19.0,), 5.0, SIZE, until, 1.0, yields=False, idle=False)
+    reservations = reserved(graph)
+    reservations._areas = areas
+    other = other._replace(swings=swings)
+    shared = reservations._shared(mine, other)
+    assert shared
+    assert bool(list(_meets(mine, other, shared, math.inf, priority=False, pauses=False))) == waits
+
+
 def test_areas_are_as_wide_as_the_vehicles(graph: LaneGraph) -> None:
     areas = ConflictAreas(graph)
     across, along = (track(graph, a, b, 1.0, 0.0).path.entries[0].via for a, b in (("in0", "out2"), ("in1", "out3")))
@@ -208,6 +226,34 @@ def test_of_two_that_wait_for_each_other_the_first_goes(graph: LaneGraph) -> Non
     assert reservations.update("second", second, SIZE) < math.inf
     # One that stands for another reason does not keep those waiting that may go.
     assert reservations.update("second", replace(second, idle_time=0.0), SIZE) == math.inf
+
+
+def test_one_that_could_have_gone_does_not_keep_others_waiting(graph: LaneGraph) -> None:
+    first, second = (inside(graph, *way, 0.6, 0.0) for way in (("in0", "out2"), ("in1", "out3")))
+    first, second = (
+        replace(one, entered=entered, idle_time=UNUSED + 1.0) for one, entered in ((first, 0.2), (second, 0.6))
+    )
+    assert reserved(graph, first=first, second=second).update("second", second, SIZE) < math.inf
+    stuck = replace(first, free_since=1.0 - UNUSED - 0.1)
+    assert reserved(graph, first=stuck, second=second).update("second", second, SIZE) == math.inf
+    # Not that the two go at the same time.
+    both = replace(second, free_since=stuck.free_since)
+    assert reserved(graph, first=stuck, second=both).update("second", both, SIZE) < math.inf
+
+
+def test_since_when_a_vehicle_could_go_is_noted(graph: LaneGraph) -> None:
+    stands = replace(track(graph, "in0", "out2", 1.0, 0.0), standing_time=5.0)
+    reservations = reserved(graph)
+    for time in (1.0, 2.0):
+        reservations.renew(world(time))
+        assert may(reservations, "ego", stands)
+        assert stands.free_since == 1.0
+    stands.standing_time = 0.0
+    assert may(reservations, "ego", stands)
+    assert stands.free_since == math.inf
+    stands.standing_time = 5.0
+    assert not may(reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0)), "ego", stands)
+    assert stands.free_since == math.inf
 
 
 def test_one_outside_does_not_keep_one_waiting_inside_with_equal_rights(graph: LaneGraph) -> None:

@@ -1,12 +1,14 @@
 """Reservations where one junction follows another."""
 
 import libsumo
+import pytest
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations
-from slrl_sumo.routing.lane_graph import LaneGraph, LanePath, junction_of
+from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, LanePath, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay
+from slrl_sumo.routing.routes import exit_with_room
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_track, make_world
@@ -34,6 +36,20 @@ def test_a_vehicle_in_a_junction_holds_its_way_through_the_next_one() -> None:
         # Too fast to stop: it will come, and the other one has to know.
         assert reservations.may_enter("inside", inside, onward, priority=True, size=SIZE, too_late=True)
         assert not reservations.may_enter("foe", foe, line, priority=False, size=SIZE)
+
+
+@pytest.mark.parametrize(("gap", "end"), [(3.0, 40.0), (20.0, 20.0)])
+def test_between_two_junctions_there_may_be_no_room_to_stand(gap: float, end: float) -> None:
+    # A junction with a waiting position inside, and another one `gap` m behind it.
+    first = JunctionEntry(10.0, "a_0", ":c_0_0", "b_0", 20.0, waits=15.0)
+    inner = JunctionEntry(15.0, ":c_0_0", ":c_1_0", "b_0", 20.0)
+    second = JunctionEntry(20.0 + gap, "b_0", ":d_0_0", "e_0", 40.0)
+    entries = (first, inner, second)
+    assert exit_with_room(entries, first, 5.0) == end
+    assert exit_with_room(entries, inner, 5.0) == end
+    assert exit_with_room(entries, second, 5.0) == 40.0
+    # A bicycle has room where a car has none.
+    assert exit_with_room(entries, first, 1.6) == 20.0
 
 
 def _through_two_junctions(graph: LaneGraph) -> LanePath:

@@ -1,9 +1,12 @@
 """Taken-over road users that leave the network return to their route and are not moved across the map."""
 
+from pathlib import Path
+
 import numpy as np
 
 from slrl_sumo.agent.driver import make_driver
 from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import Takeover
@@ -31,3 +34,44 @@ def test_lent_cars_that_stray_are_put_on_their_route_and_arrive() -> None:
     # Returned or under way, none vanished.
     assert len(strayed & arrived) >= 3
     assert strayed <= arrived | present
+
+
+def _streets(folder: Path) -> Path:
+    """A street of three edges, and two cars: "ends" 2 m before its destination, "turns" around 1 m on."""
+    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 100), ("c", 120), ("d", 300)))
+    edges = "".join(
+        f'<edge id="{way}" from="{way[0]}" to="{way[1]}" speed="13.9"/>' for way in ("ab", "ba", "bc", "cd")
+    )
+    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    (folder / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
+    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], folder)
+    users = (
+        '<vehicle id="ends" depart="0" departPos="-2" departSpeed="13"><route edges="bc"/></vehicle>'
+        '<vehicle id="turns" depart="0" departPos="-1"><route edges="ab ba"/></vehicle>'
+    )
+    (folder / "n.rou.xml").write_text(f"<routes>{users}</routes>")
+    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/>'
+    (folder / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
+    return folder / "n.sumocfg"
+
+
+def test_cars_that_depart_just_before_a_turn_or_their_destination_arrive(tmp_path: Path) -> None:
+    with SumoSession(find_scenario(str(_streets(tmp_path))), seed=1) as session:
+        driver = make_driver("rule", load_bundle("intersection"), session.api, session.network, 1)
+        everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 1)
+        loop = CoSimulation(session, driver, takeover=everywhere)
+        loop.start()
+        arrived: set[str] = set()
+        turned = 0
+        for _ in range(100):
+            decision = loop.decide()
+            assert not decision.lost.any()
+            assert not decision.returned_to_route
+            world = loop.world
+            headings = [world.heading[world.ids.index(car)] for car in decision.taken_over if car == "turns"]
+            # Back on the street, not while it still turns.
+            assert np.allclose(np.abs(headings), np.pi, atol=0.05)
+            turned += len(headings)
+            arrived.update(session.api.simulation.getArrivedIDList())
+    assert arrived == {"ends", "turns"}
+    assert turned == 1
