@@ -1,5 +1,6 @@
 """Constraint `deadlock_release`: road users that stand for no reason, or for each other, go on."""
 
+import math
 import random
 from functools import lru_cache
 
@@ -11,7 +12,7 @@ from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 STANDING = 0.1
 """m/s: slower is standing."""
@@ -47,12 +48,15 @@ class DeadlockTimer:
         `users` and `context`: all learned road users; `allowed_speed`: m/s, (n,). Call it once per decision.
         """
         route = context.route
-        waits = route.stop < WAITING
+        inside = np.isfinite(route.entered)
+        # Also where the exit of the junction is taken: inside, it would stop others, until all stand in a circle.
+        waits = (route.stop < WAITING) | (~inside & (context.stop_distance < WAITING))
         # Inside a junction, a red signal at the next one is no reason to stand.
-        closed = route.closed & ~np.isfinite(route.entered)
+        closed = route.closed & ~inside
         standing = route.known & (users.speed < STANDING) & ~closed & ~waits
         rows = np.flatnonzero(standing).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []
+        queues = (context.queues & (users.type != RoadUserType.PEDESTRIAN)).tolist() if rows else []
         stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) + DECISION_INTERVAL for row in rows}
         forced = {
             name: self._forced[name]
@@ -61,7 +65,8 @@ class DeadlockTimer:
         }
         for row in rows:
             name = users.ids[row]
-            if stood[name] >= (IDLE if free[row] else _limit(name)):
+            # At the end of a queue a vehicle would only drive into its leader.
+            if stood[name] >= (IDLE if free[row] else math.inf if queues[row] else _limit(name)):
                 forced[name] = users.time + FORCED, SOON if stood[name] < LONG else 1.0
         self._stood, self._forced = stood, forced
         tolerance = np.zeros(len(users))

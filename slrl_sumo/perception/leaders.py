@@ -26,6 +26,11 @@ BESIDE = 0.3
 """m by which a road user beside the follower may reach into its way."""
 IN_WAY = 10.0
 """m ahead within which a road user is in the way, so that its path has to be cleared first."""
+APPROACH = 3.0
+"""m along its path in which a vehicle beside it comes 1 m nearer to it, as in a lane change at 3 to 5 m/s. Until then
+it needs the room between: else one that leaves a queue meets the last vehicle of the queue with its corner."""
+FARTHEST = 5.0
+"""m beside its path from which a vehicle needs no more room."""
 STANDING = 0.5
 """m/s below which any road user on the path counts, whatever its direction."""
 COS_ALIKE = math.cos(ALIKE)
@@ -77,13 +82,18 @@ def way_code(ego: int, other: int, users: int) -> int:
     return ego * users + other
 
 
-def leaders(route: RouteAhead, world: WorldState, threads: RowThreads = ONE, levels: Levels = FLAT) -> Leaders:
+def leaders(
+    route: RouteAhead, world: WorldState, lateral_offset: Floats, threads: RowThreads = ONE, levels: Levels = FLAT
+) -> Leaders:
     """The nearest road user on the path of each of the n road users of `route`, the first ones of `world`, and on the
-    same one of `levels`."""
+    same one of `levels`; `lateral_offset`: m to the left of their paths, (n,)."""
     n = len(route)
     if len(world) < 2:
         return Leaders(np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.zeros(0, np.int64))
-    room, reach = SIDE_GAP[world.type] + 0.5 * world.width, 0.5 * np.hypot(world.length, world.width)
+    aside = np.zeros(len(world))
+    driving = world.type[:n] != RoadUserType.PEDESTRIAN
+    aside[:n] = np.where(driving & route.known, np.clip(lateral_offset, -FARTHEST, FARTHEST), 0.0)
+    room, reach = SIDE_GAP[world.type] + 0.5 * world.width + np.abs(aside), 0.5 * np.hypot(world.length, world.width)
 
     def paired(some: slice) -> _Pairs:
         follower, other = beside(route, room, world.x, world.y, reach, some)
@@ -92,13 +102,13 @@ def leaders(route: RouteAhead, world: WorldState, threads: RowThreads = ONE, lev
     parts = threads.each(paired, n)
     pairs = parts[0] if len(parts) == 1 else _Pairs(*map(np.concatenate, zip(*parts, strict=True)))
     users = _Users(world.type, world.x, world.y, world.heading, world.speed, world.length, world.width)
-    gap, speed, row, in_way = _leaders(n, pairs, users, route.spacing, levels)
+    gap, speed, row, in_way = _leaders(n, pairs, users, aside, route.spacing, levels)
     return Leaders(gap, speed, row, np.sort(in_way))
 
 
 @compiled
 def _leaders(
-    n: int, pairs: _Pairs, users: _Users, spacing: Floats, levels: Levels
+    n: int, pairs: _Pairs, users: _Users, aside: Floats, spacing: Floats, levels: Levels
 ) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
     gap, leading, row = np.full(n, math.inf), np.zeros(n), np.full(n, -1)
     in_way, found = np.empty(len(pairs.follower), np.int64), 0
@@ -110,11 +120,14 @@ def _leaders(
         turn = users.heading[other] - pairs.direction[pair, 0]
         same, across = math.cos(turn), abs(math.sin(turn))
         ahead, wide = abs(same) * length + across * width, across * length + abs(same) * width
-        clear = abs(pairs.lateral_offset[pair, 0]) - 0.5 * wide - 0.5 * users.width[ego]
+        between = along - 0.5 * ahead - 0.5 * users.length[ego]
+        # The nearest part of the way to the path.
+        span = aside[ego] * max(1.0 - max(between, 0.0) / (APPROACH * abs(aside[ego])), 0.0) if aside[ego] else 0.0
+        off = pairs.lateral_offset[pair, 0]
+        clear = abs(off - min(max(off, min(span, 0.0)), max(span, 0.0))) - 0.5 * wide - 0.5 * users.width[ego]
         stands = kind != PEDESTRIAN and users.speed[other] < STANDING
         if clear >= (0.0 if stands else SIDE_GAP[kind]) or _on_another_level(levels, users, other, pairs, pair):
             continue
-        between = along - 0.5 * ahead - 0.5 * users.length[ego]
         if kind != PEDESTRIAN and between < IN_WAY:
             in_way[found] = way_code(ego, other, len(users.type))
             found += 1

@@ -17,6 +17,8 @@ STOP_MARGIN = np.array([1.5, 1.5, 0.2])
 """m before a stop line, for road users that do not stop to the centimetre, by type."""
 GAP = np.array([1.5, 1.5, 0.4])
 """m that each type keeps behind a leader."""
+SAME_WAY = 0.7
+"""Cosine of 45 degrees, between the directions of a vehicle and of its leader in a queue."""
 QUEUE = 8
 """Road users that stop one behind the other, of which each is foreseen to stop."""
 LEADER_BRAKES = 4.0
@@ -36,6 +38,8 @@ class RouteContext:
     """m along the path between the own box and the next one, inf where there is no leader within sight."""
     leader_speed: Floats
     """m/s along the path."""
+    queues: NDArray[np.bool_]
+    """Its leader goes its way and does not wait for it in turn: nothing but its leader's start can help a vehicle."""
     stop_distance: Floats
     """m to where it must stop: a stop line, or a junction whose exit is taken."""
     follow_distance: Floats
@@ -58,11 +62,20 @@ def route_context(
     """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
     n = len(route)
     _, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
-    found = leaders(route, world, threads, levels)
+    found = leaders(route, world, lateral_offset[:, 0], threads, levels)
     stop, follow = stop_distances(route, world, found)
+    queues = _queues(found.row, world.heading, direction[:, 0])
     return RouteContext(
-        route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, stop, follow, found.in_way
+        route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, queues, stop, follow, found.in_way
     )
+
+
+def _queues(leader: NDArray[np.int64], heading: Floats, direction: Floats) -> NDArray[np.bool_]:
+    """`queues` (see RouteContext) of n road users with leaders in these rows, -1: none, on paths in a `direction`."""
+    n = len(leader)
+    theirs = np.append(leader, np.full(len(heading) - n, -1))[leader]
+    same_way = np.cos(heading[leader] - direction) > SAME_WAY
+    return np.asarray((leader >= 0) & same_way & (theirs != np.arange(n)))
 
 
 def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tuple[Floats, Floats]:

@@ -55,6 +55,13 @@ def test_a_road_user_that_stands_before_others_goes_on_later() -> None:
     assert BLOCKED <= after <= BLOCKED + SPREAD + DECISION_INTERVAL
 
 
+def test_a_vehicle_in_a_queue_waits_for_its_leader_as_long_as_that_stands() -> None:
+    queues = replace(_context(gap=1.0), queues=np.array([True]))
+    assert _first(queues, 120.0)[0] == np.inf
+    # Behind a leader far ahead it drives up.
+    assert _first(replace(_context(gap=40.0), queues=np.array([True])), 10.0)[0] == pytest.approx(IDLE)
+
+
 @pytest.mark.parametrize("waits", [_context(stop=2.0), _context(stop=2.0, closed=True), _context(closed=True)])
 def test_lines_to_stop_at_are_waited_for_as_long_as_it_takes(waits: RouteContext) -> None:
     assert _first(waits, 120.0)[0] == np.inf

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from builders import ALONG, make_levels, make_routes, make_world
 
-from slrl_sumo.perception.leaders import ALIKE, BESIDE, NEAREST, SIDE_GAP, STANDING, leaders, way_code
+from slrl_sumo.perception.leaders import ALIKE, BESIDE, NEAREST, SIDE_GAP, STANDING, Leaders, leaders, way_code
 from slrl_sumo.scene.geometry import Floats, wrap_angle
+from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -26,9 +27,14 @@ def eastwards(*y: float) -> RouteAhead:
     return make_routes(ALONG, np.array(y)[:, None])
 
 
+def found_by(route: RouteAhead, crowd: WorldState, *, aside: float = 0.0, levels: Levels = FLAT) -> Leaders:
+    """The leaders of followers that are `aside` m to the left of their paths."""
+    return leaders(route, crowd, np.full(len(route), aside), levels=levels)
+
+
 def of_one(*others: Box) -> list[float]:
     """Gap and speed."""
-    found = leaders(eastwards(0.0), world(EGO, *others))
+    found = found_by(eastwards(0.0), world(EGO, *others))
     return [float(found[0][0]), float(found[1][0])]
 
 
@@ -72,19 +78,19 @@ def test_which_road_user_leads(other: Box, leads: bool) -> None:
 def test_pedestrians_wait_behind_others_and_walk_round_oncoming_ones(heading: float, leads: bool) -> None:
     scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, 0.0, 0.2, 0.5))
     walking = replace(scene, type=np.full(2, RoadUserType.PEDESTRIAN, np.int8))
-    assert np.isfinite(leaders(eastwards(0.0), walking)[0][0]) == leads
+    assert np.isfinite(found_by(eastwards(0.0), walking)[0][0]) == leads
     # Drivers stop for whoever stands in their way.
-    assert np.isfinite(leaders(eastwards(0.0), scene)[0][0])
+    assert np.isfinite(found_by(eastwards(0.0), scene)[0][0])
     # Who has room to pass has no leader, and people need less than cars.
     beside = replace(walking, y=np.array([0.0, 0.65]))
-    assert np.isinf(leaders(eastwards(0.0), beside)[0][0])
+    assert np.isinf(found_by(eastwards(0.0), beside)[0][0])
 
 
 def test_gaps_are_along_the_path() -> None:
     # 15 m eastwards, then north; the leader is 10 m up there.
     x, y = np.minimum(ALONG, 15.0), np.maximum(ALONG - 15.0, 0.0)
     route = replace(eastwards(0.0), x=x[None], y=y[None])
-    found = leaders(route, world(EGO, (15.0, 10.0, 0.5 * np.pi, 3.0, 5.0, 1.8), (25.0, 0.0, 0.0, 3.0, 5.0, 1.8)))
+    found = found_by(route, world(EGO, (15.0, 10.0, 0.5 * np.pi, 3.0, 5.0, 1.8), (25.0, 0.0, 0.0, 3.0, 5.0, 1.8)))
     assert (found[0][0], found[1][0]) == (pytest.approx(20.0), pytest.approx(3.0))
 
 
@@ -94,12 +100,12 @@ def test_each_has_its_own_leader_and_none_without_a_route() -> None:
     )
     route = replace(eastwards(0.0, 0.0, 0.0), known=np.array([True, True, False]))
     route = replace(route, x=route.x + np.array([[0.0], [15.0], [30.0]]))
-    found = leaders(route, three)
+    found = found_by(route, three)
     gap, speed = found.gap, found.speed
     assert gap.tolist() == [pytest.approx(10.0), pytest.approx(10.0), np.inf]
     assert speed.tolist() == [pytest.approx(6.0), pytest.approx(2.0), 0.0]
     assert found.row.tolist() == [1, 2, -1]
-    alone = leaders(eastwards(0.0), world(EGO)).gap
+    alone = found_by(eastwards(0.0), world(EGO)).gap
     assert alone.tolist() == [np.inf]
 
 
@@ -127,7 +133,7 @@ def test_a_quick_look_leaves_out_no_leader(share: float) -> None:
         x[:40], y[:40] = route.x[:, HERE], route.y[:, HERE]
         heading, speed = rng.uniform(-np.pi, np.pi, 60), rng.uniform(0.0, 8.0, 60) * (rng.random(60) < 0.6)
         crowd = world(*zip(x, y, heading, speed, sizes[:, 0], sizes[:, 1], strict=True))
-        found, expected = leaders(route, crowd), of_everybody(route, crowd)
+        found, expected = found_by(route, crowd), of_everybody(route, crowd)
         assert np.allclose(found[0], expected[0], atol=1e-9)
         assert np.allclose(found[1], expected[1], atol=1e-9)
         followed += int(np.isfinite(found[0]).sum())
@@ -165,11 +171,23 @@ def test_a_road_user_beside_the_follower_does_not_lead_but_is_in_its_way() -> No
     # 3 m ahead between centres of boxes of 5 m: they overlap along the path.
     grazing, across = (3.0, 1.7, 0.0, 0.0, 5.0, 1.8), (3.0, 1.0, 0.0, 0.0, 5.0, 1.8)
     for other, leads in ((grazing, False), (across, True)):
-        found = leaders(eastwards(0.0), world(EGO, other))
+        found = found_by(eastwards(0.0), world(EGO, other))
         assert np.isfinite(found.gap[0]) == leads
         assert found.in_way.tolist() == [way_code(0, 1, 2)]
-    far = leaders(eastwards(0.0), world(EGO, (20.0, 0.0, 0.0, 0.0, 5.0, 1.8)))
+    far = found_by(eastwards(0.0), world(EGO, (20.0, 0.0, 0.0, 0.0, 5.0, 1.8)))
     assert far.in_way.tolist() == []
+
+
+@pytest.mark.parametrize(("gap", "leads"), [(1.0, True), (4.0, True), (7.0, False)])
+def test_one_that_changes_lanes_has_to_pass_the_end_of_its_queue(gap: float, leads: bool) -> None:
+    # It stands on the lane beside its new one, 3.2 m to the right of it, as does the one before it.
+    changing, before = (0.0, -3.2, 0.0, 0.0, 5.0, 1.8), (5.0 + gap, -3.2, 0.0, 0.0, 5.0, 1.8)
+    found = found_by(eastwards(0.0), world(changing, before), aside=-3.2)
+    assert found.row.tolist() == ([1] if leads else [-1])
+    # A vehicle in the new lane leads as ever, one beyond that lane does not.
+    new, beyond = (5.0 + gap, 0.0, 0.0, 0.0, 5.0, 1.8), (5.0 + gap, 3.2, 0.0, 0.0, 5.0, 1.8)
+    assert found_by(eastwards(0.0), world(changing, new), aside=-3.2).gap[0] == pytest.approx(gap)
+    assert found_by(eastwards(0.0), world(changing, beyond), aside=-3.2).row.tolist() == [-1]
 
 
 @pytest.mark.parametrize(("speed", "seen"), [(0.0, 40.0), (10.9, 40.0), (14.0, 60.0), (25.0, 169.5), (40.0, 250.0)])
@@ -178,7 +196,7 @@ def test_fast_vehicles_see_as_far_as_they_need_to_stop_in_comfort(speed: float, 
     spacing = spacing_at(speed)
     route = make_routes(ALONG * spacing, spacing=spacing)
     for x, leads in ((seen + 1.0, True), (seen + 4.0, False)):
-        found = leaders(route, world(EGO, (x, 0.5, 0.0, 0.0, 5.0, 1.8)))
+        found = found_by(route, world(EGO, (x, 0.5, 0.0, 0.0, 5.0, 1.8)))
         assert found.row[0] == (1 if leads else -1)
         assert found.gap[0] == pytest.approx(x - 5.0 if leads else np.inf)
 
@@ -189,13 +207,13 @@ def test_a_road_user_on_a_bridge_above_the_path_neither_leads_nor_is_in_the_way(
     route, there = eastwards(0.0), (1.0, 1.5, 0.5 * np.pi, 0.0, 5.0, 1.8)
     route = replace(route, x=route.x - 9.0)
     follower = (-9.0, 0.0, 0.0, 8.0, 5.0, 1.8)
-    flat = leaders(route, world(follower, there))
+    flat = found_by(route, world(follower, there))
     assert flat.gap[0] == pytest.approx(10.0 - 2.5 - 0.9)
     assert len(flat.in_way) == 1
-    above = leaders(route, world(follower, there), levels=levels)
+    above = found_by(route, world(follower, there), levels=levels)
     assert np.isinf(above.gap[0])
     assert len(above.in_way) == 0
     # In the street itself one leads on all levels, also behind the one on the bridge.
-    both = leaders(route, world(follower, there, (6.0, 0.0, 0.0, 3.0, 5.0, 1.8)), levels=levels)
+    both = found_by(route, world(follower, there, (6.0, 0.0, 0.0, 3.0, 5.0, 1.8)), levels=levels)
     assert both.gap[0] == pytest.approx(10.0)
     assert both.row[0] == 2
