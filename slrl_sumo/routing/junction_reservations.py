@@ -98,6 +98,8 @@ class JunctionReservations:
             theirs = self._learned(name)
             if theirs is not None and (theirs.entered, name) >= (track.entered, vehicle):
                 continue
+            if theirs is None and _stand_off(mine, other):
+                continue
             areas = self._shared(mine, other)
             if areas and not self._in_way(track, size, theirs):
                 # An area in which it is already has to be cleared, whatever the order.
@@ -152,6 +154,7 @@ class JunctionReservations:
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
                 for name, other in self._occupants(junction, vehicle, entry)
                 if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
+                if self._learned(name) is not None or not _stand_off(mine, other)
             )
             if free:
                 if too_late or distance <= reserves_from(track.speed):
@@ -235,6 +238,12 @@ def _meets(
             or (_goes_on(other, their_leave) and _before(other, their_leave, mine, enter))
         ):
             yield enter
+
+
+def _stand_off(inside: Occupant, background: Occupant) -> bool:
+    """Whether a vehicle inside a junction and one of SUMO's have stood so long that they wait for each other: SUMO's
+    stays 0.1 m before its leader in the junction, so that only the other one can go, where it does not touch it."""
+    return inside.idle and inside.entered < math.inf and background.idle and not background.on_foot
 
 
 def _goes_on(one: Occupant, leave: float) -> bool:

@@ -1,5 +1,6 @@
 """Vehicles that SUMO drives, as occupants of a junction: where they wait inside, others pass, as SUMO's do."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,8 +8,8 @@ import libsumo
 import pytest
 
 from slrl_sumo.routing.conflict_areas import Way
-from slrl_sumo.routing.junction_occupants import USUAL, Occupant
-from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.junction_occupants import UNUSED, USUAL, Occupant
+from slrl_sumo.routing.junction_reservations import JunctionReservations, _stand_off
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.studies.flow.junctions import left_turns
@@ -46,6 +47,21 @@ def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[L
     oncoming = track(graph, opposite, start.replace("in", "out"), 10.0, 6.0)
     line = oncoming.path.entries[0]
     assert reservations.may_enter("car", oncoming, line, priority=True, size=USUAL)
+
+
+def test_one_inside_does_not_wait_for_one_of_sumos_that_stands_as_long(waiting: tuple[LaneGraph, str, str]) -> None:
+    graph, vehicle, lane = waiting
+    assert libsumo.vehicle.getWaitingTime(vehicle) < UNUSED
+    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
+    reservations.renew(make_world())
+    theirs = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
+    mine = theirs._replace(idle=True, entered=5.0)
+    assert not _stand_off(mine, theirs)
+    assert _stand_off(mine, theirs._replace(idle=True))
+    # Outside it waits, and inside as long as it has just stopped, or for persons.
+    assert not _stand_off(mine._replace(entered=math.inf), theirs._replace(idle=True))
+    assert not _stand_off(mine._replace(idle=False), theirs._replace(idle=True))
+    assert not _stand_off(mine, theirs._replace(idle=True, on_foot=True))
 
 
 def test_vehicles_in_a_turn_swing_out_unless_they_wait() -> None:
