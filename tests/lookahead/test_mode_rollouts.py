@@ -127,8 +127,8 @@ def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: fl
     """Of road users whose places on one path along the x axis are at `x`; all the same otherwise."""
     n = len(x)
     route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
-    none = np.zeros(n)
-    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), none, none, NOBODY)
+    none, queues = np.zeros(n), np.zeros(n, np.bool_)
+    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, NOBODY)
 
 
 def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[ModeRollouts, RouteFit]:

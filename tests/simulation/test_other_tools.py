@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import libsumo
+import numpy as np
 import pytest
 import sumo
 import sumolib
@@ -18,6 +19,7 @@ import traci
 from lxml import etree
 
 import slrl_sumo
+from slrl_sumo.simulation.takeover import drawn
 from slrl_sumo.sumo.scenario import find_scenario
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -156,14 +158,15 @@ def is_car(api: Any, name: str) -> bool:
 
 def test_vehicles_that_a_script_drives_itself_stay_its_own(signalised: Any) -> None:
     own: dict[str, list[float]] = {}
-    background = Counter[str]()
+    background, shares = Counter[str](), np.array([0.5, 0.0, 0.0])
     # Else the brakes of yielding would replace the speeds that the script sets.
     with slrl_sumo.attach(signalised, takeover={"car": 0.5}, background_yields=False) as learned:
         for _ in range(200):
             world = learned.step()
             there = dict(zip(world.ids, world.learned.tolist(), strict=True))
-            background.update(i for i, mine in there.items() if not mine and is_car(signalised, i))
-            # Cars that the draw has left to SUMO; one that has just departed may still be taken over.
+            # Cars that the draw has left to SUMO.
+            cars = [i for i in there if is_car(signalised, i) and not drawn((i,), np.zeros(1, np.int8), shares, 1)[0]]
+            background.update(cars)
             for i in [i for i, count in background.items() if count == 5 and i in there and len(own) < 3]:
                 own[i] = []
                 signalised.vehicle.setSpeedMode(i, 0)
