@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
 from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
+from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.perception.features import STATES
 from slrl_sumo.routing.lane_graph import LanePath
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
@@ -22,6 +24,23 @@ from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
 
 ALONG = SPACING * (np.arange(POINTS, dtype=np.float64) - HERE)
 """m along a path from the road user to each of its points, (POINTS,)."""
+
+
+def make_net(folder: Path, nodes: str, edges: str, *options: str) -> Path:
+    """A SUMO network of `<node>` and `<edge>` elements, by netconvert."""
+    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
+    (folder / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
+    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", *options, "-o", "n.net.xml"], folder)
+    return folder / "n.net.xml"
+
+
+def make_scenario(folder: Path, nodes: str, edges: str, users: str, *options: str, settings: str = "") -> Path:
+    """A scenario on such a network, with the elements `users` of a route file and more `settings` of its .sumocfg."""
+    make_net(folder, nodes, edges, *options)
+    (folder / "n.rou.xml").write_text(f"<routes>{users}</routes>")
+    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/>'
+    (folder / "n.sumocfg").write_text(f"<configuration>{files}{settings}</configuration>")
+    return folder / "n.sumocfg"
 
 
 def make_world(

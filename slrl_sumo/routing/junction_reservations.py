@@ -94,11 +94,9 @@ class JunctionReservations:
         )  # fmt: skip
         junction = junction_of(lanes[0])
         waits = math.inf
-        for name, other in self._occupants(junction, vehicle):
+        for name, other in self._occupants(junction, vehicle, mine):
             theirs = self._learned(name)
             if theirs is not None and (theirs.entered, name) >= (track.entered, vehicle):
-                continue
-            if theirs is None and _stand_off(mine, other):
                 continue
             areas = self._shared(mine, other)
             if areas and not self._in_way(track, size, theirs):
@@ -152,9 +150,8 @@ class JunctionReservations:
             mine = mine._replace(until=until, swings=until == exits)
             free = too_late or not any(
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
-                for name, other in self._occupants(junction, vehicle, entry)
+                for name, other in self._occupants(junction, vehicle, mine, entry)
                 if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
-                if self._learned(name) is not None or not _stand_off(mine, other)
             )
             if free:
                 if too_late or distance <= reserves_from(track.speed):
@@ -166,12 +163,15 @@ class JunctionReservations:
         return False
 
     def _occupants(
-        self, junction: str, vehicle: str, entry: JunctionEntry | None = None
+        self, junction: str, vehicle: str, mine: Occupant | None = None, entry: JunctionEntry | None = None
     ) -> Iterator[tuple[str, Occupant]]:
-        """All occupants of a junction that count for this vehicle at an `entry`, or inside, by id."""
+        """All occupants of a junction that count for this vehicle at an `entry`, or inside, by id; `mine`: what it
+        occupies itself."""
         held, on_foot = self._held.get(junction, {}), self._on_foot.of(junction)
         for name, one in self._background.of(junction).items():
             if one.before and (entry is None or not self._right_of_way.goes_first(one.before, entry)):
+                continue
+            if mine is not None and _stand_off(mine, one):
                 continue
             if name != vehicle and name not in held and name not in on_foot:
                 yield name, one

@@ -140,7 +140,7 @@ class Handover:
         wanted &= np.array([i not in skip and not i.startswith(SPAWNED_PREFIX) for i in users.ids], np.bool_)
         vehicles = np.flatnonzero(wanted & (users.type != RoadUserType.PEDESTRIAN))
         if len(vehicles):
-            wanted[vehicles] = ~self._near_junction(users.take(vehicles), snapshot)
+            wanted[vehicles] = ~self._near_junction(vehicles, users, snapshot)
         # SUMO sets the heading of a person with its first step: until then it may face the other way.
         persons = np.flatnonzero(users.type == RoadUserType.PEDESTRIAN)
         wanted[persons] &= users.speed[persons] > WALKING
@@ -166,16 +166,16 @@ class Handover:
             taken = tuple(i for i in taken if i in self._population.ids)
         return taken
 
-    def _near_junction(self, vehicles: WorldState, snapshot: Snapshot) -> NDArray[np.bool_]:
-        """Which of n vehicles are in a junction, at least with their rear, or may be after one decision, (n,)."""
-        places = dict(zip(snapshot.ids, zip(snapshot.lane, snapshot.lane_position.tolist(), strict=True), strict=True))
-        lane, front = zip(*(places.get(vehicle, ("", 0.0)) for vehicle in vehicles.ids), strict=True)
-        left = np.array([self._lane_ends.get(name, -math.inf) for name in lane]) - front
-        near = left < NEAR_JUNCTION + DECISION_INTERVAL * vehicles.speed
+    def _near_junction(self, rows: NDArray[np.intp], users: WorldState, snapshot: Snapshot) -> NDArray[np.bool_]:
+        """Which of the vehicles in n `rows` are in a junction, at least with their rear, or may be after one decision,
+        (n,)."""
+        lanes, front = [snapshot.lane[row] for row in rows.tolist()], snapshot.lane_position[rows]
+        left = np.array([self._lane_ends.get(lane, -math.inf) for lane in lanes]) - front
+        near = left < NEAR_JUNCTION + DECISION_INTERVAL * users.speed[rows]
         # Behind a sharp turn SUMO's vehicles are not yet in the direction of the lane.
-        near |= np.array(front) < vehicles.length - ON_LANE
+        near |= front < users.length[rows] - ON_LANE
         # On no lane: why these cannot be taken over is said later.
-        return np.asarray(near & np.array([name != "" for name in lane]))
+        return np.asarray(near & np.array([lane != "" for lane in lanes]))
 
     def _on_fast_lane(self, ids: tuple[str, ...], snapshot: Snapshot) -> NDArray[np.bool_]:
         """Which road users are on a lane where SUMO's vehicles are faster than learned ones can be, (n,)."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import libsumo
 import pytest
+from builders import make_net
 
 from slrl_sumo.doctor.diagnosis import examine
 from slrl_sumo.doctor.finding import Finding
@@ -244,36 +245,24 @@ def test_vehicles_that_jump_across_junctions(make: Make, tmp_path: Path) -> None
     assert network_topics(make, net) == [("warning", "junctions"), ("note", "sharp turns")]
 
 
-def netconvert(folder: Path, nodes: str, edges: str) -> Path:
-    import sumo
-
-    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
-    (folder / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
-    net = folder / "n.net.xml"
-    tool = Path(sumo.SUMO_HOME) / "bin" / "netconvert"
-    arguments = ["-n", str(folder / "n.nod.xml"), "-e", str(folder / "n.edg.xml"), "-o", str(net)]
-    subprocess.run([str(tool), *arguments], check=True, capture_output=True)
-    return net
-
-
 STRAIGHT = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/>'
 
 
 def test_a_bridge_is_noted_and_a_junction_is_none(make: Make, tmp_path: Path) -> None:
     nodes = STRAIGHT + '<node id="c" x="50" y="-50"/><node id="d" x="50" y="50"/>'
     edges = '<edge id="ab" from="a" to="b" speed="8"/><edge id="cd" from="c" to="d" speed="8"/>'
-    net = netconvert(tmp_path, nodes, edges)
+    net = make_net(tmp_path, nodes, edges)
     assert network_topics(make, net) == [("note", "bridges")]
     assert "ab over or under cd" in one(make("", net=net), "bridges").what
     nodes += '<node id="m" x="50" y="0"/>'
     edges = "".join(f'<edge id="{n}" from="{n[0]}" to="{n[1]}" speed="8"/>' for n in ("am", "mb", "cm", "md"))
-    assert network_topics(make, netconvert(tmp_path, nodes, edges)) == []
+    assert network_topics(make, make_net(tmp_path, nodes, edges)) == []
 
 
 def test_edges_shorter_than_a_car_are_counted_and_named(make: Make, tmp_path: Path) -> None:
     nodes = STRAIGHT + '<node id="c" x="103" y="0"/><node id="d" x="200" y="0"/>'
     edges = "".join(f'<edge id="{n}" from="{n[0]}" to="{n[1]}" speed="8"/>' for n in ("ab", "bc", "cd"))
-    net = netconvert(tmp_path, nodes, edges)
+    net = make_net(tmp_path, nodes, edges)
     assert network_topics(make, net) == [("note", "short edges")]
     assert one(make("", net=net), "short edges").what.startswith("1 of 3 edges for cars")
     assert "(bc 3.0 m)" in one(make("", net=net), "short edges").what
@@ -340,13 +329,13 @@ def test_command_line_of_a_scenario_that_cannot(make: Make, tmp_path: Path) -> N
 def test_turns_that_the_models_cannot_follow_are_counted_and_the_tightest_is_named(make: Make, tmp_path: Path) -> None:
     nodes = STRAIGHT + '<node id="c" x="50" y="60"/>'
     edges = "".join(f'<edge id="{n}" from="{n[0]}" to="{n[1]}" speed="8"/>' for n in ("ab", "bc"))
-    net = netconvert(tmp_path, nodes, edges)
+    net = make_net(tmp_path, nodes, edges)
     cars, bicycles = (f for f in examine(read_scenario(make("", net=net))) if f.topic == "sharp turns")
     assert cars.severity == bicycles.severity == "note"
     assert cars.what.startswith("1 turn of 1 for cars is tighter than the models of bundle 'intersection'")
     assert "from ab to bc" in bicycles.what
     # A bend of 45 degrees can be followed.
-    assert network_topics(make, netconvert(tmp_path, nodes.replace('x="50" y="60"', 'x="160" y="60"'), edges)) == []
+    assert network_topics(make, make_net(tmp_path, nodes.replace('x="50" y="60"', 'x="160" y="60"'), edges)) == []
 
 
 @pytest.mark.parametrize(

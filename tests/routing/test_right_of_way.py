@@ -6,14 +6,13 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.routing.junction_occupants import USUAL
 from slrl_sumo.routing.junction_reservations import JunctionReservations
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_world
+from tests.builders import make_scenario, make_world
 from tests.routing.test_junction_reservations import track
 
 
@@ -28,14 +27,10 @@ def minor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LaneGraph]:
         for name in ends
         for way, begin, end in (("in", name, "c"), ("out", "c", name))
     )
-    (folder / "n.nod.xml").write_text(f'<nodes>{nodes}<node id="c" x="0" y="0" type="priority"/></nodes>')
-    (folder / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
-    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], folder)
+    centre = '<node id="c" x="0" y="0" type="priority"/>'
     users = '<vehicle id="n" depart="0"><route edges="in_n out_s"/></vehicle>'
-    (folder / "n.rou.xml").write_text(f"<routes>{users}</routes>")
-    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/>'
-    (folder / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
-    with SumoSession(find_scenario(str(folder / "n.sumocfg")), seed=1) as session:
+    config = make_scenario(folder, nodes + centre, edges, users)
+    with SumoSession(find_scenario(str(config)), seed=1) as session:
         graph = LaneGraph(libsumo, session.network)
         while session.time < 30.0:
             session.step()

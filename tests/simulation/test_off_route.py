@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+from builders import make_scenario
 
 from slrl_sumo.agent.driver import make_driver
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import Takeover
@@ -42,17 +42,11 @@ def _streets(folder: Path) -> Path:
     edges = "".join(
         f'<edge id="{way}" from="{way[0]}" to="{way[1]}" speed="13.9"/>' for way in ("ab", "ba", "bc", "cd")
     )
-    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
-    (folder / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
-    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], folder)
     users = (
         '<vehicle id="ends" depart="0" departPos="-2" departSpeed="13"><route edges="bc"/></vehicle>'
         '<vehicle id="turns" depart="0" departPos="-1"><route edges="ab ba"/></vehicle>'
     )
-    (folder / "n.rou.xml").write_text(f"<routes>{users}</routes>")
-    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/>'
-    (folder / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
-    return folder / "n.sumocfg"
+    return make_scenario(folder, nodes, edges, users)
 
 
 def test_cars_that_depart_just_before_a_turn_or_their_destination_arrive(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from builders import make_scenario
 
 from slrl_sumo.agent.path_smoothing import FOLLOWED
 from slrl_sumo.netgen.binaries import run_program
@@ -21,25 +22,20 @@ from slrl_sumo.sumo.session import SumoSession
 
 SIDE = 60.0
 """m of the street before and after the bend."""
+SETTINGS = '<step-length value="0.4"/><end value="60"/>'
 
 
 def bend(folder: Path, degrees: float) -> Path:
     """A street with one corner, and a car and a bicycle on it."""
     x, y = SIDE * (1 + math.cos(math.radians(degrees))), SIDE * math.sin(math.radians(degrees))
     nodes = f'<node id="a" x="0" y="0"/><node id="c" x="{x:.2f}" y="{y:.2f}"/>'
-    (folder / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
     edge = f'<edge id="ac" from="a" to="c" speed="13.9" shape="0,0 {SIDE},0 {x:.2f},{y:.2f}"/>'
-    (folder / "n.edg.xml").write_text(f"<edges>{edge}</edges>")
-    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], folder)
     types = '<vType id="car"/><vType id="bicycle" vClass="bicycle"/>'
     users = "".join(
         f'<vehicle id="{kind}" type="{kind}" depart="{depart}"><route edges="ac"/></vehicle>'
         for kind, depart in (("car", 0), ("bicycle", 15))
     )
-    (folder / "n.rou.xml").write_text(f"<routes>{types}{users}</routes>")
-    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/><step-length value="0.4"/><end value="60"/>'
-    (folder / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
-    return folder / "n.sumocfg"
+    return make_scenario(folder, nodes, edge, types + users, settings=SETTINGS)
 
 
 @pytest.mark.parametrize(("degrees", "followed"), [(60, True), (90, False), (130, False), (-130, False)])
@@ -84,16 +80,11 @@ def test_a_sharp_turn_at_a_junction_is_sumos_to_its_end(tmp_path: Path, monkeypa
     """However long it takes: here longer than the time after which a vehicle is usually learned again."""
     monkeypatch.setattr(takeover, "TURNING", 4.0)
     nodes = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/><node id="c" x="10" y="40"/>'
-    (tmp_path / "n.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
     edges = '<edge id="ab" from="a" to="b" speed="13.9"/><edge id="bc" from="b" to="c" speed="13.9"/>'
-    (tmp_path / "n.edg.xml").write_text(f"<edges>{edges}</edges>")
-    run_program("netconvert", ["-n", "n.nod.xml", "-e", "n.edg.xml", "-o", "n.net.xml"], tmp_path)
-    route = '<vType id="car"/><vehicle id="car" type="car" depart="0"><route edges="ab bc"/></vehicle>'
-    (tmp_path / "n.rou.xml").write_text(f"<routes>{route}</routes>")
-    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/><step-length value="0.4"/><end value="60"/>'
-    (tmp_path / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
+    users = '<vType id="car"/><vehicle id="car" type="car" depart="0"><route edges="ab bc"/></vehicle>'
+    config = make_scenario(tmp_path, nodes, edges, users, settings=SETTINGS)
     learned_on = []
-    for event in run(RunSettings(tmp_path / "n.sumocfg", takeover="car=1", steps=140)):
+    for event in run(RunSettings(config, takeover="car=1", steps=140)):
         if isinstance(event, Decision) and "car" in libsumo.vehicle.getIDList():
             world = event.steps[-1].world
             learned_on += [libsumo.vehicle.getLaneID("car")] * bool(world.learned.any())

@@ -45,14 +45,16 @@ def shares_without_route(training: dict[str, Any]) -> str:
     """The sentence of the card on the shares by which the selector counts without a route; '' where there are none."""
     if "without_route" not in training:
         return ""
-    each = zip(TYPE_NAMES, training["without_route"], strict=True)
-    shares = ", ".join(f"{name} {heads:.2f} and {scorers:.2f}" for name, (heads, scorers) in each)
-    text = f"{WITHOUT_ROUTE} {training['without_route_from']}: {shares}."
+    text = f"{WITHOUT_ROUTE} {training['without_route_from']}: {_by_type(training['without_route'])}."
     if "expected_route" in training:
-        each = zip(TYPE_NAMES, training["expected_route"], strict=True)
-        shares = ", ".join(f"{name} {heads:.2f} and {scorers:.2f}" for name, (heads, scorers) in each)
-        text += f" On routes that are expected along the lanes: {shares}."
+        text += f" On routes that are expected along the lanes: {_by_type(training['expected_route'])}."
     return f"{text}\n"
+
+
+def _by_type(shares: list[list[float]]) -> str:
+    """Shares of heads and scorers, (3, 2), in words."""
+    each = zip(TYPE_NAMES, shares, strict=True)
+    return ", ".join(f"{name} {heads:.2f} and {scorers:.2f}" for name, (heads, scorers) in each)
 
 
 def _command(training: dict[str, Any]) -> str:
