@@ -41,6 +41,11 @@ of 4.4 degrees on a motorway allowed 26 m/s at 25 m/s, but 13 m/s in a queue at 
 FOLLOWED = 1.6
 """m that smoothing may move a path: in a turn that it moves further, road users would leave their lane altogether. The
 corners of the shipped scenarios are moved by up to 2.5 m, a bend of 130 degrees drawn without a radius by 7 m."""
+TIGHT = 1.0
+"""1/m: largest curvature of such turns, which networks draw sharper than vehicles are: SUMO's turnarounds lead into the
+next lane, 3.2 m away."""
+NEAR = 3
+"""Points behind and ahead of a road user between which its steering needs the curvature of a tight turn."""
 
 
 def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -> tuple[RouteAhead, NDArray[np.bool_]]:
@@ -50,10 +55,11 @@ def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -
     driving = route.known & (users.type[: len(route)] != RoadUserType.PEDESTRIAN)
     if not driving.any():
         return route, changed
-    x, y, desired = route.x.copy(), route.y.copy(), route.desired.copy()
+    x, y, desired, tight = route.x.copy(), route.y.copy(), route.desired.copy(), np.zeros(len(route))
     largest = np.ascontiguousarray(capability.sharpest)
-    _smooth(x, y, route.spacing, desired, np.flatnonzero(driving), users.type, users.speed, largest, changed)
-    return replace(route, x=x, y=y, desired=desired), changed
+    rows, drawn = np.flatnonzero(driving), (route.x, route.y)
+    _smooth(x, y, drawn, route.spacing, desired, tight, rows, users.type, users.speed, largest, changed)
+    return replace(route, x=x, y=y, desired=desired, tight=tight), changed
 
 
 def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:
@@ -64,7 +70,8 @@ def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:
 
 
 def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> float:
-    """How far (m) smoothing moves a path, points (k, 2) in m, 1 m from each other, for a type of road user."""
+    """How far (m) smoothing would move a path, points (k, 2) in m, 1 m from each other, for a type of road user if it
+    had no tight turns."""
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     right, left = SPARE * capability.sharpest[kind, :, 0]
     _round(x, y, right, left, np.empty((3, len(x))), np.empty(len(x), np.bool_))
@@ -75,22 +82,31 @@ def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> fl
 def _smooth(
     x: Floats,
     y: Floats,
+    drawn: tuple[Floats, Floats],
     spacing: Floats,
     desired: Floats,
+    tight: Floats,
     rows: NDArray[np.intp],
     kinds: NDArray[np.int8],
     speed: Floats,
     sharpest: Floats,
     changed: NDArray[np.bool_],
 ) -> None:
-    """Smooth the paths `rows` of x and y, (n, points), lower `desired`, (n,), to what their curves allow, and mark what
-    `changed`, (n,)."""
+    """Smooth the paths `rows` of x and y, (n, points), as they were `drawn`, lower `desired`, (n,), to what their
+    curves allow, write the curvature of tight turns beside the road user to `tight`, (n,), and mark what `changed`,
+    (n,)."""
     points = x.shape[1]
     bends, sharp = np.empty((3, points)), np.empty(points, np.bool_)
     for row in rows:
         kind = kinds[row]
         right, left = sharpest[kind, 0], sharpest[kind, 1]
         changed[row] = _round(x[row], y[row], SPARE * right[0], SPARE * left[0], bends, sharp)
+        turns = False
+        for k in range(HERE, points if changed[row] else 0):
+            turns |= math.hypot(x[row, k] - drawn[0][row, k], y[row, k] - drawn[1][row, k]) > FOLLOWED
+        if turns:
+            x[row], y[row] = drawn[0][row], drawn[1][row]
+            _round(x[row], y[row], TIGHT, TIGHT, bends, sharp)
         slowest = math.inf
         for k in range(HERE, points):
             allowed, straight = SPEEDS[-1], True
@@ -106,6 +122,10 @@ def _smooth(
                     )
             distance = max((k - HERE) * spacing[row] - REACTION * speed[row], 0.0)
             slowest = min(slowest, max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kind] * distance)
+        for k in range(HERE - NEAR, HERE + NEAR + 1 if turns else 0):
+            curve = abs(math.atan2(bends[1, k], bends[0, k])) / bends[2, k]
+            if curve > min(right[0], left[0]):
+                tight[row] = max(tight[row], curve)
         allowed = math.sqrt(slowest)
         changed[row] |= allowed < desired[row]
         desired[row] = min(desired[row], allowed)

@@ -23,6 +23,8 @@ LATERAL = 0.7
 """m/s²: largest lateral acceleration of the correction."""
 MOST = 0.12
 """rad/s: largest correction."""
+TIGHTER = 0.2
+"""Share by which steering may exceed the curvature of a tight turn, to return to the path in it."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
 
@@ -44,7 +46,8 @@ def steering_residual(
     _, offset, direction = on_path(route, x, y, rows)
     follows = route.known[rows] & (users.type != PEDESTRIAN)
     speed = np.ascontiguousarray(paths.speed[:, then])
-    return _residual(follows, users.heading, yaw_rate, offset, direction, speed, max_curvature[users.type])
+    most = np.maximum(max_curvature[users.type], (1.0 + TIGHTER) * route.tight[rows])
+    return _residual(follows, users.heading, yaw_rate, offset, direction, speed, most, route.tight[rows])
 
 
 @compiled
@@ -56,6 +59,7 @@ def _residual(
     direction: Floats,
     speed: Floats,
     curvature: Floats,
+    tight: Floats,
 ) -> Floats:
     """`offset`, `direction` and `speed` after STEERED intervals, (n, modes)."""
     n, modes = yaw_rate.shape
@@ -67,7 +71,7 @@ def _residual(
         for mode in range(modes):
             now = speed[i, mode]
             off = wrapped(heading[i] + time * yaw_rate[i, mode] - direction[i, mode] + aim(offset[i, mode], now))
-            bound = min(MOST, LATERAL / max(now, 1.0))
+            bound = min(MOST, LATERAL / max(now, 1.0)) + tight[i] * now
             corrected = yaw_rate[i, mode] + min(max(-off / time, -bound), bound)
             # Vehicles turn by the metre: not at all while they stand.
             most = curvature[i] * now

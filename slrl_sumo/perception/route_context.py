@@ -21,6 +21,8 @@ SAME_WAY = 0.7
 """Cosine of 45 degrees, between the directions of a vehicle and of its leader in a queue."""
 QUEUE = 8
 """Road users that stop one behind the other, of which each is foreseen to stop."""
+BEFORE = 1.0
+"""m before its line at which a vehicle keeps a junction clear."""
 LEADER_BRAKES = 4.0
 """m/s² with which a leader is expected to brake at most."""
 
@@ -82,7 +84,7 @@ def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tupl
     """`stop_distance` and `follow_distance` (see RouteContext) of the first road users of `world`, those of `route`,
     with these leaders, (n,) each."""
     n = len(route)
-    lines = route.stop, route.line, route.out, route.wait
+    lines = route.stop, route.keep, route.out, route.wait
     return _stop_distances(world.type[:n], world.length[:n], *lines, ahead.gap, ahead.speed, ahead.row)
 
 
@@ -91,7 +93,7 @@ def _stop_distances(
     kind: NDArray[np.int8],
     length: Floats,
     stop: Floats,
-    line: Floats,
+    keep: Floats,
     out: Floats,
     wait: Floats,
     gap: Floats,
@@ -99,20 +101,29 @@ def _stop_distances(
     leader: NDArray[np.int64],
 ) -> tuple[Floats, Floats]:
     n = len(kind)
-    must, room, stand = np.empty(n), np.empty(n), stop.copy()
-    # Where each will stand at last: at its line, or behind a leader that stands, or will stand.
+    must, room, stand, waits = np.empty(n), np.empty(n), stop.copy(), np.zeros(n, np.bool_)
+    # Where each will stand at last: at its line, behind a leader that stands, or will stand, or before a junction whose
+    # exit is taken by then.
     for _ in range(QUEUE):
         for i in range(n):
             if leader[i] < 0:
                 continue
             later = 0.0 if leading[i] < 1.0 else (stand[leader[i]] if leader[i] < n else np.inf)
             stand[i] = min(stop[i], max(gap[i] - GAP[kind[i]], 0.0) + max(later, 0.0))
+            waits[i] = _exit_taken(stand[i], stop[i], keep[i], out[i], wait[i], length[i])
+            if waits[i]:
+                stand[i] = keep[i] - BEFORE
     for i in range(n):
-        must[i] = stop[i] - STOP_MARGIN[kind[i]]
-        exit_taken = leader[i] >= 0 and line[i] < stand[i] < min(out[i] + length[i], stop[i])
-        # Behind another one that waits for its turn inside there is room for the whole vehicle.
-        exit_taken &= not line[i] + length[i] <= stand[i] <= wait[i]
-        if exit_taken and 1.0 < line[i] < np.inf and out[i] < np.inf:
-            must[i] = min(stop[i], line[i] - 1.0) - STOP_MARGIN[kind[i]]
+        must[i] = (stand[i] if waits[i] else stop[i]) - STOP_MARGIN[kind[i]]
         room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)
     return must, room
+
+
+@compiled
+def _exit_taken(stand: float, stop: float, keep: float, out: float, wait: float, length: float) -> bool:
+    """Whether a vehicle that will stand `stand` m ahead would do so in a junction that it has to keep clear, at least
+    with its rear; further arguments as in RouteAhead."""
+    taken = keep < stand < min(out + length, stop)
+    # Behind another one that waits for its turn inside there is room for the whole vehicle.
+    taken &= not keep + length <= stand <= wait
+    return bool(taken and BEFORE < keep < np.inf and out < np.inf)

@@ -6,13 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 SWING, LONG = 0.1, 5.0
 """m beside the box of a vehicle, for each m of its length up to LONG m, that it needs in a turn: 0.5 m of a car, 0.16 m
 of a bicycle. Lanes are 3.2 m apart, so that a lorry of 2.5 m still fits beside a car."""
+CROSSED = 2.0
+"""m between the centre lines of two lanes below which vehicles on the one stand in the way of those on the other."""
 STEP = 0.1
 """m: areas are computed for distances of the lanes in these steps."""
 SPACING = 0.5
@@ -72,7 +74,35 @@ class ConflictAreas:
         self._points: dict[str, Floats] = {}
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
         self._ways: dict[tuple[str, ...], Way] = {}
+        self._crossed: dict[str, bool] = {}
+        self._inside: dict[str, list[str]] = {}
+        for lane in graph.lanes.values():
+            if lane.internal:
+                self._inside.setdefault(junction_of(lane.id), []).append(lane.id)
         self._of_ways: dict[tuple[Way, Way, float, float], tuple[SharedArea, ...]] = {}
+
+    def is_crossed(self, via: str) -> bool:
+        """Whether other lanes or pedestrian crossings lead across the way that begins with an internal lane, and not to
+        the same lane as it does."""
+        crossed = self._crossed.get(via)
+        if crossed is None:
+            lanes, target = self._through(via)
+            crossed = self._crossed[via] = any(
+                self._graph.origin(other) != self._graph.origin(via)
+                and self._through(other)[1] != target
+                and self.between(lane, other, CROSSED) is not None
+                for lane in lanes
+                for other in self._inside[junction_of(via)]
+            )
+        return crossed
+
+    def _through(self, via: str) -> tuple[tuple[str, ...], str]:
+        """The internal lanes from `via` on, and the lane after the junction; '' where there is none."""
+        lanes: list[str] = []
+        while via.startswith(":") and via not in lanes:
+            lanes.append(via)
+            via = next((inner or target for target, inner in self._graph.links(via)), "")
+        return tuple(lanes), via
 
     def add_line(self, name: str, line: Floats) -> None:
         """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""

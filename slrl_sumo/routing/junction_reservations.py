@@ -126,6 +126,10 @@ class JunctionReservations:
             track.free_since = math.inf if waits else min(track.free_since, self._time)
         return free
 
+    def is_crossed(self, entry: JunctionEntry) -> bool:
+        """Whether others cross the way that begins at an entry, so that a vehicle must not stand on it."""
+        return self._areas.is_crossed(entry.via)
+
     def _is_stuck(self, track: VehicleTrack) -> bool:
         return self._time - track.free_since > UNUSED
 

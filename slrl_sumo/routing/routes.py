@@ -18,7 +18,7 @@ from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
-from slrl_sumo.routing.vehicle_tracker import VehicleTracker
+from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -105,12 +105,16 @@ class Routes:
         route.stop[i] = stop = min(stop, waits)
         for entry in path.entries:
             line = entry.stop_line - s
-            if line > -0.5:
-                route.line[i], route.out[i] = line, exit_with_room(path.entries, entry, size.length) - s
+            if line > -STOPS_OVER:
+                route.line[i], route.signal[i] = line, (shown := self._speed_limits.signal(entry))
+                route.closed[i] = shown >= 2 and stop <= line
+                break
+        crossed = [one for one in path.entries if self._reservations.is_crossed(one)]
+        for entry in crossed:
+            if entry.stop_line - s > -STOPS_OVER:
+                route.keep[i], route.out[i] = entry.stop_line - s, exit_with_room(crossed, entry, size.length) - s
                 pause, exits = stops_inside(track, entry)
                 route.wait[i] = pause if pause < exits else -math.inf
-                route.signal[i] = shown = self._speed_limits.signal(entry)
-                route.closed[i] = shown >= 2 and stop <= line
                 break
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)

@@ -189,8 +189,9 @@ class VehicleTracker:
             lane = vehicle_lane(self._api, road_user) or self._lane_under(front, heading, vehicle_class)
             route, index = vehicle_route(self._api, road_user)
             edges = route[index + 1 :]
-        path = self._graph.path(lane, edges, vehicle_class, self._point_before(lane, length), _seed(road_user))
-        s, lateral_offset = path.line.nearest(*front, end=path.ends[0])
+        path, here = self._path_on(lane, edges, vehicle_class, length, _seed(road_user))
+        begin = path.ends[here - 1] if here else -math.inf
+        s, lateral_offset = path.line.nearest(*front, begin, path.ends[here])
         track = VehicleTrack(
             path=path,
             s=s,
@@ -210,6 +211,17 @@ class VehicleTracker:
         )
         self._update_max_speed(road_user, track, lane)
         return track
+
+    def _path_on(
+        self, lane: str, edges: tuple[str, ...], vehicle_class: str, length: float, seed: str
+    ) -> tuple[LanePath, int]:
+        """The path along `edges` of a vehicle on a lane, and the lane's index on it: inside a junction it begins before
+        that, so that the vehicle has entered it."""
+        for first in dict.fromkeys((self._graph.origin(lane), lane)):
+            path = self._graph.path(first, edges, vehicle_class, self._point_before(first, length), seed)
+            if lane in path.lanes:
+                break
+        return path, path.lanes.index(lane)
 
     def _update_max_speed(self, road_user: str, track: VehicleTrack, lane: str) -> None:
         """The vehicle's desiredMaxSpeed shows only where its lane allows more."""

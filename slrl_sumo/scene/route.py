@@ -53,6 +53,8 @@ class RouteAhead:
     that leaves the route."""
     line: Floats
     """Distance to the next line at which a junction or a signalised crossing begins."""
+    keep: Floats
+    """Distance to the line of the next junction that has to be kept clear, because others cross its way there."""
     out: Floats
     """Distance to the end of that junction, or of the next one where there is no room to stand between the two."""
     wait: Floats
@@ -66,6 +68,8 @@ class RouteAhead:
     """Distance to the end of the route."""
     entered: Floats
     """s: when it entered the junction in which it is now; inf outside of junctions."""
+    tight: Floats
+    """1/m: curvature of the path where it is, if that is sharper than its models turn, else 0."""
 
     def __len__(self) -> int:
         return len(self.known)
@@ -85,12 +89,14 @@ class RouteAhead:
             desired=np.zeros(n),
             stop=np.full(n, np.inf),
             line=np.full(n, np.inf),
+            keep=np.full(n, np.inf),
             out=np.full(n, np.inf),
             wait=np.full(n, -np.inf),
             signal=np.zeros(n, np.int8),
             closed=np.zeros(n, np.bool_),
             left=np.full(n, np.inf),
             entered=np.full(n, np.inf),
+            tight=np.zeros(n),
         )
 
 

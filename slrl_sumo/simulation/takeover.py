@@ -38,6 +38,8 @@ FAST = "fast lane"
 NEAR_JUNCTION = 2.0
 """m before the end of its lane, and those of one decision, within which a vehicle is not taken over: after its first
 step it could be in a turn that it cannot follow, or beyond its destination, where SUMO does not take it back."""
+STANDING = 0.5
+"""m/s: slower vehicles are taken over in junctions, too."""
 ON_LANE = 0.2
 """m of a vehicle's length that may still be before its lane: SUMO's depart within 0.1 m of the whole length."""
 RIM = 8.0
@@ -167,13 +169,15 @@ class Handover:
         return taken
 
     def _near_junction(self, rows: NDArray[np.intp], users: WorldState, snapshot: Snapshot) -> NDArray[np.bool_]:
-        """Which of the vehicles in n `rows` are in a junction, at least with their rear, or may be after one decision,
-        (n,)."""
+        """Which of the vehicles in n `rows` move in a junction, at least with their rear, or may do so after one
+        decision, (n,)."""
         lanes, front = [snapshot.lane[row] for row in rows.tolist()], snapshot.lane_position[rows]
         left = np.array([self._lane_ends.get(lane, -math.inf) for lane in lanes]) - front
         near = left < NEAR_JUNCTION + DECISION_INTERVAL * users.speed[rows]
         # Behind a sharp turn SUMO's vehicles are not yet in the direction of the lane.
         near |= front < users.length[rows] - ON_LANE
+        # Those that stand could be in the way of learned ones for ever.
+        near &= users.speed[rows] > STANDING
         # On no lane: why these cannot be taken over is said later.
         return np.asarray(near & np.array([lane != "" for lane in lanes]))
 
