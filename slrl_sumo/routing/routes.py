@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
-from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
+from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
@@ -109,7 +109,9 @@ class Routes:
                 route.line[i], route.signal[i] = line, (shown := self._speed_limits.signal(entry))
                 route.closed[i] = shown >= 2 and stop <= line
                 break
-        crossed = [one for one in path.entries if self._reservations.is_crossed(one)]
+        # From inside a junction it goes on as far as it can: where it is it may already stand in the way of others.
+        here = junction_of(track.entry) if track.entry else ""
+        crossed = [e for e in path.entries if junction_of(e.via) != here and self._reservations.is_crossed(e)]
         for entry in crossed:
             if entry.stop_line - s > -STOPS_OVER:
                 route.keep[i], route.out[i] = entry.stop_line - s, exit_with_room(crossed, entry, size.length) - s
