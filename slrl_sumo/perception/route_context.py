@@ -21,6 +21,8 @@ SAME_WAY = 0.7
 """Cosine of 45 degrees, between the directions of a vehicle and of its leader in a queue."""
 QUEUE = 8
 """Road users that stop one behind the other, of which each is foreseen to stop."""
+NEAR, LONGEST = 5.0, 200
+"""m to a stop within which a road user may be in a circle of such that wait for each other, and most of these."""
 BEFORE = 1.0
 """m before its line at which a vehicle keeps a junction clear."""
 LEADER_BRAKES = 4.0
@@ -114,9 +116,24 @@ def _stop_distances(
             if waits[i]:
                 stand[i] = keep[i] - BEFORE
     for i in range(n):
-        must[i] = (stand[i] if waits[i] else stop[i]) - STOP_MARGIN[kind[i]]
+        keeps = waits[i] and not (stand[i] < NEAR and _in_circle(i, leader, leading))
+        must[i] = (stand[i] if keeps else stop[i]) - STOP_MARGIN[kind[i]]
         room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)
     return must, room
+
+
+@compiled
+def _in_circle(first: int, leader: NDArray[np.int64], leading: Floats) -> bool:
+    """Whether a road user stands behind others of which each is the leader of the one before, and it that of the last:
+    then none can go on unless each goes as far as there is room."""
+    row = first
+    for _ in range(LONGEST):
+        if leader[row] < 0 or leader[row] >= len(leader) or leading[row] >= 1.0:
+            return False
+        row = leader[row]
+        if row == first:
+            return True
+    return False
 
 
 @compiled
