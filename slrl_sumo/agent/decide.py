@@ -22,6 +22,7 @@ from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.braking import with_braking
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
+from slrl_sumo.lookahead.steering import with_steering
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import Capability, capability_of
 from slrl_sumo.perception.observation import Observation, observe
@@ -54,7 +55,9 @@ class Agent:
     def capability(self) -> Capability:
         """What the models can do, probed when it is first needed."""
         found = capability_of(self.bundle)
-        return with_braking(found, self.bundle) if self.constraints.braking_residual else found
+        if self.constraints.braking_residual:
+            found = with_braking(found, self.bundle)
+        return with_steering(found, self.bundle) if self.constraints.steering_residual else found
 
 
 @dataclass(frozen=True, eq=False)

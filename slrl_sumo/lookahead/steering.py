@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.lookahead.route_fit import STEERED, aim
+from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.models.capability import SPEEDS, Capability
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
@@ -23,6 +25,9 @@ LATERAL = 0.7
 """m/s²: largest lateral acceleration of the correction."""
 MOST = 0.12
 """rad/s: largest correction."""
+SHARE, TURNING = 0.5, 5.0
+"""Share of the correction that counts as what the modes can do, and m/s below which it counts as there: slower, they
+would turn so sharply that the paths through junctions needed a crawl."""
 TIGHTER = 0.2
 """Share by which steering may exceed the curvature of a tight turn, to return to the path in it."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
@@ -48,6 +53,17 @@ def steering_residual(
     speed = np.ascontiguousarray(paths.speed[:, then])
     most = np.maximum(max_curvature[users.type], (1.0 + TIGHTER) * route.tight[rows])
     return _residual(follows, users.heading, yaw_rate, offset, direction, speed, most, route.tight[rows])
+
+
+def with_steering(capability: Capability, bundle: ModelBundle) -> Capability:
+    """What the modes can do with that residual: SHARE of it turns them further, the rest is for the way back to the
+    path."""
+    further = SHARE * np.minimum(MOST, LATERAL / SPEEDS) / np.maximum(SPEEDS, TURNING)
+    sharpest = capability.sharpest.copy()
+    for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
+        most = np.maximum(bundle.max_curvature[kind], sharpest[kind])
+        sharpest[kind] = np.minimum(np.where(sharpest[kind] > 0.0, sharpest[kind] + further, 0.0), most)
+    return Capability(sharpest, capability.stopping)
 
 
 @compiled

@@ -13,6 +13,8 @@ from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 STOPS_WITH = 0.95
 """Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² of SUMO's
 usual car."""
+LOOKS_WITH = float(__import__("os").environ.get("LOOKS", "0.8"))
+"""The same where it begins to see those that go first: 5.7 m/s, SUMO's usual car is at 6.3 m/s there."""
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap in the next lane."""
 
@@ -81,9 +83,9 @@ class SpeedLimits:
             rule = "stop" if self._right_of_way.halts(entry) and track.halted != entry.via else rule
             if rule == "stop" or not may_enter(entry, priority=rule == "go", too_late=too_late):
                 stop = min(stop, distance - STOP_LINE)
-            elif rule == "look":
-                seen = max(distance - track.speed * dt, LINE_OF_SIGHT)
-                look = min(look, math.sqrt(2.0 * decel_share * track.decel * seen))
+            elif rule == "look" and (seen := distance - track.speed * dt) > LINE_OF_SIGHT:
+                # Nearer than that it sees them, and may enter.
+                look = min(look, math.sqrt(2.0 * LOOKS_WITH * track.decel * seen))
         if not self._path_suffices(track):
             stop = min(stop, track.path.end - track.s - LANE_END)
         return stop, look
