@@ -46,6 +46,11 @@ class Sublanes:
         for lane in network.lanes if self._on else ():
             self._lanes.setdefault(lane.edge, []).append(lane)
 
+    @property
+    def on(self) -> bool:
+        """Whether a vehicle may be on two lanes at once."""
+        return self._on
+
     def clear(self, road_user: str) -> None:
         """To be called for each moved vehicle before it is moved, in every SUMO step."""
         if not self._on:

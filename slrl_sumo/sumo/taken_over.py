@@ -14,6 +14,7 @@ Rules (measured with libsumo 1.28, see docs/explanation/sumo.md):
   its walk is the one edge under it; on hand-back it gets the rest of its walk, and keeps its later stages.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -42,7 +43,9 @@ MOVED = 16
 """SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but has them wait at red. With 0 fewer
 of its own vehicles get through junctions (docs/measurements/flow.md)."""
 KEEP_ROUTE_STRICTLY = 1
-"""Onto the route, wherever the given position is."""
+"""Onto the route, in the middle of a lane, wherever the given position is."""
+BESIDE = 0.3
+"""m beside the middle of its lane up to which a vehicle is handed back as it is."""
 EVERYWHERE = 1e5
 """m; farther than any two places of a network are apart."""
 MATCH_THRESHOLD = 5.0
@@ -296,6 +299,9 @@ class TakenOverControl:
             vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
         self._sublanes.clear(road_user)
         self._sublanes.forget((road_user,))
+        # In the sublane model SUMO moves it there.
+        if not self._sublanes.on and abs(vehicle.getLateralLanePosition(road_user)) > BESIDE:
+            self._move_to_middle(road_user, lane)
         self._restore_modes(road_user)
         del self._modes[road_user]
         return True
@@ -308,6 +314,15 @@ class TakenOverControl:
             vehicle.setSpeedMode(road_user, modes.speed)
         if vehicle.getLaneChangeMode(road_user) == modes.lane_change_meanwhile:
             vehicle.setLaneChangeMode(road_user, modes.lane_change)
+
+    def _move_to_middle(self, road_user: str, lane: str) -> None:
+        """Bring a vehicle to the middle of its lane with the next step: SUMO would keep its offset for ever."""
+        vehicle = self._api.vehicle
+        way = vehicle.getSpeed(road_user) * self._api.simulation.getDeltaT()
+        if lane and vehicle.getLanePosition(road_user) + way < self._api.lane.getLength(lane):
+            angle, (x, y) = vehicle.getAngle(road_user), vehicle.getPosition(road_user)
+            x, y = x + way * math.sin(math.radians(angle)), y + way * math.cos(math.radians(angle))
+            vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, MATCH_THRESHOLD)
 
     def _hand_back_person(self, road_user: str, off_route: bool) -> bool:
         walk = self._walks[road_user]
