@@ -25,6 +25,9 @@ STANDING = 0.2
 """m/s."""
 DEEPER = 0.05
 """m by which road users in contact may come closer."""
+PAST_STANDING = 0.3
+"""m by which they may come closer to one that stands, as SUMO's vehicles do whose lanes pass each other with less than
+their width."""
 SLACK = 1e-6
 """m by which circles are larger than the boxes in them."""
 
@@ -150,6 +153,8 @@ def _collision_scores(
                 Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1]),
             )
             contact = least < 0.0
+            stands = their_x[other, steps - 1] == now_x[other] and their_y[other, steps - 1] == now_y[other]
+            deepest = least - (PAST_STANDING if stands else DEEPER)
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
                 dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)
@@ -181,7 +186,7 @@ def _collision_scores(
                     theirs = Box(there_c, there_s, size[other, 0], size[other, 1])
                     if (
                         overlap(dx, dy, mine, theirs)
-                        and not (contact and clearance(dx, dy, mine, theirs) > least - DEEPER)
+                        and not (contact and clearance(dx, dy, mine, theirs) > deepest)
                         and not apart(
                             levels, x[i, step, mode], y[i, step, mode], c, s, there_x, there_y, there_c, there_s
                         )

@@ -21,9 +21,9 @@ from slrl_sumo.scene.route import on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-LATERAL = float(__import__("os").environ.get("LATERAL", "1.0"))
+LATERAL = 1.0
 """m/s²: largest lateral acceleration of the correction."""
-MOST = float(__import__("os").environ.get("MOST", "0.15"))
+MOST = 0.15
 """rad/s: largest correction."""
 SHARE, TURNING = 0.5, 5.0
 """Share of the correction that counts as what the modes can do, and m/s below which it counts as there: slower, they

@@ -34,10 +34,6 @@ REACTION_TIME = 2 * DECISION_INTERVAL
 """s from a decision until its effect shows."""
 ACCEL_SHARE = 0.4
 """Share of a vehicle's acceleration that is expected while it crosses a junction, because it turns there."""
-STUCK_TIME = 20.0
-"""s that a vehicle waits for a gap at the end of a lane that does not continue along its route, or beside its lane."""
-OFF_LANE = 1.6
-"""m: half a lane; a vehicle this far from the middle of its lane stands in the way of others."""
 
 
 class Routes:
@@ -76,8 +72,8 @@ class Routes:
         return np.array([road_user in self._near_end for road_user in ids], np.bool_)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have passed their destination, are on no lane of SUMO's nor on one that continues their
-        route, or have stood for STUCK_TIME off their route, (n,)."""
+        """Which of n road users have passed their destination, or are neither on a lane of SUMO's nor on one that
+        continues their route, (n,)."""
         return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
@@ -120,12 +116,10 @@ class Routes:
                 break
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
-        off_lane = abs(track.lateral_offset) > OFF_LANE
         track.idle_time = track.idle_time + DECISION_INTERVAL if track.standing_time and not route.closed[i] else 0.0
         astray = not self._speed_limits.lane_continues(track)
-        stuck = track.idle_time > STUCK_TIME and (off_lane or astray)
         # Beyond its destination, as on a last edge of a few metres, or on a foreign lane, no rule holds a vehicle.
-        if stuck or left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
+        if left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING

@@ -13,7 +13,7 @@ from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 STOPS_WITH = 0.95
 """Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² of SUMO's
 usual car."""
-LOOKS_WITH = float(__import__("os").environ.get("LOOKS", "0.8"))
+LOOKS_WITH = 0.8
 """The same where it begins to see those that go first: 5.7 m/s, SUMO's usual car is at 6.3 m/s there."""
 LANE_END = 3.0
 """m before the end of its lane at which a vehicle waits for a gap in the next lane."""
