@@ -93,6 +93,7 @@ class TakenOverControl:
         self._api = api
         self._modes: dict[str, _Modes] = {}
         self._walks: dict[str, _Walk] = {}
+        self._beside: list[str] = []
         self._lengths: dict[str, float] = {}
         for lane in network.lanes:
             if not lane.internal and "pedestrian" in lane.allowed:
@@ -168,6 +169,27 @@ class TakenOverControl:
                         road_user, "", -1, front_x[i], front_y[i], angles[i], KEEP_ROUTE_VEHICLE, MATCH_THRESHOLD
                     )
                     vehicle.setSpeed(road_user, speeds[i])
+
+    def move_to_middle(self) -> None:
+        """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
+        keep their offset for ever.
+
+        To be called directly before the step: a move that no step carries out is carried out in the next simulation of
+        this process, where it has a vehicle of that name.
+        """
+        if not self._beside:
+            return
+        beside, self._beside = self._beside, []
+        present, vehicle, dt = loaded_ids(self._api), self._api.vehicle, self._api.simulation.getDeltaT()
+        for road_user in beside:
+            if road_user in self._modes or road_user not in present:
+                continue
+            with self.refusals.of(road_user):
+                lane, way = vehicle.getLaneID(road_user), vehicle.getSpeed(road_user) * dt
+                if lane and vehicle.getLanePosition(road_user) + way < self._api.lane.getLength(lane):
+                    angle, (x, y) = vehicle.getAngle(road_user), vehicle.getPosition(road_user)
+                    x, y = x + way * math.sin(math.radians(angle)), y + way * math.cos(math.radians(angle))
+                    vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, MATCH_THRESHOLD)
 
     def hand_back(self, ids: Sequence[str], person: NDArray[np.bool_], *, off_route: bool = False) -> NDArray[np.bool_]:
         """Hand n road users back to SUMO, (n,): False where one remains taken over and must be moved on.
@@ -301,7 +323,7 @@ class TakenOverControl:
         self._sublanes.forget((road_user,))
         # In the sublane model SUMO moves it there.
         if not self._sublanes.on and abs(vehicle.getLateralLanePosition(road_user)) > BESIDE:
-            self._move_to_middle(road_user, lane)
+            self._beside.append(road_user)
         self._restore_modes(road_user)
         del self._modes[road_user]
         return True
@@ -314,15 +336,6 @@ class TakenOverControl:
             vehicle.setSpeedMode(road_user, modes.speed)
         if vehicle.getLaneChangeMode(road_user) == modes.lane_change_meanwhile:
             vehicle.setLaneChangeMode(road_user, modes.lane_change)
-
-    def _move_to_middle(self, road_user: str, lane: str) -> None:
-        """Bring a vehicle to the middle of its lane with the next step: SUMO would keep its offset for ever."""
-        vehicle = self._api.vehicle
-        way = vehicle.getSpeed(road_user) * self._api.simulation.getDeltaT()
-        if lane and vehicle.getLanePosition(road_user) + way < self._api.lane.getLength(lane):
-            angle, (x, y) = vehicle.getAngle(road_user), vehicle.getPosition(road_user)
-            x, y = x + way * math.sin(math.radians(angle)), y + way * math.cos(math.radians(angle))
-            vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, MATCH_THRESHOLD)
 
     def _hand_back_person(self, road_user: str, off_route: bool) -> bool:
         walk = self._walks[road_user]

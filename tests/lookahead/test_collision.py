@@ -7,7 +7,7 @@ import pytest
 from builders import make_crowd, make_levels, make_world
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import DEEPER, MARGIN, REACH, STANDING, Others, collision_scores
+from slrl_sumo.lookahead.collision import DEEPER, MARGIN, PAST_STANDING, REACH, STANDING, Others, collision_scores
 from slrl_sumo.lookahead.forecast import Boxes, path_following, sizes
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths, mode_paths
 from slrl_sumo.lookahead.precedence import precedence
@@ -55,7 +55,8 @@ def every_box(
                         clearance(there_x - x[m], there_y - y[m], _box(c[m], s[m], theirs.size[me]), there)
                         for m in range(MODES)
                     ]
-                    hit &= np.array(shapes) <= now - DEEPER
+                    stands = (theirs.x[other, -1], theirs.y[other, -1]) == (world.x[other], world.y[other])
+                    hit &= np.array(shapes) <= now - (PAST_STANDING if stands else DEEPER)
                 if excused[e]:
                     ahead = c * (there_x - x) + s * (there_y - y) > 0.0
                     hit &= (mine.speed[e, step] > STANDING) & (

@@ -257,7 +257,7 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     line = np.array([10.0, 10.0, 10.0, 10.0, 0.8, np.inf, 10.0])
     out = np.array([25.0, 25.0, 25.0, 25.0, 15.8, np.inf, 25.0])
     stop = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0])
-    route = replace(RouteAhead.unknown(7), stop=stop, line=line, out=out)
+    route = replace(RouteAhead.unknown(7), stop=stop, keep=line, out=out)
     ahead = Leaders(gap, speed, np.full(7, 7), NOBODY)
     stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), ahead)
     assert (stop + STOP_MARGIN[0]).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
@@ -267,7 +267,7 @@ def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> Non
     # Lines at 2 m, waiting positions at 12 m, exits at 25 m; cars of 5 m keep 1.5 m.
     gap = np.array([9.0, 8.0, 14.0, 9.0])
     wait = np.array([12.0, 12.0, 12.0, -np.inf])
-    route = replace(RouteAhead.unknown(4), line=np.full(4, 2.0), out=np.full(4, 25.0), wait=wait)
+    route = replace(RouteAhead.unknown(4), keep=np.full(4, 2.0), out=np.full(4, 25.0), wait=wait)
     ahead = Leaders(gap, np.zeros(4), np.full(4, 4), NOBODY)
     stop, _ = stop_distances(route, _cars([0.0] * 4, [0.0] * 4, [0.0] * 4), ahead)
     # The second one would stand over the line, the third one beyond the position, the fourth one has none.
@@ -277,7 +277,7 @@ def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> Non
 def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
     """Three cars one behind the other, the first of which has to stop 20 m ahead: the third has no room beyond."""
     n = 3
-    route = replace(RouteAhead.unknown(n), stop=np.array([20.0, np.inf, np.inf]), line=np.array([np.inf, np.inf, 4.0]))
+    route = replace(RouteAhead.unknown(n), stop=np.array([20.0, np.inf, np.inf]), keep=np.array([np.inf, np.inf, 4.0]))
     route = replace(route, out=np.array([np.inf, np.inf, 24.0]))
     ahead = Leaders(np.array([np.inf, 3.0, 4.0]), np.full(n, 6.0), np.array([-1, 0, 1]), NOBODY)
     still = ahead._replace(gap=np.array([np.inf, 13.0, 14.0]))

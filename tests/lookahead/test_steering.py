@@ -1,10 +1,15 @@
 """Corrections of the steering inside a mode: towards the path, within bounds, and not at a stand."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from builders import make_world, straight_routes
 
 from slrl_sumo.lookahead.mode_paths import mode_paths
-from slrl_sumo.lookahead.steering import LATERAL, MOST, steering_residual
+from slrl_sumo.lookahead.steering import LATERAL, MOST, SHARE, TIGHTER, TURNING, steering_residual, with_steering
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
@@ -45,3 +50,33 @@ def test_at_a_stand_without_a_route_and_for_pedestrians_nothing_changes() -> Non
     assert corrected(make_world([0.0], [0.4], speed=[5.0]), known=False).tolist() == YAW[0].tolist()
     walks = make_world([0.0], [0.4], speed=[1.3], type=[RoadUserType.PEDESTRIAN])
     assert corrected(walks).tolist() == YAW[0].tolist()
+
+
+def test_in_a_tight_turn_vehicles_steer_as_sharply_as_the_turn_is() -> None:
+    user = make_world([0.0], [0.4], speed=[2.0])
+    # The path leads to the other direction, as that of a turnaround.
+    turned = replace(user, heading=np.array([2.0]))
+    context = route_context(straight_routes((0.0, 0.0, 0.0)), turned)
+    for tight in (0.0, 0.6):
+        known = replace(context, route=replace(context.route, tight=np.array([tight])))
+        paths = mode_paths(turned, np.zeros((1, 3)), YAW, np.full(1, 20.0), halting=True)
+        yaw = (YAW + steering_residual(known, turned, np.array([0]), paths, YAW, CURVATURE))[0]
+        # As sharply as recorded, or a little sharper than the turn.
+        assert -yaw.min() <= (max(0.2, (1.0 + TIGHTER) * tight)) * 2.0 + 1e-9
+        assert (-yaw.min() > 1.0) == (tight > 0.0)
+
+
+def test_part_of_the_correction_counts_as_what_the_modes_can_do() -> None:
+    models = Capability(np.full((3, 2, len(SPEEDS)), 0.1), np.tile(STOPPING, (3, 1)))
+    bundle = load_bundle("intersection")
+    sharpest = with_steering(models, bundle).sharpest
+    assert np.array_equal(sharpest[RoadUserType.PEDESTRIAN], models.sharpest[RoadUserType.PEDESTRIAN])
+    more = sharpest[RoadUserType.CAR, 0] - 0.1
+    for speed in (1.0, 4.0, 10.0, 30.0):
+        by_hand = SHARE * min(MOST, LATERAL / speed) / max(speed, TURNING)
+        assert more[SPEEDS.searchsorted(speed)] == pytest.approx(by_hand)
+    # No sharper than recorded, and nothing where they cannot turn at all.
+    wide = Capability(np.full((3, 2, len(SPEEDS)), float(bundle.max_curvature[0])), models.stopping)
+    assert np.array_equal(with_steering(wide, bundle).sharpest[0], wide.sharpest[0])
+    straight = Capability(np.zeros((3, 2, len(SPEEDS))), models.stopping)
+    assert not with_steering(straight, bundle).sharpest.any()

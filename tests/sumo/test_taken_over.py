@@ -10,7 +10,7 @@ import pytest
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.taken_over import MOVED, TakenOverControl
+from slrl_sumo.sumo.taken_over import BESIDE, MOVED, TakenOverControl
 
 VEHICLE, PERSON = np.array([False]), np.array([True])
 DEFAULT_MODES = (31, 1621)
@@ -120,6 +120,29 @@ def test_lent_car_is_where_it_was_put_and_goes_on_from_there_along_its_route(ses
     assert "car" in arrived
     assert last == "out2"
     assert fastest > 9.0
+
+
+@pytest.mark.parametrize("aside", [0.2, 1.2])
+def test_a_car_goes_on_in_the_middle_of_its_lane(session: SumoSession, aside: float) -> None:
+    """SUMO itself keeps the offset of a vehicle that was moved, for ever."""
+    _add_car(session)
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["car"], VEHICLE)
+    # To the side within 10 m, then straight on.
+    turn = math.asin(aside / 10.0)
+    _carry(session, control, "car", 10.0 / session.step_length, 1, turn)
+    _carry(session, control, "car", 6.0, 3, -turn)
+    before = libsumo.vehicle.getLanePosition("car")
+    assert abs(libsumo.vehicle.getLateralLanePosition("car")) == pytest.approx(aside, abs=0.02)
+    assert control.hand_back(["car"], VEHICLE).tolist() == [True]
+    _clear()
+    control.move_to_middle()
+    session.step()
+    assert (libsumo.vehicle.getLateralLanePosition("car") == 0.0) == (aside > BESIDE)
+    assert libsumo.vehicle.getLanePosition("car") - before == pytest.approx(6.0 * session.step_length, abs=1.2)
+    _clear()
+    session.step()
+    assert libsumo.vehicle.getSpeed("car") > 6.0
 
 
 def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSession) -> None:
