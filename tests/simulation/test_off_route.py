@@ -69,3 +69,27 @@ def test_cars_that_depart_just_before_a_turn_or_their_destination_arrive(tmp_pat
             arrived.update(session.api.simulation.getArrivedIDList())
     assert arrived == {"ends", "turns"}
     assert turned == 1
+
+
+def test_a_car_that_stands_in_a_junction_is_learned_there_and_goes_on(tmp_path: Path) -> None:
+    """Another one that it stands before would wait for it for ever."""
+    nodes = "".join(f'<node id="{n}" x="{x}" y="{y}"/>' for n, x, y in (("a", 0, 0), ("b", 24, 0), ("c", 24, 200)))
+    nodes += '<node id="d" x="300" y="0"/>'
+    edges = "".join(f'<edge id="{e}" from="{e[0]}" to="{e[1]}" speed="13.9"/>' for e in ("ab", "bc", "cb", "bd", "db"))
+    car = '<vehicle id="car" depart="0" departPos="-1" departSpeed="3"><route edges="ab bd"/></vehicle>'
+    with SumoSession(find_scenario(str(make_scenario(tmp_path, nodes, edges, car))), seed=1) as session:
+        driver = make_driver("rule", load_bundle("intersection"), session.api, session.network, 1)
+        everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 1)
+        loop = CoSimulation(session, driver, takeover=everywhere)
+        loop.start()
+        vehicle, began, arrived = session.api.vehicle, set[str](), set[str]()
+        for _ in range(100):
+            inside = "car" in vehicle.getIDList() and vehicle.getLaneID("car").startswith(":")
+            if inside and not began:
+                assert "car" not in loop.population.ids
+                vehicle.setSpeed("car", 0.0)
+            if loop.decide().taken_over:
+                began.add(vehicle.getLaneID("car"))
+            arrived.update(session.api.simulation.getArrivedIDList())
+    assert [lane.startswith(":") for lane in began] == [True]
+    assert arrived == {"car"}
