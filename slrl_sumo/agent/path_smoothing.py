@@ -70,8 +70,8 @@ def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:
 
 
 def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> float:
-    """How far (m) smoothing would move a path, points (k, 2) in m, 1 m from each other, for a type of road user if it
-    had no tight turns."""
+    """How far (m) smoothing would move a path, points (k, 2) in m, 1 m from each other, for a type of road user that
+    turned no sharper than its models."""
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     right, left = SPARE * capability.sharpest[kind, :, 0]
     _round(x, y, right, left, np.empty((3, len(x))), np.empty(len(x), np.bool_))
@@ -100,13 +100,12 @@ def _smooth(
     for row in rows:
         kind = kinds[row]
         right, left = sharpest[kind, 0], sharpest[kind, 1]
-        changed[row] = _round(x[row], y[row], SPARE * right[0], SPARE * left[0], bends, sharp)
-        turns = False
+        changed[row], turns = _round(x[row], y[row], SPARE * right[0], SPARE * left[0], bends, sharp), False
         for k in range(HERE, points if changed[row] else 0):
             turns |= math.hypot(x[row, k] - drawn[0][row, k], y[row, k] - drawn[1][row, k]) > FOLLOWED
         if turns:
             x[row], y[row] = drawn[0][row], drawn[1][row]
-            _round(x[row], y[row], TIGHT, TIGHT, bends, sharp)
+            changed[row] = _round(x[row], y[row], TIGHT, TIGHT, bends, sharp)
         slowest = math.inf
         for k in range(HERE, points):
             allowed, straight = SPEEDS[-1], True

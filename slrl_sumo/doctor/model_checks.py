@@ -48,8 +48,8 @@ def turn_findings(api: SumoApi, network: Network) -> Iterator[Finding]:
                 f"{counted(sharp, 'turn', 'turns')} of {turns} for {TYPE_NAMES[kind]}s {'is' if sharp == 1 else 'are'} "
                 f"tighter than the models of bundle '{DEFAULT_BUNDLE}' can follow (the tightest: {where}, by "
                 f"{worst:.1f} m)",
-                "none needed: SUMO drives road users that are taken over through them; spawned ones avoid them or cut "
-                "the corner",
+                "none needed: learned vehicles are steered along the drawn path, at 2 to 3 m/s; added ones "
+                "avoid turnarounds",
             )
 
 

@@ -90,8 +90,8 @@ class Population:
         return back
 
     def move(self, users: WorldState) -> None:
-        """Set where the learned road users are after SUMO's next step; `users` in the order of `world`. Call it directly
-        before that step."""
+        """Set where the learned road users are after SUMO's next step; `users` in the order of `world`. To be called
+        directly before that step."""
         self._taken_over_control.move_to_middle()
         for mask, control in ((~self.taken_over, self._spawned_control), (self.taken_over, self._taken_over_control)):
             rows = np.flatnonzero(mask)

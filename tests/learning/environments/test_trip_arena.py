@@ -69,7 +69,7 @@ def test_a_road_user_keeps_its_slot_until_its_destination(arena: TripArena) -> N
 
 
 def test_a_contact_ends_the_episode_and_the_road_user_goes_on_from_there(arena: TripArena) -> None:
-    for _ in range(30):
+    for _ in range(20):
         arena.step(by_rule(arena))
     users = arena.simulation.population.world
     placed, a, _ = put_head_on(users)

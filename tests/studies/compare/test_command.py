@@ -50,9 +50,10 @@ def test_both_arms_have_the_same_demand_and_one_is_learned(compared: tuple[Path,
             {i: (t[0], t[1]) for i, t in x["record"]["trips"].items()} for x in lines if x["seed"] == seed
         )
         assert plain == learned
-    # SUMO's cars reach their destinations faster than learned ones, which take less than their limits.
+    # Learned cars take as long as SUMO's, within a tenth.
     assert found["travel_time", "car"]["seeds"] == 2
-    assert 5.0 < found["travel_time", "car"]["sumo"] < found["travel_time", "car"]["learned"] < 60.0
+    assert 5.0 < found["travel_time", "car"]["sumo"] < 60.0
+    assert found["travel_time", "car"]["learned"] == pytest.approx(found["travel_time", "car"]["sumo"], rel=0.1)
     assert 200.0 < found["co2_per_km", "all"]["learned"] < 600.0
 
 
