@@ -8,7 +8,7 @@ SUMO's rules stay in force: a held vehicle drives at the set speed, or slower wh
 docs/explanation/yielding.md.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +25,15 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
-from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters, vehicle_route
+from slrl_sumo.sumo.road_users import TypeParameters, leader_of, route_id, type_parameters, vehicle_route
 from slrl_sumo.sumo.speed_control import SpeedControl
 
 MARGIN = 0.3
 """m beside its box within which a vehicle slows down for standing road users ..."""
 PASSING = 2.0
 """m/s ... to this speed, at which it passes them."""
+TOUCHING = 5.0
+"""m up to which a leader is asked for."""
 PATIENCE = 20.0
 """s after which a vehicle slowly passes one that stands on its own lane, where SUMO lets it: in SUMO's networks
 vehicles touch others that wait beside their lane. By then learned road users that stand for others try to go on
@@ -55,6 +57,8 @@ class Yielding:
         self._path_of: dict[str, tuple[str, str, int]] = {}
         self._stood: dict[str, float] = {}
         """s that held vehicles have stood since they were first held."""
+        self._waited: dict[str, float] = {}
+        """s that vehicles have stood in the junction in which they are."""
         self.interventions = 0
 
     @property
@@ -69,7 +73,7 @@ class Yielding:
         snapshot are left unchanged.
         """
         own = frozenset(learned.ids)
-        self._control.forget(own & self.held)
+        self._control.forget(own & (self.held | self._control.passing))
         rows = np.array(
             [
                 i
@@ -90,10 +94,30 @@ class Yielding:
         self.interventions += len(speeds.keys() - held)
         for vehicle, (speed, hard) in speeds.items():
             self._control.hold(vehicle, speed, hard)
+        self._control.let_pass(self._passing(snapshot, rows, own))
 
-    def release(self, vehicles: Iterable[str] | None = None) -> None:
+    def release(self, vehicles: Collection[str] | None = None) -> None:
         """Let SUMO choose the speeds of vehicles (None: of all held ones), with their former speed modes."""
         self._control.release(self.held if vehicles is None else vehicles)
+        self._control.let_pass(() if vehicles is None else self._control.passing.difference(vehicles))
+
+    def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], own: frozenset[str]) -> list[str]:
+        """Of the vehicles `rows`, those that have stood in a junction for PATIENCE, because SUMO takes one of `own` for
+        their leader there, also one that is behind them and waits for them."""
+        inside = {snapshot.ids[row]: row for row in rows.tolist() if snapshot.lane[row].startswith(":")}
+        self._waited = {
+            vehicle: self._waited.get(vehicle, 0.0) + self._dt * float(snapshot.speed[row] < STANDING)
+            for vehicle, row in inside.items()
+        }
+        passing = []
+        for vehicle, waited in self._waited.items():
+            if vehicle in self._control.passing:
+                passing.append(vehicle)
+            elif waited > PATIENCE:
+                with self.refusals.of(vehicle):
+                    leader = leader_of(self._api, vehicle, TOUCHING)
+                    passing += [vehicle] * (leader is not None and leader[0] in own)
+        return passing
 
     def _speeds(
         self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState, context: RouteContext | None

@@ -75,10 +75,6 @@ class ConflictAreas:
         self._areas: dict[tuple[str, str, int], ConflictArea | None] = {}
         self._ways: dict[tuple[str, ...], Way] = {}
         self._crossed: dict[str, bool] = {}
-        self._inside: dict[str, list[str]] = {}
-        for lane in graph.lanes.values():
-            if lane.internal:
-                self._inside.setdefault(junction_of(lane.id), []).append(lane.id)
         self._of_ways: dict[tuple[Way, Way, float, float], tuple[SharedArea, ...]] = {}
 
     def is_crossed(self, via: str) -> bool:
@@ -92,7 +88,7 @@ class ConflictAreas:
                 and self._through(other)[1] != target
                 and self.between(lane, other, CROSSED) is not None
                 for lane in lanes
-                for other in self._inside[junction_of(via)]
+                for other in self._graph.inside[junction_of(via)]
             )
         return crossed
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas, Way, half_width
-from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
 from slrl_sumo.scene.state import WorldState
@@ -149,11 +149,7 @@ class BackgroundOccupants:
         """`learned`: None for vehicles that SUMO drives."""
         self._api, self._graph, self._areas = api, graph, areas
         self._learned, self._right_of_way = learned, right_of_way
-        self._inside: dict[str, list[str]] = {}
         self._lanes: dict[str, _Lanes] = {}
-        for lane in graph.lanes.values():
-            if lane.internal:
-                self._inside.setdefault(junction_of(lane.id), []).append(lane.id)
         self._world: WorldState | None = None
         self._rows: dict[str, int] = {}
         self._on_lane: dict[str, list[str]] | None = None
@@ -217,7 +213,7 @@ class BackgroundOccupants:
         lanes = self._lanes.get(junction)
         if lanes is None:
             inside, before, links = [], [], self._graph.links
-            for lane in self._inside.get(junction, ()):
+            for lane in self._graph.inside.get(junction, ()):
                 origin = self._graph.origin(lane)
                 goes_on = any(via for _, via in links(lane))
                 waited = all(via != lane for _, via in links(origin))

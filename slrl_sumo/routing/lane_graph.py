@@ -97,9 +97,13 @@ class LaneGraph:
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
+        self.inside: dict[str, list[str]] = {}
+        """The internal lanes of each junction (see `junction_of`)."""
         self._of_edge: dict[str, list[str]] = {}
         for lane in network.lanes:
             self._of_edge.setdefault(lane.edge, []).append(lane.id)
+            if lane.internal:
+                self.inside.setdefault(junction_of(lane.id), []).append(lane.id)
         for lanes in self._of_edge.values():
             lanes.sort(key=lambda lane: int(lane.rsplit("_", 1)[1]))
         self._origins: dict[str, str] = {}

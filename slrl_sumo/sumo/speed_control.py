@@ -1,4 +1,4 @@
-"""Vehicles that SUMO drives, but not faster than set from outside."""
+"""Vehicles that SUMO drives, but not faster than set from outside, or past others that wait inside a junction."""
 
 from collections.abc import Iterable
 
@@ -7,10 +7,12 @@ from slrl_sumo.sumo.refusals import Refusals
 
 MAX_DECELERATION_BIT = 4
 """Of a speed mode: brake no harder than `decel` (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html)."""
+DISREGARDS_INSIDE_BIT = 32
+"""Of a speed mode: disregard the right of way of others that are inside the junction."""
 
 
 class SpeedControl:
-    """Sets speeds of vehicles and gives them back to SUMO with the speed modes that they had before.
+    """Sets speeds and speed modes of vehicles and gives them back to SUMO with the modes that they had before.
 
     `refusals`: vehicles for which SUMO has refused a call.
     """
@@ -18,42 +20,74 @@ class SpeedControl:
     def __init__(self, api: SumoApi) -> None:
         self.refusals = Refusals()
         self._api = api
-        self._speed_modes: dict[str, int] = {}
-        self._hard: set[str] = set()
+        self._own: dict[str, int] = {}
+        """Speed modes before, of vehicles that are held or pass others."""
+        self._set: dict[str, int] = {}
+        """Speed modes now, where they differ."""
+        self._hard: dict[str, bool] = {}
+        """Of the held vehicles: whether they may brake harder than `decel`."""
+        self._passing: set[str] = set()
 
     @property
     def held(self) -> frozenset[str]:
         """Ids of the vehicles with a set speed."""
-        return frozenset(self._speed_modes)
+        return frozenset(self._hard)
+
+    @property
+    def passing(self) -> frozenset[str]:
+        """Ids of the vehicles that pass others inside a junction."""
+        return frozenset(self._passing)
 
     def hold(self, vehicle: str, speed: float, hard: bool) -> None:
         """Drive at `speed` (m/s) or slower from the next step on; `hard`: brake for that up to `emergencyDecel`."""
         with self.refusals.of(vehicle):
-            if vehicle not in self._speed_modes:
-                self._speed_modes[vehicle] = self._api.vehicle.getSpeedMode(vehicle)
-            mode = self._speed_modes[vehicle]
-            if hard and vehicle not in self._hard:
-                self._api.vehicle.setSpeedMode(vehicle, mode & ~MAX_DECELERATION_BIT)
-                self._hard.add(vehicle)
-            elif not hard and vehicle in self._hard:
-                self._api.vehicle.setSpeedMode(vehicle, mode)
-                self._hard.discard(vehicle)
+            self._hard[vehicle] = hard
+            self._renew(vehicle)
             self._api.vehicle.setSpeed(vehicle, speed)
 
     def release(self, vehicles: Iterable[str]) -> None:
         """Let SUMO choose the speed of those of `vehicles` that are held."""
-        releasing = [v for v in vehicles if v in self._speed_modes]
+        releasing = [v for v in vehicles if v in self._hard]
         present = frozenset(self._api.vehicle.getIDList()) if releasing else frozenset()
         for vehicle in releasing:
-            if vehicle in present:
-                with self.refusals.of(vehicle):
-                    self._api.vehicle.setSpeed(vehicle, -1.0)
-                    if vehicle in self._hard:
-                        self._api.vehicle.setSpeedMode(vehicle, self._speed_modes[vehicle])
-        self.forget(releasing)
+            del self._hard[vehicle]
+            if vehicle not in present:
+                self.forget((vehicle,))
+                continue
+            with self.refusals.of(vehicle):
+                self._api.vehicle.setSpeed(vehicle, -1.0)
+                self._renew(vehicle)
+
+    def let_pass(self, vehicles: Iterable[str]) -> None:
+        """Let these vehicles, and no others, disregard those that are inside their junction; they are all present."""
+        wanted = set(vehicles)
+        changed, self._passing = self._passing ^ wanted, wanted
+        present = frozenset(self._api.vehicle.getIDList()) if changed - wanted else frozenset(wanted)
+        for vehicle in changed:
+            if vehicle not in present:
+                self.forget((vehicle,))
+                continue
+            with self.refusals.of(vehicle):
+                self._renew(vehicle)
 
     def forget(self, vehicles: Iterable[str]) -> None:
         """Drop vehicles without changing them in SUMO."""
         for vehicle in vehicles:
-            self._speed_modes.pop(vehicle, None)
-            self._hard.discard(vehicle)
+            for known in (self._own, self._set, self._hard):
+                known.pop(vehicle, None)
+            self._passing.discard(vehicle)
+
+    def _renew(self, vehicle: str) -> None:
+        """Give a vehicle the speed mode that is right for it now."""
+        if vehicle not in self._own:
+            self._own[vehicle] = self._api.vehicle.getSpeedMode(vehicle)
+        own = mode = self._own[vehicle]
+        if self._hard.get(vehicle):
+            mode &= ~MAX_DECELERATION_BIT
+        if vehicle in self._passing:
+            mode |= DISREGARDS_INSIDE_BIT
+        if mode != self._set.get(vehicle, own):
+            self._api.vehicle.setSpeedMode(vehicle, mode)
+        self._set[vehicle] = mode
+        if vehicle not in self._hard and vehicle not in self._passing:
+            self.forget((vehicle,))
