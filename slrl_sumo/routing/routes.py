@@ -18,7 +18,7 @@ from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
-from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTracker
+from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTrack, VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -95,7 +95,7 @@ class Routes:
         waits = self._reservations.update(road_user, track, size)
         path, s = track.path, track.s
         may_enter = partial(self._reservations.may_enter, road_user, track, size=size)
-        stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, DECEL_SHARE, ACCEL_SHARE, may_enter)
+        stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, ACCEL_SHARE, may_enter)
         route.known[i] = True
         route.desired[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
         route.stop[i] = stop = min(stop, waits)
@@ -105,15 +105,7 @@ class Routes:
                 route.line[i], route.signal[i] = line, (shown := self._speed_limits.signal(entry))
                 route.closed[i] = shown >= 2 and stop <= line
                 break
-        # From inside a junction it goes on as far as it can: where it is it may already stand in the way of others.
-        here = junction_of(track.entry) if track.entry else ""
-        crossed = [e for e in path.entries if junction_of(e.via) != here and self._reservations.is_crossed(e)]
-        for entry in crossed:
-            if entry.stop_line - s > -STOPS_OVER:
-                route.keep[i], route.out[i] = entry.stop_line - s, exit_with_room(crossed, entry, size.length) - s
-                pause, exits = stops_inside(track, entry)
-                route.wait[i] = pause if pause < exits else -math.inf
-                break
+        self._add_junction_to_keep_clear(route, i, track, size.length)
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
         track.idle_time = track.idle_time + DECISION_INTERVAL if track.standing_time and not route.closed[i] else 0.0
@@ -124,6 +116,18 @@ class Routes:
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
         path.line.draw(s - 0.5 * world.length.item(i) - behind, spacing, route.x, route.y, i)
+
+    def _add_junction_to_keep_clear(self, route: RouteAhead, i: int, track: VehicleTrack, length: float) -> None:
+        """Write the next junction that a vehicle of this `length` (m) must not stand in to row `i` of the route."""
+        # From inside a junction it goes on as far as it can: where it is it may already stand in the way of others.
+        here = junction_of(track.entry) if track.entry else ""
+        crossed = [e for e in track.path.entries if junction_of(e.via) != here and self._reservations.is_crossed(e)]
+        entry = next((e for e in crossed if e.stop_line - track.s > -STOPS_OVER), None)
+        if entry is not None:
+            route.keep[i] = entry.stop_line - track.s
+            route.out[i] = exit_with_room(crossed, entry, length) - track.s
+            pause, exits = stops_inside(track, entry)
+            route.wait[i] = pause if pause < exits else -math.inf
 
     def _add_pedestrian(self, route: RouteAhead, world: WorldState, i: int) -> None:
         """Write row `i` of the route, that of a person; without a path it stays unknown."""

@@ -62,15 +62,14 @@ class SpeedLimits:
         self,
         track: VehicleTrack,
         dt: float,
-        decel_share: float,
         accel_share: float,
         may_enter: Callable[..., bool],
     ) -> tuple[float, float]:
         """How far ahead (m, inf: nowhere) the vehicle must stop, and the speed (m/s) at which it can look for foes.
 
-        That speed is reached with the share `decel_share` of its deceleration, and `dt` seconds early. The vehicle is
-        expected to cross junctions with the share `accel_share` of its acceleration; `may_enter` says whether the
-        junction after an entry can be crossed, with `priority` or without.
+        That speed is reached with LOOKS_WITH of its deceleration, and `dt` seconds early. The vehicle is expected to
+        cross junctions with the share `accel_share` of its acceleration; `may_enter` says whether the junction after an
+        entry can be crossed, with `priority` or without.
         """
         stop, look = math.inf, math.inf
         for entry, distance in self._entries_near(track, dt):

@@ -30,5 +30,5 @@ def test_a_vehicle_inside_a_junction_stops_at_the_end_of_a_lane_that_does_not_le
     wrong = replace(inside, edges=("out2", "beyond"))
     for one, stop in ((inside, math.inf), (wrong, inside.path.end - inside.s - LANE_END)):
         assert limits.lane_continues(one)
-        stops, _ = limits.stop_and_look(one, 0.4, 0.5, 0.5, lambda *_, **__: True)
+        stops, _ = limits.stop_and_look(one, 0.4, 0.5, lambda *_, **__: True)
         assert stops == pytest.approx(stop)
