@@ -36,6 +36,8 @@ FIRST_SEED = 70_000
 """Far from the seeds that trainings draw."""
 SUMS = ("steps", "reward", "gone", "reached", "clean", "contacts", "off_surface", "red", "standing", "as_rule")
 
+BY_TYPE = ("steps", "progress", "speed", "contacts", "reached", "clean")
+
 
 @dataclass(frozen=True, order=True)
 class Play:
@@ -47,7 +49,7 @@ class Play:
 
 
 def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -> dict[str, float]:
-    """Sums over all decisions: see SUMS; speeds and progress by type."""
+    """Sums over all decisions: see SUMS, and by type BY_TYPE."""
     bundle = load_bundle(bundle_name)
     name, _, spoilt = job.selector.partition(":")
     selector, rule = make_selector(name, bundle, job.seed), make_selector("rule", bundle, job.seed)
@@ -55,8 +57,7 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
         settings.arena, weights=settings.reward, extended=True, trips=True, image=selector.needs_image
     )
     sums = dict.fromkeys(SUMS, 0.0)
-    for name in TYPE_NAMES:
-        sums |= {f"steps_{name}": 0.0, f"progress_{name}": 0.0, f"speed_{name}": 0.0}
+    sums |= {f"{what}_{name}": 0.0 for name in TYPE_NAMES for what in BY_TYPE}
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, one_thread():
         scenario = find_scenario(str(generate(job.family, job.seed, Path(folder) / "made")))
         with TripArena(scenario, bundle, arena_settings, job.seed) as arena:
@@ -70,7 +71,7 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
                     by_rule = rule.choose(situation.observation, situation.rollouts, ids, masks)[-1]
                 outcome = arena.step(modes)
                 none = np.zeros(len(modes))
-                for name, values in {
+                values = {
                     "steps": none + 1.0,
                     "reward": outcome.reward,
                     "gone": outcome.gone,
@@ -81,13 +82,14 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
                     "red": -outcome.terms.get("red", none),
                     "standing": outcome.speed < 0.1,
                     "as_rule": modes == by_rule,
-                }.items():
-                    sums[name] += float(values.sum())
+                    "speed": outcome.speed,
+                    "progress": outcome.terms.get("progress", none),
+                }
+                for name in SUMS:
+                    sums[name] += float(values[name].sum())
                 for number, name in enumerate(TYPE_NAMES):
-                    mine = outcome.type == number
-                    sums[f"steps_{name}"] += float(mine.sum())
-                    sums[f"speed_{name}"] += float(outcome.speed[mine].sum())
-                    sums[f"progress_{name}"] += float(outcome.terms.get("progress", none)[mine].sum())
+                    for what in BY_TYPE:
+                        sums[f"{what}_{name}"] += float(values[what][outcome.type == number].sum())
     return sums
 
 
@@ -102,11 +104,14 @@ def figures(sums: dict[str, float]) -> dict[str, float]:
     """The figures of one play."""
     steps = max(1.0, sums["steps"])
     by_type = {
-        f"{what}_{name}": sums[f"{what}_{name}"] / sums[f"steps_{name}"]
+        f"{what}_{name}": factor * sums[f"{what}_{name}"] / sums[f"{among}_{name}"]
         for name in TYPE_NAMES
-        for what in ("speed", "progress")
-        if sums[f"steps_{name}"]
-    }
+        for what, among, factor in (
+            *(("speed", "steps", 1.0), ("progress", "steps", 1.0)),
+            *(("contacts", "steps", 1000.0), ("clean", "reached", 1.0)),
+        )
+        if sums[f"{among}_{name}"]
+    }  # fmt: skip
     return {
         "reward per step": sums["reward"] / steps,
         "reached": sums["reached"],

@@ -25,7 +25,7 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
-from slrl_sumo.sumo.road_users import TypeParameters, leader_of, route_id, type_parameters, vehicle_route
+from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters, vehicle_route
 from slrl_sumo.sumo.speed_control import SpeedControl
 
 MARGIN = 0.3
@@ -109,15 +109,9 @@ class Yielding:
             vehicle: self._waited.get(vehicle, 0.0) + self._dt * float(snapshot.speed[row] < STANDING)
             for vehicle, row in inside.items()
         }
-        passing = []
-        for vehicle, waited in self._waited.items():
-            if vehicle in self._control.passing:
-                passing.append(vehicle)
-            elif waited > PATIENCE:
-                with self.refusals.of(vehicle):
-                    leader = leader_of(self._api, vehicle, TOUCHING)
-                    passing += [vehicle] * (leader is not None and leader[0] in own)
-        return passing
+        return [
+            vehicle for vehicle, waited in self._waited.items() if vehicle in self._control.passing or waited > PATIENCE
+        ]
 
     def _speeds(
         self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState, context: RouteContext | None

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
-from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.routing.lane_proximity import near_parts, sampled
 from slrl_sumo.scene.geometry import Floats
 
 SWING, LONG = 0.1, 5.0
@@ -17,8 +17,6 @@ CROSSED = 2.0
 """m between the centre lines of two lanes below which vehicles on the one stand in the way of those on the other."""
 STEP = 0.1
 """m: areas are computed for distances of the lanes in these steps."""
-SPACING = 0.5
-"""m between the points of lanes that are compared."""
 TURNS = 0.35
 """rad between the first direction of a way and another one, from which vehicles on it swing out."""
 TOGETHER = 0.9
@@ -38,11 +36,13 @@ class ConflictArea(NamedTuple):
     other_begin: float
     other_end: float
     together: bool
-    """Both lead through it in the same direction: one road user can follow the other."""
+    """Both lead into it in the same direction: one road user can follow the other."""
+    abreast: bool
+    """Both lead out of it in that direction, too: two road users can pass it side by side."""
 
     def swapped(self) -> "ConflictArea":
         """The area as the other lane has it."""
-        return ConflictArea(self.other_begin, self.other_end, self.begin, self.end, self.together)
+        return ConflictArea(self.other_begin, self.other_end, self.begin, self.end, self.together, self.abreast)
 
 
 class SharedArea(NamedTuple):
@@ -103,7 +103,7 @@ class ConflictAreas:
     def add_line(self, name: str, line: Floats) -> None:
         """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""
         if name not in self._points:
-            self._points[name] = _sampled(line)
+            self._points[name] = sampled(line)
 
     def between(self, lane: str, other: str, apart: float) -> ConflictArea | None:
         """The conflict area of a lane with another one for vehicles that touch where their centre lines are less than
@@ -138,7 +138,7 @@ class ConflictAreas:
                 for i, lane in enumerate(way.lanes):
                     for j, another in enumerate(other.lanes):
                         area = self.between(lane, another, apart)
-                        if area is not None and area.together:
+                        if area is not None and area.abreast:
                             area = self.between(lane, another, abreast)
                         if area is not None:
                             found.append(SharedArea(i, j, area))
@@ -149,36 +149,14 @@ class ConflictAreas:
         """x, y, m along a lane and its direction, a unit vector, (points, 5), every SPACING m."""
         points = self._points.get(lane)
         if points is None:
-            points = self._points[lane] = _sampled(self._graph.lanes[lane].shape)
+            points = self._points[lane] = sampled(self._graph.lanes[lane].shape)
         return points
 
 
-def _sampled(shape: Floats) -> Floats:
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
-    s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
-    points = np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1])], axis=1)
-    steps = np.diff(points, axis=0)
-    steps = np.append(steps, steps[-1:], axis=0)
-    return np.column_stack([points, s, steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None]])
-
-
 def _area(mine: Floats, theirs: Floats, apart: float) -> ConflictArea | None:
-    first, last, their_first, their_last = _near(mine, theirs, apart)
+    first, last, their_first, their_last = near_parts(mine, theirs, apart)
     if first < 0:
         return None
     begin, end, their_begin, their_end = mine[first], mine[last], theirs[their_first], theirs[their_last]
-    together = all(a[3] * b[3] + a[4] * b[4] > TOGETHER for a, b in ((begin, their_begin), (end, their_end)))
-    return ConflictArea(begin.item(2), end.item(2), their_begin.item(2), their_end.item(2), bool(together))
-
-
-@compiled
-def _near(mine: Floats, theirs: Floats, apart: float) -> tuple[int, int, int, int]:
-    """Index of the first and last of points (k, 5) that is less than `apart` from another point, and of the first and
-    last of those other ones; -1 where there is none."""
-    first, last, their_first, their_last = -1, -1, len(theirs), -1
-    for i in range(len(mine)):
-        for j in range(len(theirs)):
-            if math.hypot(mine[i, 0] - theirs[j, 0], mine[i, 1] - theirs[j, 1]) < apart:
-                first, last = i if first < 0 else first, i
-                their_first, their_last = min(their_first, j), max(their_last, j)
-    return first, last, their_first, their_last
+    into, out = (bool(a[3] * b[3] + a[4] * b[4] > TOGETHER) for a, b in ((begin, their_begin), (end, their_end)))
+    return ConflictArea(begin.item(2), end.item(2), their_begin.item(2), their_end.item(2), into, into and out)

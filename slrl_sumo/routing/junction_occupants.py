@@ -74,6 +74,8 @@ class Occupant(NamedTuple):
     """It is not in the junction, can still stop, and others have the right of way."""
     idle: bool
     """It has stood for UNUSED, although its signal is not red."""
+    stood: float = 0.0
+    """s that it has done so, of learned vehicles."""
     entered: float = math.inf
     """s: when it entered the junction; inf of those that have not, and of those that SUMO drives."""
     closed: bool = False

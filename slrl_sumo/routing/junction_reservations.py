@@ -18,8 +18,8 @@ from slrl_sumo.routing.junction_occupants import (
     lanes_through,
     reserves_from,
 )
-from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
-from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay, time_to_cover
+from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph, junction_of
+from slrl_sumo.routing.right_of_way import RightOfWay, time_to_cover
 from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
@@ -89,10 +89,18 @@ class JunctionReservations:
         idle, closed = track.idle_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
         mine = Occupant(
             self._areas.way(lanes), ahead, track.speed, size, until, self._time,
-            yields=False, idle=idle, entered=track.entered, closed=closed,
+            yields=False, idle=idle, stood=track.idle_time, entered=track.entered, closed=closed,
             swings=line is None or until < -STOPS_OVER, stuck=self._is_stuck(track),
         )  # fmt: skip
-        junction = junction_of(lanes[0])
+        junction = junction_of(track.entry)
+        if junction_of(lanes[0]) != junction:
+            # Its rear is still in the junction before, which it leaves.
+            self._hold(vehicle, junction_of(lanes[0]), mine._replace(until=math.inf, closed=False, swings=True))
+            passed = (
+                e.stop_line for e in track.path.entries if e.via == track.entry and e.stop_line < track.s + STOPS_OVER
+            )
+            lanes, ahead = lanes_through(track, max(passed))
+            mine = mine._replace(way=self._areas.way(lanes), ahead=ahead)
         waits = math.inf
         for name, other in self._occupants(junction, vehicle, mine):
             theirs = self._learned(name)
@@ -148,7 +156,10 @@ class JunctionReservations:
         # One may still be in the junction before.
         entered = track.entered if track.entry and junction_of(track.entry) == junction else math.inf
         stuck = self._is_stuck(track)
-        mine = Occupant(way, ahead, track.speed, size, exits, self._time, yields, idle, entered=entered, stuck=stuck)
+        mine = Occupant(
+            way, ahead, track.speed, size, exits, self._time, yields,
+            idle=idle, stood=track.idle_time, entered=entered, stuck=stuck,
+        )  # fmt: skip
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(until=until, swings=until == exits)
@@ -258,8 +269,10 @@ def _goes_on(one: Occupant, leave: float) -> bool:
 
 def _is_idle(one: Occupant, other: Occupant) -> bool:
     """Whether a vehicle has stood for so long that another one need not wait for it. Of two that wait for each other,
-    only one goes: the one that entered the junction first, unless it could have gone and is stuck."""
-    return (one.stuck and not other.stuck) or (one.idle and not (other.idle and one.entered < other.entered))
+    only one goes: the one that is not stuck, else the one that entered the junction first, or has stood for longer."""
+    if one.stuck != other.stuck:
+        return one.stuck
+    return one.idle and not (other.idle and (one.entered, -one.stood) < (other.entered, -other.stood))
 
 
 def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:

@@ -41,7 +41,10 @@ ACTS_IN = 0.8
 """s until the allowed speed is compared with that of a mode (lookahead.route_fit)."""
 OVERTAKES, GAIN, PAUSE = 15.0, 2.0, 6.0
 """m/s from which vehicles overtake on the next lane, m/s that they want to gain by it, and s from one change to the
-next: on city streets queues at signals decide, not slower vehicles."""
+next: slower ones, as on city streets, change for the shorter queue only."""
+QUEUED, SHORTER = 2.0, 12.0
+"""m/s below which a vehicle ahead is in a queue, and m by which the queue in the next lane ends later, two cars less;
+the change needs that distance, too."""
 FAR_SIGHT, HALF_LANE = 100.0, 1.7
 """m ahead that an overtaking vehicle considers, and m to either side of the middle of a lane."""
 SIGHT = 60.0
@@ -91,14 +94,33 @@ def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels =
     return there > here + GAIN if wish.lateral_offset < 0.0 else there > desired - 0.5 * GAIN
 
 
+def shorter_queue(world: WorldState, wish: Wish, left: float, levels: Levels = FLAT) -> bool:
+    """Whether a vehicle comes to a queue before the end of its lane, in `left` m, and to none so soon in the next
+    lane."""
+    here, there = (_queue(world, wish, aside, levels) for aside in (0.0, -wish.lateral_offset))
+    return here > SHORTER and min(there, left) > here + SHORTER
+
+
 def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
     """m/s of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is none."""
+    rows, along = _in_lane_ahead(world, wish, aside, levels)
+    return math.inf if not len(rows) else world.speed.item(rows[along.argmin()])
+
+
+def _queue(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
+    """m to the next vehicle in a queue within FAR_SIGHT ahead on the line `aside` m to the left; inf: there is none."""
+    rows, along = _in_lane_ahead(world, wish, aside, levels)
+    return float(np.min(along[world.speed[rows] < QUEUED], initial=math.inf))
+
+
+def _in_lane_ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> tuple[NDArray[np.intp], Floats]:
+    """Rows of the road users within FAR_SIGHT ahead on the line `aside` m to the left, and m to them, (k,) each."""
     c, s = math.cos(wish.direction), math.sin(wish.direction)
     dx, dy = world.x - world.x[wish.row], world.y - world.y[wish.row]
     along, across = c * dx + s * dy, c * dy - s * dx
     rows = np.flatnonzero((along > 0.0) & (along < FAR_SIGHT) & (np.abs(across - aside) < HALF_LANE))
     rows = _on_the_level(levels, world, wish, rows)
-    return math.inf if not len(rows) else world.speed.item(rows[along[rows].argmin()])
+    return rows, along[rows]
 
 
 def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish], levels: Levels = FLAT) -> Floats:

@@ -8,12 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from slrl_sumo.routing.lane_proximity import clear_length, sampled
 from slrl_sumo.routing.path_line import path_line
 from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks
-from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network import Network, is_walking_area
 
 MOST_EDGES = 12
 """Edges of a route that the choice of a lane considers."""
@@ -21,6 +22,12 @@ CHANGE = 60.0
 """m that a lane change needs: vehicles change before shorter edges, such as those with lanes for turns."""
 MOST_LANES = 30
 MOST_TABLES = 5_000
+STOP_LINE = 1.0
+"""m before a line at which vehicles stop."""
+WAITS_APART = 2.3
+"""m between the middle of the lane of a car that waits inside a junction and those of others that pass it there: 0.5 m
+between two cars, because none stops to the centimetre. netconvert's waiting positions leave less, where ways cross at a
+small angle."""
 REACH = 250.0
 """m of a path beyond its first lane, if the route is that long: at 40 m/s a vehicle sees 230 m (scene.route)."""
 SHARPEST = 2.2
@@ -98,15 +105,16 @@ class LaneGraph:
         self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
         self.inside: dict[str, list[str]] = {}
-        """The internal lanes of each junction (see `junction_of`)."""
+        """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
         self._of_edge: dict[str, list[str]] = {}
         for lane in network.lanes:
             self._of_edge.setdefault(lane.edge, []).append(lane.id)
-            if lane.internal:
+            if lane.internal and not is_walking_area(lane.id):
                 self.inside.setdefault(junction_of(lane.id), []).append(lane.id)
         for lanes in self._of_edge.values():
             lanes.sort(key=lambda lane: int(lane.rsplit("_", 1)[1]))
         self._origins: dict[str, str] = {}
+        self._waiting: dict[str, float] = {}
         self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
 
     def lane_to_change_to(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
@@ -151,7 +159,8 @@ class LaneGraph:
             length += self.lanes[chain[-1]].length
             if not via and remaining and self.lanes[target].edge == remaining[0]:
                 remaining = remaining[1:]
-        path = _joined([self.lanes[i] for i in chain], entries, before, self.lanes)
+        early = {here: self._early(here) for _, here, _, _ in entries if self.lanes[here].internal}
+        path = _joined([self.lanes[i] for i in chain], entries, before, self.lanes, early)
         if not edges or self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
             return path
         route = (self.lanes[lane].edge, *edges)
@@ -168,6 +177,20 @@ class LaneGraph:
                         self._origins[via] = begin
                         via = next((inner for _, inner in self.links(via)), "")
         return self._origins.get(lane, lane)
+
+    def _early(self, lane: str) -> float:
+        """m before the end of an internal lane at which the line is before which vehicles wait on it."""
+        early = self._waiting.get(lane)
+        if early is None:
+            mine, own = sampled(self.lanes[lane].shape), self.lanes[self.origin(lane)].edge
+            others = [
+                sampled(self.lanes[other].shape)
+                for other in self.inside[junction_of(lane)]
+                if self.origin(other) != other and self.lanes[self.origin(other)].edge != own
+            ]
+            clear = clear_length(mine, others, WAITS_APART)
+            early = self._waiting[lane] = max(mine[-1, 2].item() - clear - STOP_LINE, 0.0)
+        return early
 
     def _choose(
         self, lane: str, remaining: tuple[str, ...], vehicle_class: str, rng: random.Random | None
@@ -238,12 +261,13 @@ def _joined(
     entries: list[tuple[int, str, str, str]],
     before: list[tuple[float, float]],
     network: Mapping[str, Lane],
+    early: Mapping[str, float],
 ) -> LanePath:
     line, ends = path_line(lanes, before, network)
+    stops = [ends[position] - early.get(here, 0.0) for position, here, *_ in entries]
     found = []
-    for position, here, via, target in entries:
+    for (position, here, via, target), stop in zip(entries, stops, strict=True):
         end = next((ends[i - 1] for i in range(position + 1, len(lanes)) if not lanes[i].internal), ends[-1])
-        lines = (ends[inside] for inside, *_ in entries)
-        waits = next((line for line in lines if ends[position] + 1e-6 < line < end), math.inf)
-        found.append(JunctionEntry(ends[position], here, via, target, end, waits))
+        waits = next((line for line in stops if stop + 1e-6 < line < end), math.inf)
+        found.append(JunctionEntry(stop, here, via, target, end, waits))
     return LanePath(tuple(i.id for i in lanes), ends, tuple(i.max_speed for i in lanes), tuple(found), line)

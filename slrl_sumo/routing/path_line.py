@@ -52,9 +52,15 @@ def _eased(
     (x0, y0), (x1, y1) = points[-1], shape[-1]
     along = (x1 - x0) * math.cos(here) + (y1 - y0) * math.sin(here)
     ahead = x0 + along * math.cos(here), y0 + along * math.sin(here)
-    if following is None or along < 0.0 or _beside(ahead, here, following, network) <= along * math.tan(PARALLEL):
+    if following is None or along < 0.0:
         return shape
-    return [points[-1], ahead]
+    aside, over = _beside(ahead, here, following, network), SIDEWAYS * along / lane.max_speed
+    if aside <= max(along * math.tan(PARALLEL), over):
+        return shape
+    # As far as it gets on the way, so that those who queue on the lane straight ahead are not in the way for longer.
+    begin = following.shape[0]
+    share = over / aside
+    return [points[-1], (ahead[0] + share * (begin[0] - ahead[0]), ahead[1] + share * (begin[1] - ahead[1]))]
 
 
 def _beside(place: tuple[float, float], direction: float, lane: Lane, network: Mapping[str, Lane]) -> float:

@@ -4,13 +4,11 @@ import math
 from collections.abc import Mapping
 from typing import Literal
 
-from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph
+from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.links import Link, ShownLinks, foe_lanes, internal_foe_lanes, read_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
-STOP_LINE = 1.0
-"""m before a stop line at which vehicles stop."""
 LINE_OF_SIGHT = 4.5
 """m before a junction from which vehicles see road users that have priority (SUMO's foeVisibilityDistance)."""
 TRUST_TIME = 10.0

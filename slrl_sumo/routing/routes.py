@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from slrl_sumo.routing.junction_occupants import Size
 from slrl_sumo.routing.junction_reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
-from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph, junction_of
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
-from slrl_sumo.routing.right_of_way import STOP_LINE, RightOfWay
+from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTrack, VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at

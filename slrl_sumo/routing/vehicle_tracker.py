@@ -5,7 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.lane_changes import OVERTAKES, PAUSE, SIGHT, Wish, faster_there, has_gap
+from slrl_sumo.routing.lane_changes import (
+    OVERTAKES,
+    PAUSE,
+    QUEUED,
+    SIGHT,
+    Wish,
+    faster_there,
+    has_gap,
+    shorter_queue,
+)
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath, junction_of
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
@@ -287,7 +296,7 @@ class VehicleTracker:
 
     def _overtake(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
         """Change to a lane that serves the route as well, where the vehicle gets on better there."""
-        if track.speed < OVERTAKES or world.time < track.changed + PAUSE:
+        if track.speed < QUEUED or world.time < track.changed + PAUSE:
             return None
         for target in self._graph.equal_lanes(track.path.lanes[0], track.vehicle_class, track.path.route):
             wish = self._change(road_user, track, world, i, target, math.inf, always=False)
@@ -309,7 +318,13 @@ class VehicleTracker:
             return None
         wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
         desired = min(track.path.limits[0] * track.speed_factor, track.max_speed)
-        if not always and not faster_there(world, wish, desired, self._levels):
+        if always:
+            better = True
+        elif track.speed < OVERTAKES:
+            better = shorter_queue(world, wish, track.path.ends[0] - track.s, self._levels)
+        else:
+            better = faster_there(world, wish, desired, self._levels)
+        if not better:
             return None
         if has_gap(world, wish, self._entering(target, track, world), self._levels):
             track.path, track.s, track.lateral_offset, track.changed = path, s, lateral_offset, world.time

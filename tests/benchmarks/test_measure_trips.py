@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from benchmarks.measure_trips import SUMS, Play, compared, spoil
+from benchmarks.measure_trips import BY_TYPE, SUMS, Play, compared, spoil
 from slrl_sumo.perception.observation import Observation
 
 
 def sums(reward: float, contacts: float = 0.0) -> dict[str, float]:
     every = dict.fromkeys(SUMS, 0.0) | {"steps": 100.0, "reward": reward, "contacts": contacts}
     for kind, number in (("car", 10.0), ("bicycle", 10.0), ("pedestrian", 0.0)):
-        every |= {f"{what}_{kind}": number for what in ("steps", "speed", "progress")}
+        every |= {f"{what}_{kind}": number for what in BY_TYPE}
     return every
 
 
@@ -27,6 +27,7 @@ def test_differences_are_those_of_pairs() -> None:
     assert (reward["networks"], reward["mean"], reward["difference"]) == (2, pytest.approx(0.65), pytest.approx(0.15))
     assert reward["half_interval"] == pytest.approx(1.96 * np.std([0.1, 0.2], ddof=1) / np.sqrt(2))
     assert rows["greedy", "contacts per 1,000 steps"]["mean"] == pytest.approx(20.0)
+    assert rows["greedy", "clean_car"]["mean"] == 1.0
     assert ("greedy", "speed_pedestrian") not in rows
 
 

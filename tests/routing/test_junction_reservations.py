@@ -10,7 +10,7 @@ import pytest
 
 from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
 from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Size
-from slrl_sumo.routing.junction_reservations import JunctionReservations, _meets
+from slrl_sumo.routing.junction_reservations import JunctionReservations, _is_idle, _meets
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_tracker import VehicleTrack
@@ -74,7 +74,7 @@ def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
     area = areas.between(across, along, apart)
     assert area is not None
     other = areas.between(along, across, apart)
-    assert other == (area.other_begin, area.other_end, area.begin, area.end, False)
+    assert other == (area.other_begin, area.other_end, area.begin, area.end, False, False)
     # They cross at a right angle: the area is as long as both are wide.
     assert 0.0 < area.begin < area.end < graph.lanes[across].length
     assert area.end - area.begin == pytest.approx(2.0 * apart, abs=1.5)
@@ -95,6 +95,7 @@ def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> N
         ":centre_b": np.array([[0.0, 8.0], [20.0, 1.0], [40.0, 1.0]]),
         ":centre_c": np.array([[20.0, 20.0], [20.0, -20.0]]),
         ":centre_d": np.array([[0.0, 3.0], [40.0, 3.0]]),
+        ":centre_e": np.array([[0.0, 1.0], [20.0, 1.0], [24.0, 12.0]]),
     }
     for name, line in lines.items():
         reservations._areas.add_line(name, line)
@@ -115,6 +116,8 @@ def test_one_that_leads_through_the_same_area_is_followed(graph: LaneGraph) -> N
     assert meets(on(":centre_c", 22.0))
     # d leads beside it, with more room than two widths.
     assert not meets(on(":centre_d", 10.0))
+    # e turns off: until then it is a leader.
+    assert not meets(on(":centre_e", 10.0))
 
 
 @pytest.mark.parametrize(("swings", "until", "waits"), [(True, 2.0, False), (False, 2.0, True), (False, 30.0, False)])
@@ -226,6 +229,21 @@ def test_of_two_that_wait_for_each_other_the_first_goes(graph: LaneGraph) -> Non
     assert reservations.update("second", second, SIZE) < math.inf
     # One that stands for another reason does not keep those waiting that may go.
     assert reservations.update("second", replace(second, idle_time=0.0), SIZE) == math.inf
+
+
+def test_of_two_that_stand_never_both_disregard_the_other(graph: LaneGraph) -> None:
+    way = ConflictAreas(graph).way((track(graph, "in0", "out2", 2.0, 0.0).path.entries[0].via,))
+    one = Occupant(way, (0.0,), 0.0, SIZE, math.inf, 1.0, yields=False, idle=True)
+    every = [
+        one._replace(idle=stood > UNUSED, stood=stood, entered=entered, stuck=stuck)
+        for stood in (0.0, 4.0, 9.0)
+        for entered in (0.5, 0.7, math.inf)
+        for stuck in (False, True)
+    ]
+    for first in every:
+        for second in every:
+            same = (first.stood, first.entered, first.stuck) == (second.stood, second.entered, second.stuck)
+            assert same or not (_is_idle(first, second) and _is_idle(second, first))
 
 
 def test_one_that_could_have_gone_does_not_keep_others_waiting(graph: LaneGraph) -> None:

@@ -1,5 +1,7 @@
 """Reservations where one junction follows another."""
 
+from pathlib import Path
+
 import libsumo
 import pytest
 
@@ -11,7 +13,7 @@ from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.routes import exit_with_room
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_track, make_world
+from tests.builders import make_scenario, make_track, make_world
 
 SIZE = Size(5.0, 1.8)
 
@@ -36,6 +38,41 @@ def test_a_vehicle_in_a_junction_holds_its_way_through_the_next_one() -> None:
         # Too fast to stop: it will come, and the other one has to know.
         assert reservations.may_enter("inside", inside, onward, priority=True, size=SIZE, too_late=True)
         assert not reservations.may_enter("foe", foe, line, priority=False, size=SIZE)
+
+
+def test_a_vehicle_with_its_rear_in_one_junction_and_its_front_in_the_next_holds_both(tmp_path: Path) -> None:
+    nodes = "".join(f'<node id="{name}" x="{x}" y="{y}"/>' for name, x, y in NODES)
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for a, b in ("wa", "ab", "be", "na", "as", "mb", "bt"))
+    config = make_scenario(tmp_path, nodes, edges, "")
+    with SumoSession(find_scenario(str(config)), seed=1) as session:
+        graph = LaneGraph(libsumo, session.network)
+        path = graph.path("wa_0", ("ab", "be"), "passenger", [])
+        first, second = path.entries
+        assert second.stop_line - first.exit < 5.0 < 12.0
+        car = make_track(path, second.stop_line + 1.0, 0.0, ("ab", "be"))
+        car.entry, car.entered = second.via, 0.5
+        tracks = {"car": car}
+        for name, begin, end in (("one", "na", "as"), ("two", "mb", "bt")):
+            across = graph.path(f"{begin}_0", (end,), "passenger", [])
+            tracks[name] = make_track(across, across.entries[0].stop_line - 1.0, 0.0, (end,))
+        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
+        reservations.renew(make_world(time=1.0))
+        reservations.update("car", car, Size(12.0, 1.8))
+        for name in ("one", "two"):
+            line = tracks[name].path.entries[0]
+            assert not reservations.may_enter(name, tracks[name], line, priority=True, size=SIZE)
+
+
+NODES = (
+    ("w", -100, 0),
+    ("a", 0, 0),
+    ("b", 15, 0),
+    ("e", 115, 0),
+    ("n", 0, 99),
+    ("s", 0, -99),
+    ("m", 15, 98),
+    ("t", 15, -99),
+)
 
 
 @pytest.mark.parametrize(("gap", "end"), [(3.0, 40.0), (20.0, 20.0)])

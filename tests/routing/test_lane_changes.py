@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import make_levels, make_world
 
-from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, faster_there, has_gap
+from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, faster_there, has_gap, shorter_queue
 
 LEFT = Wish(0, -3.2, 0.0, 40.0)
 """The first vehicle of a world, which drives eastwards at y = 0, wants to change to the lane at y = 3.2."""
@@ -70,6 +70,19 @@ def test_a_vehicle_that_is_held_up_overtakes_on_the_left(
     others = [(60.0, 0.0, own), (80.0, 3.2, next_one), (-20.0, 3.2, 5.0), (120.0, 0.0, 1.0)]
     x, y, speed = zip((0.0, 0.0, 25.0), *(other for other in others if other[2] is not None), strict=True)
     assert faster_there(make_world(list(x), list(y), speed=list(speed)), LEFT, 30.0) is faster
+
+
+@pytest.mark.parametrize(("here", "there", "left", "changes"), [
+    (30.0, None, 60.0, True), (30.0, 45.0, 60.0, True), (30.0, 38.0, 60.0, False), (None, None, 60.0, False),
+    (30.0, None, 35.0, False), (8.0, 50.0, 60.0, False),
+])  # fmt: skip
+def test_a_vehicle_changes_for_a_queue_that_ends_later(
+    here: float | None, there: float | None, left: float, changes: bool
+) -> None:
+    # The one at 20 m in the next lane still moves.
+    x, y = zip(*((s, aside) for s, aside in ((0.0, 0.0), (here, 0.0), (there, 3.2)) if s is not None), strict=True)
+    world = make_world([*x, 20.0], [*y, 3.2], speed=[8.0, *[0.5] * (len(x) - 1), 6.0])
+    assert shorter_queue(world, LEFT, left) is changes
 
 
 @pytest.mark.parametrize(("there", "back"), [(None, True), (29.5, True), (25.0, False)])

@@ -5,7 +5,8 @@ from pathlib import Path
 import libsumo
 
 from slrl_sumo.netgen.binaries import run_program
-from slrl_sumo.routing.lane_graph import CHANGE, LaneGraph
+from slrl_sumo.routing.conflict_areas import ConflictAreas
+from slrl_sumo.routing.lane_graph import CHANGE, STOP_LINE, WAITS_APART, LaneGraph, junction_of
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -33,3 +34,34 @@ def test_lanes_are_changed_before_a_short_edge_and_as_late_as_possible_otherwise
         # On the edge of 120 m that follows there is room for both changes.
         later = (edge, "A1B1")
         assert graph.lane_to_change_to(f"{edge}_2", "passenger", later) == f"{edge}_1"
+
+
+def test_a_car_waits_inside_a_junction_where_it_is_clear_of_others() -> None:
+    with SumoSession(find_scenario("district"), seed=1) as session:
+        graph = LaneGraph(libsumo, session.network)
+        areas = ConflictAreas(graph)
+        earlier = 0
+        for lane in [lane.id for lane in graph.lanes.values() if not lane.internal and lane.admits("passenger")]:
+            for target, via in graph.links(lane):
+                path = graph.path(lane, (graph.lanes[target].edge,), "passenger", []) if via else None
+                if path is None or len(path.entries) < 2 or path.entries[1].lane != via:
+                    continue
+                begin = path.ends[0]
+                stop = path.entries[1].stop_line - STOP_LINE - begin
+                assert 0.0 <= stop <= graph.lanes[via].length
+                assert path.entries[0].waits == path.entries[1].stop_line
+                earlier += stop < path.ends[1] - STOP_LINE - begin - 0.1
+                for other in graph.inside[junction_of(via)]:
+                    origin = graph.origin(other)
+                    if origin == other or graph.lanes[origin].edge == graph.lanes[lane].edge:
+                        continue  # a pedestrian crossing, or a way from the same street
+                    area = areas.between(via, other, WAITS_APART)
+                    assert area is None or area.begin == 0.0 or area.begin > stop - 0.5
+        assert earlier
+
+
+def test_walking_areas_are_no_ways_through_junctions() -> None:
+    with SumoSession(find_scenario("district"), seed=1) as session:
+        inside = [lane for lanes in LaneGraph(libsumo, session.network).inside.values() for lane in lanes]
+    assert any("_c" in lane for lane in inside)
+    assert not any("_w" in lane for lane in inside)

@@ -35,7 +35,7 @@ def heights(lanes: list[Lane], *others: Lane, at: list[float]) -> list[float]:
 def test_an_exit_beside_the_road_is_reached_as_in_a_lane_change() -> None:
     # SUMO goes 3.2 m aside within 3 m; at 25 m/s, 1.5 m/s sideways take 53 m.
     way = 3.2 / SIDEWAYS * LIMIT
-    found = heights([ROAD, ASIDE, EXIT], THROUGH, at=[50.0, 103.0, 103.0 + 0.5 * way, 103.0 + way + 1.0, 250.0])
+    found = heights([ROAD, ASIDE, EXIT], THROUGH, at=[50.0, 100.0, 100.0 + 0.5 * way, 100.0 + way + 1.0, 250.0])
     assert found == pytest.approx([0.0, 0.0, -1.6, -3.2, -3.2], abs=0.05)
     # The same where the path begins on the exit, and its rear is still on the road.
     line, ends = path_line([EXIT], [(90.0, 0.0), (103.0, 0.0)], {one.id: one for one in (EXIT, THROUGH)})

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from builders import make_world
 
+from slrl_sumo.routing.lane_graph import STOP_LINE
 from slrl_sumo.routing.pedestrian_tracker import WAITING_DISTANCE
-from slrl_sumo.routing.right_of_way import STOP_LINE
 from slrl_sumo.routing.routes import NEAR_END, Routes
 from slrl_sumo.routing.speed_limits import LOOKS_WITH
 from slrl_sumo.scene.geometry import Floats

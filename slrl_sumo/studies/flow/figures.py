@@ -84,7 +84,7 @@ FIGURES: dict[str, Figure] = {
         f"share of the time after that within {HELD:g} m/s of the desired speed",
     ),
     "speed": Figure("speed", "m/s", 2, "distance of all vehicles over their time in the network"),
-    "collisions": Figure("collisions", "1/1000", 1, "overlapping pairs of boxes of 1,000 road users; see metrics"),
+    "collisions": Figure("collisions", "1/1000", 1, "overlapping pairs of boxes, of 1,000 learned ones; see metrics"),
     "red_runs": Figure("red runs", "1/1000", 2, "road users that pass a red signal, of 1,000 that pass a signal"),
     "hard_brakes_learned": Figure(
         "hard brakes, learned", "1/h", 2, f"times per hour of learned vehicles that one begins to brake {HARD}"

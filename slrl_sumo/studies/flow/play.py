@@ -99,6 +99,7 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
         trips, signals, greens = Trips(api, session.step_length), SignalCrossings(api, network), Greens(api)
         builder, encounters = TraceBuilder(), EncounterCounts(levels=network.levels)
         passed = red = 0
+        counted: set[str] = set()
         loop.start()
         while session.time < seconds:
             step, _ = loop.step()
@@ -107,10 +108,12 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
             crossings = signals.update(world, world.ids)
             passed, red = passed + len(crossings), red + sum(one.aspect == "red" for one in crossings)
             greens.update(world.time)
-            encounters.add(world, np.ones(len(world), np.bool_))
+            # Also after they were handed back: the place is that of the model.
+            counted.update(world.ids if not learning else (world.ids[row] for row in np.flatnonzero(world.learned)))
+            encounters.add(world, np.array([name in counted for name in world.ids], np.bool_))
             builder.add(world)
     figures = trip_figures(trips.all, seconds)
-    figures["collisions"] = round(1e3 * int(encounters.collisions[ALL]) / max(len(trips.all), 1), 3)
+    figures["collisions"] = round(1e3 * int(encounters.collisions[ALL]) / max(len(counted), 1), 3)
     figures["red_runs"] = round(1e3 * red / passed, 3) if passed else None
     record = {
         "seconds": seconds,

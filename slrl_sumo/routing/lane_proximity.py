@@ -1,0 +1,42 @@
+"""Parts of lanes that are too close to other lanes for vehicles on both."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
+
+SPACING = 0.5
+"""m between the points of lanes that are compared."""
+
+
+def sampled(shape: Floats) -> Floats:
+    """x, y, m along a line (k, 2) and its direction, a unit vector, (points, 5), every SPACING m."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
+    s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
+    points = np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1])], axis=1)
+    steps = np.diff(points, axis=0)
+    steps = np.append(steps, steps[-1:], axis=0)
+    return np.column_stack([points, s, steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None]])
+
+
+def clear_length(mine: Floats, others: Iterable[Floats], apart: float) -> float:
+    """m along a line to where one of the `others` comes nearer than `apart` m to it; its length where none does. Those
+    that are so near where the line begins do not count. Lines as of `sampled`."""
+    firsts = [first for theirs in others if (first := near_parts(mine, theirs, apart)[0]) > 0]
+    return float(mine[min(firsts, default=-1), 2])
+
+
+@compiled
+def near_parts(mine: Floats, theirs: Floats, apart: float) -> tuple[int, int, int, int]:
+    """Index of the first and last of points (k, 5) that is less than `apart` from another point, and of the first and
+    last of those other ones; -1 where there is none."""
+    first, last, their_first, their_last = -1, -1, len(theirs), -1
+    for i in range(len(mine)):
+        for j in range(len(theirs)):
+            if math.hypot(mine[i, 0] - theirs[j, 0], mine[i, 1] - theirs[j, 1]) < apart:
+                first, last = i if first < 0 else first, i
+                their_first, their_last = min(their_first, j), max(their_last, j)
+    return first, last, their_first, their_last
