@@ -32,8 +32,8 @@ MARGIN = 0.3
 """m beside its box within which a vehicle slows down for standing road users ..."""
 PASSING = 2.0
 """m/s ... to this speed, at which it passes them."""
-TOUCHING = 5.0
-"""m up to which a leader is asked for."""
+NEARBY = 20.0
+"""m from a vehicle that stands in a junction to a road user that may be the reason."""
 PATIENCE = 20.0
 """s after which a vehicle slowly passes one that stands on its own lane, where SUMO lets it: in SUMO's networks
 vehicles touch others that wait beside their lane. By then learned road users that stand for others try to go on
@@ -94,24 +94,30 @@ class Yielding:
         self.interventions += len(speeds.keys() - held)
         for vehicle, (speed, hard) in speeds.items():
             self._control.hold(vehicle, speed, hard)
-        self._control.let_pass(self._passing(snapshot, rows, own))
+        self._control.let_pass(self._passing(snapshot, rows, learned))
 
     def release(self, vehicles: Collection[str] | None = None) -> None:
         """Let SUMO choose the speeds of vehicles (None: of all held ones), with their former speed modes."""
         self._control.release(self.held if vehicles is None else vehicles)
         self._control.let_pass(() if vehicles is None else self._control.passing.difference(vehicles))
 
-    def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], own: frozenset[str]) -> list[str]:
-        """Of the vehicles `rows`, those that have stood in a junction for PATIENCE, because SUMO takes one of `own` for
-        their leader there, also one that is behind them and waits for them."""
-        inside = {snapshot.ids[row]: row for row in rows.tolist() if snapshot.lane[row].startswith(":")}
+    def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
+        """Of the vehicles `rows`, those that have stood for PATIENCE in a junction near one of `learned`, which SUMO takes
+        for their leader also behind them, where it waits for them, or does not let them go on before it."""
+        inside = [row for row in rows.tolist() if snapshot.lane[row].startswith(":")]
         self._waited = {
-            vehicle: self._waited.get(vehicle, 0.0) + self._dt * float(snapshot.speed[row] < STANDING)
-            for vehicle, row in inside.items()
+            snapshot.ids[row]: self._waited.get(snapshot.ids[row], 0.0)
+            + self._dt * float(snapshot.speed[row] < STANDING)
+            for row in inside
         }
-        return [
-            vehicle for vehicle, waited in self._waited.items() if vehicle in self._control.passing or waited > PATIENCE
-        ]
+        passing = []
+        for row in inside:
+            name = snapshot.ids[row]
+            away = np.hypot(learned.x - snapshot.x[row], learned.y - snapshot.y[row])
+            waits = self._waited[name] > PATIENCE and away.min(initial=np.inf) < NEARBY
+            if waits or name in self._control.passing:
+                passing.append(name)
+        return passing
 
     def _speeds(
         self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState, context: RouteContext | None

@@ -246,8 +246,10 @@ def _meets(
             first = not priority and not other.closed and other.entered < mine.entered == math.inf
             if first or (pauses and leave > until):
                 yield enter
-        elif their_enter > 0.0 and (_is_idle(other, mine) or (priority and other.yields)):
-            continue  # it goes on after this one, which may be what stops it
+        elif (their_enter > 0.0 or (other.on_foot and enter < 0.0)) and (
+            _is_idle(other, mine) or (priority and other.yields)
+        ):
+            continue  # it goes on after this one, which may be what stops it; also a person beside it on a crossing
         elif not (
             _before(mine, leave, other, their_enter)
             or (_goes_on(other, their_leave) and _before(other, their_leave, mine, enter))

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from slrl_sumo.routing.lane_proximity import clear_length, sampled
+from slrl_sumo.routing.lane_proximity import last_clear, sampled
 from slrl_sumo.routing.path_line import path_line
 from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.sumo.api import SumoApi
@@ -188,8 +188,8 @@ class LaneGraph:
                 for other in self.inside[junction_of(lane)]
                 if self.origin(other) != other and self.lanes[self.origin(other)].edge != own
             ]
-            clear = clear_length(mine, others, WAITS_APART)
-            early = self._waiting[lane] = max(mine[-1, 2].item() - clear - STOP_LINE, 0.0)
+            clear = last_clear(mine, others, WAITS_APART, STOP_LINE)
+            early = self._waiting[lane] = max(mine[-1, 2].item() - STOP_LINE - clear, 0.0)
         return early
 
     def _choose(

@@ -22,11 +22,15 @@ def sampled(shape: Floats) -> Floats:
     return np.column_stack([points, s, steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None]])
 
 
-def clear_length(mine: Floats, others: Iterable[Floats], apart: float) -> float:
-    """m along a line to where one of the `others` comes nearer than `apart` m to it; its length where none does. Those
-    that are so near where the line begins do not count. Lines as of `sampled`."""
-    firsts = [first for theirs in others if (first := near_parts(mine, theirs, apart)[0]) > 0]
-    return float(mine[min(firsts, default=-1), 2])
+def last_clear(mine: Floats, others: Iterable[Floats], apart: float, before: float) -> float:
+    """m along a line to the last place, `before` m before its end at the latest, that is at least `apart` m from all
+    `others`; that place itself where there is none. Lines as of `sampled`."""
+    along, theirs = mine[:, 2], np.concatenate([line[:, :2] for line in others] or [np.zeros((0, 2))])
+    latest = max(along.item(-1) - before, 0.0)
+    offset = mine[:, None, :2] - theirs
+    clear = along[(np.hypot(offset[..., 0], offset[..., 1]).min(axis=1, initial=np.inf) >= apart) & (along <= latest)]
+    # Between two points of the line it may be clear as well.
+    return latest if not len(clear) or clear[-1] > latest - SPACING else clear.item(-1)
 
 
 @compiled

@@ -246,6 +246,19 @@ def test_of_two_that_stand_never_both_disregard_the_other(graph: LaneGraph) -> N
             assert same or not (_is_idle(first, second) and _is_idle(second, first))
 
 
+@pytest.mark.parametrize(("on_foot", "stood", "enter", "waits"), [
+    (True, 4.0, -1.0, False), (True, 0.0, -1.0, True), (True, 4.0, 1.0, True), (False, 4.0, -1.0, True),
+])  # fmt: skip
+def test_a_person_that_stands_beside_a_car_on_a_crossing_does_not_keep_it_there(
+    graph: LaneGraph, on_foot: bool, stood: float, enter: float, waits: bool
+) -> None:
+    way = ConflictAreas(graph).way((track(graph, "in0", "out2", 2.0, 0.0).path.entries[0].via,))
+    mine = Occupant(way, (0.0,), 0.0, SIZE, math.inf, 1.0, yields=False, idle=True, entered=0.5, stood=9.0)
+    other = mine._replace(on_foot=on_foot, idle=stood > UNUSED, stood=stood, entered=math.inf)
+    shared = [(enter, enter + 5.0, -0.5, 3.0)]
+    assert bool(list(_meets(mine, other, shared, math.inf, priority=False, pauses=False))) is waits
+
+
 def test_one_that_could_have_gone_does_not_keep_others_waiting(graph: LaneGraph) -> None:
     first, second = (inside(graph, *way, 0.6, 0.0) for way in (("in0", "out2"), ("in1", "out3")))
     first, second = (
