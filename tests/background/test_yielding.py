@@ -321,8 +321,9 @@ def test_a_car_that_waits_in_a_junction_beside_a_learned_one_goes_on(session: Su
         scene.step(scene.home)
         # Far away is no learned one that it could wait for.
         assert vehicle.getSpeedMode(CAR) == at_first
+    x, y = vehicle.getPosition(CAR)
     for _ in range(2):
-        scene.step((scene.x + 6.0, scene.y + 3.0, SOUTH))
+        scene.step((x + 6.0, y, SOUTH))
     assert vehicle.getSpeedMode(CAR) == at_first | DISREGARDS_INSIDE_BIT
     vehicle.setSpeed(CAR, -1.0)
     while vehicle.getLaneID(CAR).startswith(":"):
