@@ -102,8 +102,10 @@ class Yielding:
         self._control.let_pass(() if vehicles is None else self._control.passing.difference(vehicles))
 
     def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
-        """Of the vehicles `rows`, those that have stood for PATIENCE in a junction near one of `learned`. SUMO takes that
-        for their leader also behind them, where it waits for them, or does not let them go on before it."""
+        """Of the vehicles `rows`, those that have stood for PATIENCE in a junction near one of `learned`.
+
+        SUMO takes that for their leader also behind them, where it waits for them, or lets them not go on before it.
+        """
         inside = [row for row in rows.tolist() if snapshot.lane[row].startswith(":")]
         self._waited = {
             snapshot.ids[row]: self._waited.get(snapshot.ids[row], 0.0)
