@@ -104,7 +104,7 @@ class Yielding:
     def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
         """Of the vehicles `rows`, those that have stood for PATIENCE in a junction near one of `learned`.
 
-        SUMO takes that for their leader also behind them, where it waits for them, or lets them not go on before it.
+        SUMO takes that one for their leader also where it waits behind them, or does not let them go on before it.
         """
         inside = [row for row in rows.tolist() if snapshot.lane[row].startswith(":")]
         self._waited = {
