@@ -35,8 +35,14 @@ from slrl_sumo.sumo.scenario import find_scenario
 FIRST_SEED = 70_000
 """Far from the seeds that trainings draw."""
 SUMS = ("steps", "reward", "gone", "reached", "clean", "contacts", "off_surface", "red", "standing", "as_rule")
-
 BY_TYPE = ("steps", "progress", "speed", "contacts", "reached", "clean")
+RATES = (
+    ("speed", "steps", 1.0),
+    ("progress", "steps", 1.0),
+    ("contacts", "steps", 1000.0),
+    ("clean", "reached", 1.0),
+)
+"""Figures of each type: a sum, the sum that it is divided by, and a factor."""
 
 
 @dataclass(frozen=True, order=True)
@@ -106,12 +112,9 @@ def figures(sums: dict[str, float]) -> dict[str, float]:
     by_type = {
         f"{what}_{name}": factor * sums[f"{what}_{name}"] / sums[f"{among}_{name}"]
         for name in TYPE_NAMES
-        for what, among, factor in (
-            *(("speed", "steps", 1.0), ("progress", "steps", 1.0)),
-            *(("contacts", "steps", 1000.0), ("clean", "reached", 1.0)),
-        )
+        for what, among, factor in RATES
         if sums[f"{among}_{name}"]
-    }  # fmt: skip
+    }
     return {
         "reward per step": sums["reward"] / steps,
         "reached": sums["reached"],

@@ -317,18 +317,18 @@ class VehicleTracker:
         if abs(lateral_offset) > MOST_ASIDE:
             return None
         wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
-        desired = min(track.path.limits[0] * track.speed_factor, track.max_speed)
-        if always:
-            better = True
-        elif track.speed < OVERTAKES:
-            better = shorter_queue(world, wish, track.path.ends[0] - track.s, self._levels)
-        else:
-            better = faster_there(world, wish, desired, self._levels)
-        if not better:
+        if not always and not self._gets_on_better(track, world, wish):
             return None
         if has_gap(world, wish, self._entering(target, track, world), self._levels):
             track.path, track.s, track.lateral_offset, track.changed = path, s, lateral_offset, world.time
         return wish
+
+    def _gets_on_better(self, track: VehicleTrack, world: WorldState, wish: Wish) -> bool:
+        """Whether a vehicle gets on better in the next lane: by its speed there, slow ones by the queue."""
+        if track.speed < OVERTAKES:
+            return shorter_queue(world, wish, track.path.ends[0] - track.s, self._levels)
+        desired = min(track.path.limits[0] * track.speed_factor, track.max_speed)
+        return faster_there(world, wish, desired, self._levels)
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
         """Rows of the other vehicles near a track that are changing to a lane, or come to it out of a junction."""
