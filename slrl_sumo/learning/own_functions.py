@@ -16,5 +16,7 @@ def called(argument: str, function: Callable[[Given], Returned], given: Given) -
         return function(given)
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{last.filename}, line {last.lineno}"
+        where = f"line {last.lineno}, in {last.name}"
+        if not last.filename.startswith("<"):  # since version 3.1.3 cloudpickle leaves out the file of a script's code
+            where = f"{last.filename}, {where}"
         raise InputError(f"it raised {type(error).__name__} ({where}): {error}", argument=argument) from error
