@@ -8,9 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from slrl_sumo.routing.lane_proximity import last_clear, sampled
+import numpy as np
+
+from slrl_sumo.routing.lane_proximity import SPACING, clear_of, sampled
 from slrl_sumo.routing.path_line import path_line
 from slrl_sumo.routing.polyline import Polyline
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks
@@ -24,10 +27,14 @@ MOST_LANES = 30
 MOST_TABLES = 5_000
 STOP_LINE = 1.0
 """m before a line at which vehicles stop."""
-WAITS_APART = 2.3
-"""m between the middle of the lane of a car that waits inside a junction and those of others that pass it there: 0.5 m
-between two cars, because none stops to the centimetre. netconvert's waiting positions leave less, where ways cross at a
-small angle."""
+WAITS_APART = 0.5
+"""m between a vehicle that waits at a junction, or inside one, and others on their ways through it: none stops to the
+centimetre. netconvert's waiting positions leave 0.1 m where ways cross at a small angle, and its stop lines lie up to
+10 m behind the ways of others where the lanes of an edge are drawn into the junction."""
+HALF_CAR, HALF_BICYCLE = 0.9, 0.325
+"""m; half the width of SUMO's usual cars, and bicycles."""
+BACK = 15.0
+"""m before the end of a lane within which a stop line is moved back."""
 REACH = 250.0
 """m of a path beyond its first lane, if the route is that long: at 40 m/s a vehicle sees 230 m (scene.route)."""
 SHARPEST = 2.2
@@ -159,7 +166,7 @@ class LaneGraph:
             length += self.lanes[chain[-1]].length
             if not via and remaining and self.lanes[target].edge == remaining[0]:
                 remaining = remaining[1:]
-        early = {here: self._early(here) for _, here, _, _ in entries if self.lanes[here].internal}
+        early = {here: self._early(here, via) for _, here, via, _ in entries}
         path = _joined([self.lanes[i] for i in chain], entries, before, self.lanes, early)
         if not edges or self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
             return path
@@ -178,19 +185,23 @@ class LaneGraph:
                         via = next((inner for _, inner in self.links(via)), "")
         return self._origins.get(lane, lane)
 
-    def _early(self, lane: str) -> float:
-        """m before the end of an internal lane at which the line is before which vehicles wait on it."""
+    def _early(self, lane: str, via: str) -> float:
+        """m before the end of a lane that leads into a junction, or on in it, to `via`, at which the line is before
+        which vehicles wait there: out of the ways of others through the junction."""
         early = self._waiting.get(lane)
         if early is None:
             mine, own = sampled(self.lanes[lane].shape), self.lanes[self.origin(lane)].edge
             others = [
-                sampled(self.lanes[other].shape)
-                for other in self.inside[junction_of(lane)]
+                (sampled(self.lanes[other].shape), WAITS_APART + self._half_width(lane) + self._half_width(other))
+                for other in self.inside[junction_of(via)]
                 if self.origin(other) != other and self.lanes[self.origin(other)].edge != own
             ]
-            clear = last_clear(mine, others, WAITS_APART, STOP_LINE)
-            early = self._waiting[lane] = max(mine[-1, 2].item() - STOP_LINE - clear, 0.0)
+            early = self._waiting[lane] = _moved_back(mine, others, inside=self.lanes[lane].internal)
         return early
+
+    def _half_width(self, lane: str) -> float:
+        """m; that of the vehicles on a lane."""
+        return HALF_CAR if self.lanes[lane].admits("passenger") else HALF_BICYCLE
 
     def _choose(
         self, lane: str, remaining: tuple[str, ...], vehicle_class: str, rng: random.Random | None
@@ -254,6 +265,18 @@ class LaneGraph:
             self._tables.popitem(last=False)
         self._tables[key] = _LaneChanges(after, total, {})
         return self._tables[key]
+
+
+def _moved_back(mine: Floats, others: list[tuple[Floats, float]], *, inside: bool) -> float:
+    """m before the end of a lane at which its line is, so that vehicles wait clear of all `others` (see `clear_of`):
+    `inside` a junction as late as they can, else before the first of them; 0 where that is not within BACK."""
+    line = mine[-1, 2].item() - STOP_LINE
+    near = mine[mine[:, 2] >= line - BACK]
+    clear = clear_of(near, others)
+    places = near[clear if inside else np.logical_and.accumulate(clear), 2]
+    places = places[places <= line]
+    # Between two points of the lane it may be clear as well.
+    return 0.0 if not len(places) or places[-1] > line - SPACING else max(line - places[-1].item(), 0.0)
 
 
 def _joined(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
@@ -22,15 +23,13 @@ def sampled(shape: Floats) -> Floats:
     return np.column_stack([points, s, steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None]])
 
 
-def last_clear(mine: Floats, others: Iterable[Floats], apart: float, before: float) -> float:
-    """m along a line to the last place, `before` m before its end at the latest, that is at least `apart` m from all
-    `others`; that place itself where there is none. Lines as of `sampled`."""
-    along, theirs = mine[:, 2], np.concatenate([line[:, :2] for line in others] or [np.zeros((0, 2))])
-    latest = max(along.item(-1) - before, 0.0)
-    offset = mine[:, None, :2] - theirs
-    clear = along[(np.hypot(offset[..., 0], offset[..., 1]).min(axis=1, initial=np.inf) >= apart) & (along <= latest)]
-    # Between two points of the line it may be clear as well.
-    return latest if not len(clear) or clear[-1] > latest - SPACING else clear.item(-1)
+def clear_of(mine: Floats, others: Iterable[tuple[Floats, float]]) -> NDArray[np.bool_]:
+    """Which points of a line are far enough from all `others`, each with the distance in m; lines as of `sampled`."""
+    clear = np.ones(len(mine), np.bool_)
+    for line, apart in others:
+        offset = mine[:, None, :2] - line[:, :2]
+        clear &= np.hypot(offset[..., 0], offset[..., 1]).min(axis=1) >= apart
+    return clear
 
 
 @compiled

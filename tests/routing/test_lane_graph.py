@@ -3,12 +3,14 @@
 from pathlib import Path
 
 import libsumo
+import pytest
 
 from slrl_sumo.netgen.binaries import run_program
-from slrl_sumo.routing.lane_graph import CHANGE, STOP_LINE, WAITS_APART, LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import CHANGE, HALF_CAR, STOP_LINE, WAITS_APART, LaneGraph, junction_of
 from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
+from tests.builders import make_scenario
 
 
 def test_lanes_are_changed_before_a_short_edge_and_as_late_as_possible_otherwise(tmp_path: Path) -> None:
@@ -56,10 +58,38 @@ def test_a_car_waits_inside_a_junction_where_it_is_clear_of_others() -> None:
                     origin = graph.origin(other)
                     if origin == other or graph.lanes[origin].edge == graph.lanes[lane].edge:
                         continue  # a pedestrian crossing, or a way from the same street
-                    assert (
-                        line_through(graph.lanes[other].shape.tolist())[0].place(x, y, 0.0, 1e3)[2] > WAITS_APART - 0.2
-                    )
+                    way = line_through(graph.lanes[other].shape.tolist())[0]
+                    cars = graph.lanes[other].admits("passenger")
+                    assert way.place(x, y, 0.0, 1e3)[2] > (HALF_CAR if cars else 0.0) + HALF_CAR + WAITS_APART - 0.2
         assert earlier
+
+
+def test_the_stop_line_of_a_lane_that_is_drawn_into_a_junction_is_before_the_ways_of_others(tmp_path: Path) -> None:
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="{y}" type="priority"/>'
+        for name, x, y in (("west", -100, 0), ("east", 100, 0), ("south", 0, -100), ("north", 0, 100), ("middle", 0, 0))
+    )
+    edges = "".join(
+        f'<edge id="{begin}_{end}" from="{begin}" to="{end}" numLanes="1" speed="13.9"/>'
+        for begin, end in (("west", "middle"), ("middle", "east"), ("south", "middle"), ("middle", "north"))
+    )
+    # From the south around the end of the western lane, as the ways of cyclists are in some networks.
+    around = "1.6,-8 -14,-5 -14,2 1.6,8"
+    (tmp_path / "bent.con.xml").write_text(
+        f'<connections><connection from="south_middle" to="middle_north" fromLane="0" toLane="0" shape="{around}"/>'
+        '<connection from="west_middle" to="middle_east" fromLane="0" toLane="0"/></connections>'
+    )
+    scenario = make_scenario(
+        tmp_path, nodes, edges, "", "--connection-files", "bent.con.xml", "--offset.disable-normalization"
+    )
+    with SumoSession(find_scenario(str(scenario))) as session:
+        graph = LaneGraph(libsumo, session.network)
+        path = graph.path("west_middle_0", ("middle_east",), "passenger", [])
+        x, _, _ = path.line.at(path.entries[0].stop_line)
+        assert x - STOP_LINE == pytest.approx(-14.0 - 2.0 * HALF_CAR - WAITS_APART, abs=0.6)
+        assert path.ends[0] - path.entries[0].stop_line > 3.0
+        other = graph.path("south_middle_0", ("middle_north",), "passenger", [])
+        assert other.entries[0].stop_line == pytest.approx(other.ends[0])
 
 
 def test_walking_areas_are_no_ways_through_junctions() -> None:
