@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.models.capability import STOPPING, Capability
-from slrl_sumo.perception.route_context import LEADER_BRAKES, STOP_MARGIN, RouteContext
+from slrl_sumo.perception.leaders import BRAKES
+from slrl_sumo.perception.route_context import STOP_MARGIN, RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
@@ -77,7 +78,7 @@ def route_fit(
         route.desired[rows],
         context.stop_distance[rows],
         context.follow_distance[rows],
-        context.leader_speed[rows],
+        context.follow_speed[rows],
     )
     return _route_fit(here, heading, offset, direction, paths.speed, np.ascontiguousarray(capability.stopping))
 
@@ -91,7 +92,7 @@ def allowed_speed(context: RouteContext, capability: Capability, users: WorldSta
         context.route.desired,
         context.stop_distance,
         context.follow_distance,
-        context.leader_speed,
+        context.follow_speed,
     )
     return _allowed_speed(here, users.speed, np.ascontiguousarray(capability.stopping))
 
@@ -122,7 +123,7 @@ def _within(stop: float, room: float, leading: float, alike: float, headway: flo
     leader counts as braking at least as hard: otherwise cars, which stop from 14 m/s in 21 m, would follow one that is
     expected to need 24 m at 0.7 s instead of their headway of 1.1 s.
     """
-    braking = leading * leading / (2.0 * LEADER_BRAKES)
+    braking = leading * leading / (2.0 * BRAKES)
     return min(COMFORT_SHARE * stop, COMFORT_SHARE * (room - braking - headway) + min(braking, alike))
 
 
@@ -163,7 +164,7 @@ def _route_fit(
             behind = here.room[i] + (ahead - (1.0 + HEADWAY[here.kind[i]] / dt) * first) * dt
             follow_ratio[i, mode] = _ratio(needed, behind)
             leader_ratio[i, mode] = min(
-                _ratio(min(ahead * ahead / (2.0 * LEADER_BRAKES), alike), behind), follow_ratio[i, mode]
+                _ratio(min(ahead * ahead / (2.0 * BRAKES), alike), behind), follow_ratio[i, mode]
             )
             covered = (first + speed) * dt
             room = here.room[i] + 2.0 * ahead * dt - covered

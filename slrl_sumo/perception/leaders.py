@@ -33,6 +33,8 @@ FARTHEST = 5.0
 """m beside its path from which a vehicle needs no more room."""
 STANDING = 0.5
 """m/s below which any road user on the path counts, whatever its direction."""
+BRAKES = 4.0
+"""m/s² with which a leader is expected to brake at most."""
 COS_ALIKE = math.cos(ALIKE)
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
@@ -71,6 +73,11 @@ class Leaders(NamedTuple):
     """m/s of the leader along the path, (n,)."""
     row: NDArray[np.int64]
     """The leader's row in the world, -1 where there is none, (n,)."""
+    stop: Floats
+    """m from the own box to where the first one on the path could stop, (n,), inf where there is none: of one that
+    stands farther on, too, which the leader would hide until it leaves the path."""
+    stop_speed: Floats
+    """m/s of that one along the path, (n,)."""
     in_way: NDArray[np.int64]
     """`way_code` of each vehicle and each road user whose box is now on the vehicle's path, within IN_WAY m ahead of
     its front, whatever its direction, (p,), sorted."""
@@ -89,7 +96,9 @@ def leaders(
     same one of `levels`; `lateral_offset`: m to the left of their paths, (n,)."""
     n = len(route)
     if len(world) < 2:
-        return Leaders(np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.zeros(0, np.int64))
+        return Leaders(
+            np.full(n, np.inf), np.zeros(n), np.full(n, -1), np.full(n, np.inf), np.zeros(n), np.zeros(0, np.int64)
+        )
     aside = np.zeros(len(world))
     driving = world.type[:n] != RoadUserType.PEDESTRIAN
     aside[:n] = np.where(driving & route.known, np.clip(lateral_offset, -FARTHEST, FARTHEST), 0.0)
@@ -102,15 +111,16 @@ def leaders(
     parts = threads.each(paired, n)
     pairs = parts[0] if len(parts) == 1 else _Pairs(*map(np.concatenate, zip(*parts, strict=True)))
     users = _Users(world.type, world.x, world.y, world.heading, world.speed, world.length, world.width)
-    gap, speed, row, in_way = _leaders(n, pairs, users, aside, route.spacing, levels)
-    return Leaders(gap, speed, row, np.sort(in_way))
+    gap, speed, row, stop, stop_speed, in_way = _leaders(n, pairs, users, aside, route.spacing, levels)
+    return Leaders(gap, speed, row, stop, stop_speed, np.sort(in_way))
 
 
 @compiled
 def _leaders(
     n: int, pairs: _Pairs, users: _Users, aside: Floats, spacing: Floats, levels: Levels
-) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Floats, Floats, NDArray[np.int64], Floats, Floats, NDArray[np.int64]]:
     gap, leading, row = np.full(n, math.inf), np.zeros(n), np.full(n, -1)
+    stop, stopping = np.full(n, math.inf), np.zeros(n)
     in_way, found = np.empty(len(pairs.follower), np.int64), 0
     for pair in range(len(pairs.follower)):
         ego, other, along = pairs.follower[pair], pairs.other[pair], pairs.along[pair, 0]
@@ -137,9 +147,12 @@ def _leaders(
         # One that is already beside the follower does not lead, unless the follower would drive into it.
         if between < 0.0 and clear > -BESIDE:
             continue
+        theirs = max(users.speed[other] * same, 0.0)
         if between < gap[ego]:
-            gap[ego], leading[ego], row[ego] = between, max(users.speed[other] * same, 0.0), other
-    return gap, leading, row, in_way[:found]
+            gap[ego], leading[ego], row[ego] = between, theirs, other
+        if between + theirs * theirs / (2.0 * BRAKES) < stop[ego]:
+            stop[ego], stopping[ego] = between + theirs * theirs / (2.0 * BRAKES), theirs
+    return gap, leading, row, stop, stopping, in_way[:found]
 
 
 @compiled

@@ -25,8 +25,6 @@ NEAR, LONGEST = 5.0, 200
 """m to a stop within which a road user may be in a circle of such that wait for each other, and most of these."""
 BEFORE = 1.0
 """m before its line at which a vehicle keeps a junction clear."""
-LEADER_BRAKES = 4.0
-"""m/s² with which a leader is expected to brake at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +45,9 @@ class RouteContext:
     stop_distance: Floats
     """m to where it must stop: a stop line, or a junction whose exit is taken."""
     follow_distance: Floats
-    """m within which it must be able to stop behind its leader."""
+    """m within which it must be able to stop behind others on its path ..."""
+    follow_speed: Floats
+    """... and m/s of the one for which it must, which need not be its leader (see perception.leaders.Leaders)."""
     in_way: NDArray[np.int64]
     """Which road users of the world are in the way of which (see perception.leaders.Leaders), (p,)."""
 
@@ -70,8 +70,9 @@ def route_context(
     stop, follow = stop_distances(route, world, found)
     queues = _queues(found.row, world.heading, direction[:, 0])
     return RouteContext(
-        route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, queues, stop, follow, found.in_way
-    )
+        route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, queues, stop, follow, found.stop_speed,
+        found.in_way,
+    )  # fmt: skip
 
 
 def _queues(leader: NDArray[np.int64], heading: Floats, direction: Floats) -> NDArray[np.bool_]:
@@ -87,7 +88,7 @@ def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tupl
     with these leaders, (n,) each."""
     n = len(route)
     lines = route.stop, route.keep, route.out, route.wait
-    return _stop_distances(world.type[:n], world.length[:n], *lines, ahead.gap, ahead.speed, ahead.row)
+    return _stop_distances(world.type[:n], world.length[:n], *lines, ahead.gap, ahead.speed, ahead.row, ahead.stop)
 
 
 @compiled
@@ -101,6 +102,7 @@ def _stop_distances(
     gap: Floats,
     leading: Floats,
     leader: NDArray[np.int64],
+    ahead: Floats,
 ) -> tuple[Floats, Floats]:
     n = len(kind)
     must, room, stand, waits = np.empty(n), np.empty(n), stop.copy(), np.zeros(n, np.bool_)
@@ -118,7 +120,7 @@ def _stop_distances(
     for i in range(n):
         keeps = waits[i] and not (stand[i] < NEAR and _in_circle(i, leader, leading))
         must[i] = (stand[i] if keeps else stop[i]) - STOP_MARGIN[kind[i]]
-        room[i] = gap[i] - GAP[kind[i]] + leading[i] ** 2 / (2.0 * LEADER_BRAKES)
+        room[i] = ahead[i] - GAP[kind[i]]
     return must, room
 
 

@@ -9,7 +9,9 @@ from slrl_sumo.routing.lane_changes import (
     OVERTAKES,
     PAUSE,
     QUEUED,
+    SETTLES,
     SIGHT,
+    SOON,
     Wish,
     faster_there,
     has_gap,
@@ -66,6 +68,8 @@ class VehicleTrack:
     x: float
     """Centre at the last update, m."""
     y: float
+    begun: float = -math.inf
+    """Time (s) at which it began to be learned."""
     standing_time: float = 0.0
     """s."""
     idle_time: float = 0.0
@@ -165,6 +169,7 @@ class VehicleTracker:
             before = self._vehicles.get(road_user)
             track = self._vehicles[road_user] = self._begin(state, i)
             if before is not None:
+                track.begun = before.begun
                 track.standing_time, track.idle_time = before.standing_time, before.idle_time
                 track.free_since = before.free_since
                 track.entry, track.entered, track.halted = before.entry, before.entered, before.halted
@@ -217,6 +222,7 @@ class VehicleTracker:
             tau=parameters.tau,
             x=float(state.x[i]),
             y=float(state.y[i]),
+            begun=state.time,
         )
         self._update_max_speed(road_user, track, lane)
         return track
@@ -289,10 +295,14 @@ class VehicleTracker:
             return None
         if abs(track.lateral_offset) > CHANGING:
             return Wish(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
+        # SUMO inserts vehicles beside one that is on its way to their lane, because it is not on it yet.
+        settles = world.time < track.begun + SETTLES
         if path.next_lane is not None:
             left = path.ends[0] - track.s
+            if settles and left > max(SOON[0] * track.speed, SOON[1]):
+                return None
             return self._change(road_user, track, world, i, path.next_lane, left, always=True)
-        return self._overtake(road_user, track, world, i) if path.route else None
+        return self._overtake(road_user, track, world, i) if path.route and not settles else None
 
     def _overtake(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
         """Change to a lane that serves the route as well, where the vehicle gets on better there."""

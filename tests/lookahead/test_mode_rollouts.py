@@ -15,11 +15,10 @@ from slrl_sumo.lookahead.route_fit import AIM, COMFORT_SHARE, HEADWAY, MAX_RATIO
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.models.policy_network import PolicyConfig
-from slrl_sumo.perception.leaders import Leaders
+from slrl_sumo.perception.leaders import BRAKES, Leaders
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.route_context import (
     GAP,
-    LEADER_BRAKES,
     STOP_MARGIN,
     RouteContext,
     route_context,
@@ -47,6 +46,11 @@ def _cars(x: list[float], y: list[float], speed: list[float]) -> WorldState:
     return make_world(x, y, speed=speed)
 
 
+def _leading(gap: Floats, speed: Floats, row: NDArray[np.int64]) -> Leaders:
+    """Leaders with nobody else on the paths."""
+    return Leaders(gap, speed, row, gap + speed**2 / (2.0 * BRAKES), speed, NOBODY)
+
+
 def _rolled_out(
     bundle: ModelBundle, world: WorldState, rows: NDArray[np.intp], context: RouteContext | None = None, **words: bool
 ) -> ModeRollouts:
@@ -55,13 +59,14 @@ def _rolled_out(
     if context is not None:
         gap, speed = context.leader_gap, context.leader_speed
         row = np.where(np.isfinite(gap), len(world), -1)  # not one of the learned road users
-        stop, follow = stop_distances(context.route, world, Leaders(gap, speed, row, NOBODY))
+        stop, follow = stop_distances(context.route, world, _leading(gap, speed, row))
         context = replace(
             route_context(context.route, world),
             leader_gap=gap,
             leader_speed=speed,
             stop_distance=stop,
             follow_distance=follow,
+            follow_speed=speed,
         )
     return mode_rollouts(bundle, observe(scene, with_image=False), scene, context, ABLE, **words)
 
@@ -128,7 +133,7 @@ def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: fl
     n = len(x)
     route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
     none, queues = np.zeros(n), np.zeros(n, np.bool_)
-    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, NOBODY)
+    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, none, NOBODY)
 
 
 def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[ModeRollouts, RouteFit]:
@@ -227,7 +232,7 @@ def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading
     first = _speeds(_after(shipped_bundle, world, 1))
     ahead, fits = _on_route(shipped_bundle, world, _context(0.0, gap=14.5, leading=leading))
     # It stops where the leader would, if that braked, less the gap, the headway, and what it covers in between.
-    behind = 14.5 - GAP[0] + leading**2 / (2.0 * LEADER_BRAKES) + leading * DECISION_INTERVAL
+    behind = 14.5 - GAP[0] + leading**2 / (2.0 * BRAKES) + leading * DECISION_INTERVAL
     room = behind - (DECISION_INTERVAL + HEADWAY[0]) * first
     assert fits.follow_ratio[0] == pytest.approx(first**2 / 4.0 / room, rel=0.01)
     quick = ahead.speed[0] > 7.0
@@ -258,7 +263,7 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     out = np.array([25.0, 25.0, 25.0, 25.0, 15.8, np.inf, 25.0])
     stop = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0])
     route = replace(RouteAhead.unknown(7), stop=stop, keep=line, out=out)
-    ahead = Leaders(gap, speed, np.full(7, 7), NOBODY)
+    ahead = _leading(gap, speed, np.full(7, 7))
     stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), ahead)
     assert (stop + STOP_MARGIN[0]).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
 
@@ -268,7 +273,7 @@ def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> Non
     gap = np.array([9.0, 8.0, 14.0, 9.0])
     wait = np.array([12.0, 12.0, 12.0, -np.inf])
     route = replace(RouteAhead.unknown(4), keep=np.full(4, 2.0), out=np.full(4, 25.0), wait=wait)
-    ahead = Leaders(gap, np.zeros(4), np.full(4, 4), NOBODY)
+    ahead = _leading(gap, np.zeros(4), np.full(4, 4))
     stop, _ = stop_distances(route, _cars([0.0] * 4, [0.0] * 4, [0.0] * 4), ahead)
     # The second one would stand over the line, the third one beyond the position, the fourth one has none.
     assert (stop + STOP_MARGIN[0]).tolist() == [np.inf, 1.0, 1.0, 1.0]
@@ -279,7 +284,7 @@ def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
     n = 3
     route = replace(RouteAhead.unknown(n), stop=np.array([20.0, np.inf, np.inf]), keep=np.array([np.inf, np.inf, 4.0]))
     route = replace(route, out=np.array([np.inf, np.inf, 24.0]))
-    ahead = Leaders(np.array([np.inf, 3.0, 4.0]), np.full(n, 6.0), np.array([-1, 0, 1]), NOBODY)
+    ahead = _leading(np.array([np.inf, 3.0, 4.0]), np.full(n, 6.0), np.array([-1, 0, 1]))
     still = ahead._replace(gap=np.array([np.inf, 13.0, 14.0]))
     cars = _cars([0.0] * n, [0.0] * n, [6.0] * n)
     # It will stand after 20 + (3 - 1.5) + (4 - 1.5) m = 24 m, and needs 29 m; with 20 m more it has room.

@@ -16,7 +16,8 @@ from slrl_sumo.lookahead.route_fit import (
     route_fit,
 )
 from slrl_sumo.models.capability import STOPPING, Capability
-from slrl_sumo.perception.route_context import GAP, LEADER_BRAKES, STOP_MARGIN, RouteContext, route_context
+from slrl_sumo.perception.leaders import BRAKES
+from slrl_sumo.perception.route_context import GAP, STOP_MARGIN, RouteContext, route_context
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 
@@ -34,9 +35,8 @@ def drawn_context(users: WorldState) -> tuple[RouteContext, Capability]:
     speed = rng.uniform(0.0, 8.0, n)
     context = replace(
         route_context(route, users),
-        leader_gap=gap,
-        leader_speed=speed,
-        follow_distance=gap - GAP[users.type] + speed**2 / (2.0 * LEADER_BRAKES),
+        follow_speed=speed,
+        follow_distance=gap - GAP[users.type] + speed**2 / (2.0 * BRAKES),
     )
     return context, Capability(np.ones((3, 2, 1)), stopping)
 
@@ -46,9 +46,9 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
     context, capability = drawn_context(users)
     stop, room = context.stop_distance, context.follow_distance
     assert (stop <= context.route.stop - STOP_MARGIN[users.type]).all()
-    braking = context.leader_speed**2 / (2.0 * LEADER_BRAKES)
+    braking = context.follow_speed**2 / (2.0 * BRAKES)
     alike = [
-        np.interp(v, STOPPING, capability.stopping[k]) for v, k in zip(context.leader_speed, users.type, strict=True)
+        np.interp(v, STOPPING, capability.stopping[k]) for v, k in zip(context.follow_speed, users.type, strict=True)
     ]
     behind = COMFORT_SHARE * (room - braking - HEADWAY[users.type] * users.speed) + np.minimum(braking, alike)
     within = np.maximum(np.minimum(COMFORT_SHARE * stop, behind), 0.0)
@@ -60,7 +60,7 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
     assert (found == 0.0).any()
 
 
-@pytest.mark.parametrize("hardest", [3.0, LEADER_BRAKES, 6.0])
+@pytest.mark.parametrize("hardest", [3.0, BRAKES, 6.0])
 def test_cars_keep_their_headway_whatever_their_brakes(hardest: float) -> None:
     """Behind a leader at the same speed. With 6 m/s² they kept 0.3 s."""
     users = make_crowd(1, 1, 100.0)
@@ -71,8 +71,7 @@ def test_cars_keep_their_headway_whatever_their_brakes(hardest: float) -> None:
         context,
         route=replace(context.route, desired=np.array([40.0])),
         stop_distance=np.array([np.inf]),
-        leader_gap=apart + GAP[:1],
-        leader_speed=np.array([12.0]),
+        follow_speed=np.array([12.0]),
         follow_distance=np.array([apart + 18.0]),
     )
     capability = Capability(np.ones((3, 2, 1)), np.tile(stopping, (3, 1)))
@@ -87,7 +86,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
     free = mode_paths(me, acceleration, yaw_rate, np.full(40, 45.0), halting=True)
     fits = route_fit(context, capability, me, rows, free, yaw_rate)
     stop, room = context.stop_distance[rows], context.follow_distance[rows]
-    leading = context.leader_speed[rows]
+    leading = context.follow_speed[rows]
     for i, kind in enumerate(me.type):
         first, speed = free.speed[i, 0], free.speed[i, 1]
         need = np.interp(first, STOPPING, capability.stopping[kind])
@@ -100,12 +99,10 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         np.testing.assert_allclose(
             fits.follow_ratio[i], np.minimum(need / np.maximum(behind, AT), MAX_RATIO), atol=1e-12
         )
-        theirs = min(
-            leading[i] ** 2 / (2.0 * LEADER_BRAKES), np.interp(leading[i], STOPPING, capability.stopping[kind])
-        )
+        theirs = min(leading[i] ** 2 / (2.0 * BRAKES), np.interp(leading[i], STOPPING, capability.stopping[kind]))
         shared = np.minimum(theirs, need) / np.maximum(behind, AT)
         np.testing.assert_allclose(fits.leader_ratio[i], np.minimum(shared, MAX_RATIO), atol=1e-12)
-        covered, braking = (first + speed) * DECISION_INTERVAL, leading[i] ** 2 / (2.0 * LEADER_BRAKES)
+        covered, braking = (first + speed) * DECISION_INTERVAL, leading[i] ** 2 / (2.0 * BRAKES)
         later = room[i] + 2.0 * leading[i] * DECISION_INTERVAL - covered - braking
         braking = min(braking, np.interp(leading[i], STOPPING, capability.stopping[kind]))
         left = np.minimum(

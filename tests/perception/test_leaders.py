@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import ALONG, make_levels, make_routes, make_world
 
-from slrl_sumo.perception.leaders import ALIKE, BESIDE, NEAREST, SIDE_GAP, STANDING, Leaders, leaders, way_code
+from slrl_sumo.perception.leaders import ALIKE, BESIDE, BRAKES, NEAREST, SIDE_GAP, STANDING, Leaders, leaders, way_code
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.route import AHEAD, HERE, POINTS, SPACING, RouteAhead, on_path, spacing_at
@@ -72,6 +72,17 @@ def test_the_nearest_one_on_the_path_leads() -> None:
 )
 def test_which_road_user_leads(other: Box, leads: bool) -> None:
     assert np.isfinite(of_one(other)[0]) == leads
+
+
+@pytest.mark.parametrize(("further", "first"), [(60.0, 17.0), (40.0, 0.0)])
+def test_one_that_stands_beyond_the_leader_is_seen_in_time(further: float, first: float) -> None:
+    """The leader may be about to leave the path: cars at 17 m/s met the end of a queue that it had hidden."""
+    leader, standing = (18.0, 0.0, 0.0, 17.0, 5.0, 1.8), (further, 0.0, 0.0, 0.0, 5.0, 1.8)
+    found = found_by(eastwards(0.0), world(EGO, leader, standing))
+    assert (found.gap[0], found.speed[0], found.row[0]) == (13.0, 17.0, 1)
+    stops = {17.0: 13.0 + 17.0**2 / (2.0 * BRAKES), 0.0: further - 5.0}
+    assert (found.stop[0], found.stop_speed[0]) == (pytest.approx(min(stops.values())), first)
+    assert stops[first] == min(stops.values())
 
 
 @pytest.mark.parametrize(("heading", "leads"), [(0.0, True), (np.pi, False), (np.pi / 2, False)])

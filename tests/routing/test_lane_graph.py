@@ -4,13 +4,13 @@ from pathlib import Path
 
 import libsumo
 import pytest
+from builders import make_scenario
 
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.routing.lane_graph import CHANGE, HALF_CAR, STOP_LINE, WAITS_APART, LaneGraph, junction_of
 from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_scenario
 
 
 def test_lanes_are_changed_before_a_short_edge_and_as_late_as_possible_otherwise(tmp_path: Path) -> None:

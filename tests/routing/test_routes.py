@@ -10,8 +10,9 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
-from builders import make_world
+from builders import make_scenario, make_world
 
+from slrl_sumo.routing.lane_changes import SETTLES
 from slrl_sumo.routing.lane_graph import STOP_LINE
 from slrl_sumo.routing.pedestrian_tracker import WAITING_DISTANCE
 from slrl_sumo.routing.routes import NEAR_END, Routes
@@ -294,6 +295,25 @@ def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSessi
         width = libsumo.lane.getWidth("in0_3")
         assert aside[0, 0] == pytest.approx(-width, abs=0.2)
         assert _off_lanes(signalised, ("in0", "out3"), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
+
+
+def test_a_vehicle_that_has_just_been_inserted_stays_on_its_lane(tmp_path: Path) -> None:
+    """SUMO inserts others beside it on the lane that it would change to."""
+    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 600), ("c", 800)))
+    edges = '<edge id="ab" from="a" to="b" numLanes="2"/><edge id="bc" from="b" to="c" numLanes="1"/>'
+    car = '<trip id="car" from="ab" to="bc" depart="0" departLane="0" departSpeed="10"/>'
+    (tmp_path / "left.con.xml").write_text(
+        '<connections><connection from="ab" to="bc" fromLane="1" toLane="0"/></connections>'
+    )
+    scenario = make_scenario(tmp_path, nodes, edges, car, "--connection-files", "left.con.xml")
+    with SumoSession(find_scenario(str(scenario))) as session:
+        session.step()
+        world, routes = _seen(session, "car"), Routes(libsumo, session.network)
+        asides = []
+        for later in (0.0, SETTLES - 0.1, SETTLES + 0.1):
+            now = replace(world, time=world.time + later)
+            asides.append(on_path(routes.ahead(now, 1), now.x[:, None], now.y[:, None])[1].item())
+        assert asides == pytest.approx([0.0, 0.0, -libsumo.lane.getWidth("ab_0")], abs=0.2)
 
 
 def test_a_vehicle_that_waits_where_no_lane_leads_on_remains_learned(signalised: SumoSession) -> None:

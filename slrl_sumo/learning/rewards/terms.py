@@ -39,7 +39,7 @@ STEP = 0.2
 """m in a decision interval; where less is wanted, the road user is to stand."""
 LEAST = 1.0
 """m: what is covered beyond a distance wanted in a decision interval counts relative to at least this."""
-PATH = 0.5
+PATH = 0.25
 """m of lateral offset that are not penalised."""
 RAREST = -8.0
 """Log probability of modes that count as never seen."""

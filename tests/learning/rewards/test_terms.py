@@ -112,8 +112,8 @@ def test_excess_is_what_was_covered_beyond_the_wanted_distance() -> None:
     )
 
 
-def test_a_path_has_half_a_metre_of_room_on_both_sides() -> None:
-    aside = np.array([0.0, 0.5, -0.5, 1.0, -1.0, 1.5, 7.0])
+def test_a_path_has_a_quarter_of_a_metre_of_room_on_both_sides() -> None:
+    aside = np.array([0.0, 0.25, -0.25, 0.5, -0.5, 0.75, 7.0])
     np.testing.assert_allclose(rewards.off_path(aside, np.ones(7, np.bool_)), [0, 0, 0, -0.5, -0.5, -1, -1])
     np.testing.assert_array_equal(rewards.off_path(aside, np.zeros(7, np.bool_)), np.zeros(7))
 
