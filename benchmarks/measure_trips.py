@@ -2,9 +2,10 @@
 
     python -m benchmarks.measure_trips --bundle B --selectors rule,greedy --networks 30 --out trips.json
 
-Every network is played by each selector from the same start, `--decisions` long, and differences to the first selector
-are of pairs, with 95 % intervals over networks. `greedy:black` sees black images, `greedy:swapped` those of another
-road user. The file of --out is continued where it exists. Settings as in the TOML file of the training: --config.
+Every network is played by each selector from the same start, `--decisions` long. Differences to the first selector are
+of pairs, with 95 % intervals over networks: in all, by type, and in each of SITUATIONS. `greedy:black` sees black
+images, `greedy:swapped` those of another road user. The file of --out is continued where it exists. Settings as in the
+TOML file of the training: --config.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
@@ -29,20 +31,33 @@ from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.netgen.families import generate
 from slrl_sumo.perception.observation import Observation
-from slrl_sumo.scene.types import TYPE_NAMES
+from slrl_sumo.perception.route_context import RouteContext
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.scenario import find_scenario
 
 FIRST_SEED = 70_000
 """Far from the seeds that trainings draw."""
 SUMS = ("steps", "reward", "gone", "reached", "clean", "contacts", "off_surface", "red", "standing", "as_rule")
-BY_TYPE = ("steps", "progress", "speed", "contacts", "reached", "clean")
+SITUATIONS = ("starting", "free", "following", "stopping", "in a junction", "beside the path", "in company")
+"""Of vehicles: at a stand with nothing near, in motion with nothing ahead, behind a leader, before a line, in a
+junction, OFFSET and more beside the path; of pedestrians: behind another road user. One that is in several counts in
+each."""
+GROUPS = (*TYPE_NAMES, *SITUATIONS)
+IN_GROUP = ("steps", "progress", "speed", "contacts", "reached", "clean", "reward", "as_rule", "faster")
 RATES = (
+    ("reward", "steps", 1.0),
     ("speed", "steps", 1.0),
     ("progress", "steps", 1.0),
     ("contacts", "steps", 1000.0),
     ("clean", "reached", 1.0),
+    ("as_rule", "steps", 1.0),
+    ("faster", "steps", 1.0),
 )
-"""Figures of each type: a sum, the sum that it is divided by, and a factor."""
+"""Figures of each group: a sum, the sum that it is divided by, and a factor. `faster`: m/s that the chosen mode is
+faster than that of `rule` would be, 1.2 s later."""
+NEAR, AHEAD, OFFSET = 15.0, 40.0, 0.4
+"""m."""
 
 
 @dataclass(frozen=True, order=True)
@@ -55,7 +70,7 @@ class Play:
 
 
 def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -> dict[str, float]:
-    """Sums over all decisions: see SUMS, and by type BY_TYPE."""
+    """Sums over all decisions: see SUMS, and in each group IN_GROUP."""
     bundle = load_bundle(bundle_name)
     name, _, spoilt = job.selector.partition(":")
     selector, rule = make_selector(name, bundle, job.seed), make_selector("rule", bundle, job.seed)
@@ -63,18 +78,22 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
         settings.arena, weights=settings.reward, extended=True, trips=True, image=selector.needs_image
     )
     sums = dict.fromkeys(SUMS, 0.0)
-    sums |= {f"{what}_{name}": 0.0 for name in TYPE_NAMES for what in BY_TYPE}
+    sums |= {f"{what}_{name}": 0.0 for name in GROUPS for what in IN_GROUP}
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, one_thread():
         scenario = find_scenario(str(generate(job.family, job.seed, Path(folder) / "made")))
         with TripArena(scenario, bundle, arena_settings, job.seed) as arena:
             for _ in range(decisions):
                 situation = arena.situation
                 modes = by_rule = np.zeros(0, np.int64)
+                faster, groups = np.zeros(0), dict.fromkeys(SITUATIONS, np.zeros(0, np.bool_))
                 if situation is not None:
                     masks, ids = list(situation.masks.values()), arena.simulation.population.world.ids
                     seen = spoil(situation.observation, spoilt)
                     modes = selector.choose(seen, situation.rollouts, ids, masks)[-1]
                     by_rule = rule.choose(situation.observation, situation.rollouts, ids, masks)[-1]
+                    rows = np.arange(len(modes))
+                    faster = situation.rollouts.speed[rows, modes] - situation.rollouts.speed[rows, by_rule]
+                    groups = situations(situation.context, arena.simulation.population.world)
                 outcome = arena.step(modes)
                 none = np.zeros(len(modes))
                 values = {
@@ -90,13 +109,33 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
                     "as_rule": modes == by_rule,
                     "speed": outcome.speed,
                     "progress": outcome.terms.get("progress", none),
+                    "faster": faster,
                 }
+                groups |= {name: outcome.type == number for number, name in enumerate(TYPE_NAMES)}
                 for name in SUMS:
                     sums[name] += float(values[name].sum())
-                for number, name in enumerate(TYPE_NAMES):
-                    for what in BY_TYPE:
-                        sums[f"{what}_{name}"] += float(values[what][outcome.type == number].sum())
+                for name, mask in groups.items():
+                    for what in IN_GROUP:
+                        sums[f"{what}_{name}"] += float(values[what][mask].sum())
     return sums
+
+
+def situations(context: RouteContext, users: WorldState) -> dict[str, NDArray[np.bool_]]:
+    """Which of n road users are in each of SITUATIONS, (n,) each."""
+    route, walks = context.route, users.type == RoadUserType.PEDESTRIAN
+    drives, inside = route.known & ~walks, np.isfinite(route.entered)
+    nearest = np.minimum(context.leader_gap, context.stop_distance)
+    moves = users.speed > STANDING_SPEED
+    masks = (
+        drives & ~moves & (nearest > NEAR),
+        drives & moves & (nearest > AHEAD) & ~inside,
+        drives & moves & (context.leader_gap < np.minimum(AHEAD, context.stop_distance)) & ~inside,
+        drives & moves & (context.stop_distance < np.minimum(AHEAD, context.leader_gap)) & ~inside,
+        drives & inside,
+        drives & moves & (np.abs(context.lateral_offset) > OFFSET),
+        walks & route.known & (context.leader_gap < NEAR),
+    )
+    return dict(zip(SITUATIONS, masks, strict=True))
 
 
 def spoil(seen: Observation, how: str) -> Observation:
@@ -109,9 +148,9 @@ def spoil(seen: Observation, how: str) -> Observation:
 def figures(sums: dict[str, float]) -> dict[str, float]:
     """The figures of one play."""
     steps = max(1.0, sums["steps"])
-    by_type = {
+    by_group = {
         f"{what}_{name}": factor * sums[f"{what}_{name}"] / sums[f"{among}_{name}"]
-        for name in TYPE_NAMES
+        for name in GROUPS
         for what, among, factor in RATES
         if sums[f"{among}_{name}"]
     }
@@ -124,7 +163,7 @@ def figures(sums: dict[str, float]) -> dict[str, float]:
         "clean of the reached": sums["clean"] / sums["reached"] if sums["reached"] else math.nan,
         "standing": sums["standing"] / steps,
         "mode as rule": sums["as_rule"] / steps,
-        **by_type,
+        **by_group,
     }
 
 
