@@ -91,8 +91,10 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
                     seen = spoil(situation.observation, spoilt)
                     modes = selector.choose(seen, situation.rollouts, ids, masks)[-1]
                     by_rule = rule.choose(situation.observation, situation.rollouts, ids, masks)[-1]
-                    rows = np.arange(len(modes))
-                    faster = situation.rollouts.speed[rows, modes] - situation.rollouts.speed[rows, by_rule]
+                    assert situation.rollouts is not None
+                    assert situation.context is not None
+                    rows, speed = np.arange(len(modes)), situation.rollouts.speed
+                    faster = speed[rows, modes] - speed[rows, by_rule]
                     groups = situations(situation.context, arena.simulation.population.world)
                 outcome = arena.step(modes)
                 none = np.zeros(len(modes))
