@@ -11,7 +11,7 @@ from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
-from slrl_sumo.sumo.taken_over import INFINITELY_WIDE
+from slrl_sumo.sumo.taken_over.persons import INFINITELY_WIDE
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 

@@ -19,7 +19,7 @@ from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.sumo.refusals import Refusals, is_refusal
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.taken_over import MOVED
+from slrl_sumo.sumo.taken_over.vehicles import MOVED
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
 

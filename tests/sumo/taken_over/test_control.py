@@ -10,7 +10,8 @@ import pytest
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.taken_over import BESIDE, MOVED, TakenOverControl
+from slrl_sumo.sumo.taken_over import TakenOverControl
+from slrl_sumo.sumo.taken_over.vehicles import BESIDE, MOVED
 
 VEHICLE, PERSON = np.array([False]), np.array([True])
 DEFAULT_MODES = (31, 1621)

@@ -1,0 +1,138 @@
+"""Takes road users of the scenario over, moves them, and hands them back to SUMO (rules: see the package)."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
+from slrl_sumo.sumo.road_users import loaded_ids
+from slrl_sumo.sumo.taken_over.persons import TakenOverPersons
+from slrl_sumo.sumo.taken_over.vehicles import TakenOverVehicles
+
+REFUSED = "refused"
+"""Why a road user cannot be taken over, besides what its control says: SUMO refuses a call."""
+
+
+class TakenOverControl:
+    """Takes road users of the scenario over, moves them, and hands them back to SUMO.
+
+    `refusals`: those for which SUMO has refused a call. They remain taken over until `abandon`.
+    """
+
+    def __init__(self, api: SumoApi, network: Network) -> None:
+        self.refusals = Refusals()
+        self._api, self._network = api, network
+        self._vehicles = TakenOverVehicles(api, network, self.refusals)
+        self._persons = TakenOverPersons(api, network, self.refusals)
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Ids of all road users that are taken over now."""
+        return self._vehicles.ids | self._persons.ids
+
+    def obstacles(self, ids: Sequence[str], person: NDArray[np.bool_], *, models: bool) -> tuple[str, ...]:
+        """Why n road users on the network cannot be taken over, '' where they can; `person`: which of them are persons,
+        (n,).
+
+        Walking persons can, and vehicles on a lane without stops ahead that are no trains, ships or aircraft, and of no
+        class that crossings admit; with `models`, only vehicles that these suit.
+        """
+        found = []
+        for road_user, walks in zip(ids, person.tolist(), strict=True):
+            reason = REFUSED
+            with self.refusals.of(road_user):
+                reason = self._persons.obstacle(road_user) if walks else self._vehicles.obstacle(road_user, models)
+            found.append(reason)
+        return tuple(found)
+
+    def unsupported(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Which of n taken-over road users must be handed back, (n,): vehicles with stops, a
+        calibrator or a vaporizer ahead, and persons that do not walk any more."""
+        return self._each(ids, person, self._vehicles.is_interrupted, self._persons.does_not_walk)
+
+    def take_over(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Take over n eligible road users; they must be moved in every SUMO step from now on. Returns which ones SUMO
+        has given, (n,)."""
+        return self._each(ids, person, self._vehicles.take_over, self._persons.take_over)
+
+    def move(
+        self,
+        ids: Sequence[str],
+        person: NDArray[np.bool_],
+        x: Floats,
+        y: Floats,
+        heading: Floats,
+        speed: Floats,
+        length: Floats,
+    ) -> None:
+        """Set the state of n road users after the next SUMO step: centres (m), headings (rad), speeds (m/s), (n,)."""
+        front_x, front_y = (a.tolist() for a in front_from_centre(x, y, heading, length))
+        angles, speeds = heading_to_sumo(heading).tolist(), speed.tolist()
+        lanes_under = iter(self._network.walks.lanes_under(x[person], y[person]).tolist())
+        for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
+            with self.refusals.of(road_user):
+                if walks:
+                    self._persons.move(road_user, next(lanes_under), front_x[i], front_y[i], angles[i])
+                else:
+                    self._vehicles.move(road_user, front_x[i], front_y[i], angles[i], speeds[i])
+
+    def move_to_middle(self) -> None:
+        """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
+        keep their offset for ever.
+
+        To be called directly before the step: a move that no step carries out is carried out in the next simulation of
+        this process, where it has a vehicle of that name.
+        """
+        self._vehicles.move_to_middle()
+
+    def hand_back(self, ids: Sequence[str], person: NDArray[np.bool_], *, off_route: bool = False) -> NDArray[np.bool_]:
+        """Hand n road users back to SUMO, (n,): False where one remains taken over and must be moved on.
+
+        That is a vehicle that SUMO has on no lane or inside a junction, and a person off all edges, as on a crossing.
+        `off_route`: vehicles on no lane are put on the nearest place of their route, however far that is.
+        """
+        return self._each(
+            ids,
+            person,
+            lambda road_user: self._vehicles.hand_back(road_user, off_route),
+            lambda road_user: self._persons.hand_back(road_user, off_route),
+        )
+
+    def abandon(self, ids: Iterable[str]) -> None:
+        """Give road users up where they are, as far as SUMO allows: those that are gone, that teleport, or for which it
+        has refused a call."""
+        present, given_up = loaded_ids(self._api), frozenset(ids)
+        for road_user in self._vehicles.ids & given_up:
+            self._vehicles.abandon(road_user, present)
+        for road_user in self._persons.ids & given_up:
+            self._persons.abandon(road_user, present)
+
+    def release(self) -> tuple[str, ...]:
+        """Hand all road users back at once, if possible; returns the ids of the others.
+
+        Persons go to the right side of their edge, also from a crossing or from beside it. Vehicles on no lane are put
+        on the nearest place of their route, however far that is: beside it SUMO would lose them.
+        """
+        self.abandon(self.ids - loaded_ids(self._api))
+        held, on_foot = sorted(self.ids), self._persons.ids
+        persons = np.array([road_user in on_foot for road_user in held], np.bool_)
+        back = self.hand_back(held, persons, off_route=True)
+        return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
+
+    def _each(
+        self,
+        ids: Sequence[str],
+        person: NDArray[np.bool_],
+        of_vehicle: Callable[[str], bool],
+        of_person: Callable[[str], bool],
+    ) -> NDArray[np.bool_]:
+        """What the functions say about n road users, (n,); False where SUMO refuses a call."""
+        said = np.zeros(len(ids), np.bool_)
+        for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
+            with self.refusals.of(road_user):
+                said[i] = of_person(road_user) if walks else of_vehicle(road_user)
+        return said

@@ -1,0 +1,150 @@
+"""Persons that are moved from outside (rules: see slrl_sumo.sumo.taken_over)."""
+
+from collections.abc import Container
+from dataclasses import dataclass
+
+import numpy as np
+
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
+from slrl_sumo.sumo.road_users import WALKING
+
+KEEP_ROUTE = 7
+MATCH_THRESHOLD = 0.1
+"""m; with 5 m SUMO moves persons beside their edge by up to 5 m towards it."""
+NOT_WALKING = "no walk"
+"""Why a person cannot be taken over: it rides, waits or walks to a stop with <access>."""
+NO_WALK = "it does not walk any more"
+INFINITELY_WIDE = "it is on a lane of infinite width, where SUMO has persons nowhere"
+
+
+@dataclass
+class _Walk:
+    """The original walk of a person, and the one edge that it walks on while it is taken over."""
+
+    edges: tuple[str, ...]
+    arrival: float
+    stop: str
+    current_edge: str | None
+    """None until the person is moved for the first time."""
+
+
+class TakenOverPersons:
+    """Takes persons over one by one, moves them, and hands them back; `refusals`: of those that SUMO cannot move."""
+
+    def __init__(self, api: SumoApi, network: Network, refusals: Refusals) -> None:
+        self._api, self._network, self._refusals = api, network, refusals
+        self._walks: dict[str, _Walk] = {}
+        self._lengths: dict[str, float] = {}
+        for lane in network.lanes:
+            if not lane.internal and "pedestrian" in lane.allowed:
+                self._lengths.setdefault(lane.edge, lane.length)
+        self._edge_of_stop = {stop: api.busstop.getLaneID(stop).rpartition("_")[0] for stop in api.busstop.getIDList()}
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Ids of the persons that are taken over now."""
+        return frozenset(self._walks)
+
+    def obstacle(self, road_user: str) -> str:
+        """Why a person cannot be taken over, '' where it can: it has to walk."""
+        person = self._api.person
+        if person.getVehicle(road_user) != "" or person.getRoadID(road_user) == "":
+            return NOT_WALKING
+        stage = person.getStage(road_user, 0)
+        if stage.type != WALKING:
+            return NOT_WALKING
+        # With <access>, SUMO ends the walk to a stop on another edge than that of the stop.
+        whole = not stage.edges or self._edge_of_stop.get(stage.destStop, stage.edges[-1]) == stage.edges[-1]
+        return "" if whole else NOT_WALKING
+
+    def does_not_walk(self, road_user: str) -> bool:
+        """Whether SUMO or a script has begun another stage of a person."""
+        return self._api.person.getStage(road_user, 0).type != WALKING
+
+    def take_over(self, road_user: str) -> bool:
+        """Take a person over; it must be moved in every SUMO step from now on."""
+        stage = self._api.person.getStage(road_user, 0)
+        # getEdges begins with the present edge, the stage with the first one.
+        edges = tuple(self._api.person.getEdges(road_user, 0)) or tuple(stage.edges)
+        self._walks[road_user] = _Walk(edges, stage.arrivalPos, stage.destStop, None)
+        return True
+
+    def move(self, road_user: str, lane: int, x: float, y: float, angle: float) -> None:
+        """Move the front of a person to a place (m), facing a SUMO `angle` (degrees), in the next SUMO step; `lane`:
+        that of the network's walks under it, -1 where there is none."""
+        if self.does_not_walk(road_user):
+            # SUMO or a script has begun another stage: a move would let it walk again.
+            self._refusals.add(road_user, NO_WALK)
+        elif lane >= 0 and self._network.walks.lanes[lane].id in self._network.infinitely_wide:
+            self._refusals.add(road_user, INFINITELY_WIDE)
+        else:
+            self._shorten_walk(road_user, lane)
+            self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
+
+    def hand_back(self, road_user: str, off_route: bool) -> bool:
+        """Whether a person could be handed back; with `off_route` also from a crossing or beside its edge."""
+        walk = self._walks[road_user]
+        if walk.current_edge is None or self.does_not_walk(road_user):
+            # Never moved: its walk is unchanged. Or SUMO or a script has begun another stage.
+            del self._walks[road_user]
+            return True
+        x, y = self._api.person.getPosition(road_user)
+        if self._api.person.getRoadID(road_user) != walk.current_edge or not (
+            off_route or self._is_on(walk.current_edge, x, y)
+        ):
+            return False
+        edges = self._rest_of(walk)
+        if not edges:
+            return False
+        self._restore_walk(road_user, edges)
+        if not off_route and not self.does_not_walk(road_user):
+            # A new walk begins at the right side of the lane; this move keeps the person where it is. Not on release:
+            # beside its edge a person would stand for ever, and if the simulation is closed with a move of a person
+            # pending, libsumo crashes in the next simulation of the process. A walk that is at its end is over at once:
+            # the person may ride or be in an <access> stage already.
+            angle = self._api.person.getAngle(road_user)
+            self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
+        del self._walks[road_user]
+        return True
+
+    def abandon(self, road_user: str, present: Container[str]) -> None:
+        """Give a person up where it is; if it is among those `present` in SUMO, it walks on to its destination."""
+        if road_user in present:
+            with self._refusals.of(road_user):
+                if not self.does_not_walk(road_user) and (edges := self._rest_of(self._walks[road_user])):
+                    self._restore_walk(road_user, edges)
+        self._walks.pop(road_user, None)
+
+    def _shorten_walk(self, road_user: str, lane: int) -> None:
+        """Let a person walk on the edge under it only; `lane` -1 (no edge under it) keeps the last one."""
+        walk = self._walks[road_user]
+        edge = self._network.walks.lanes[lane].edge if lane >= 0 else walk.current_edge or walk.edges[0]
+        if edge != walk.current_edge:
+            self._set_walk(road_user, (edge,), 0.5 * self._lengths.get(edge, 0.0), "")
+            walk.current_edge = edge
+
+    def _set_walk(self, road_user: str, edges: tuple[str, ...], arrival: float, stop: str) -> None:
+        stage = self._api.simulation.Stage(type=WALKING, edges=list(edges), arrivalPos=arrival, destStop=stop)
+        self._api.person.replaceStage(road_user, 0, stage)
+
+    def _restore_walk(self, road_user: str, edges: tuple[str, ...]) -> None:
+        """Let a person walk along `edges` to its own destination."""
+        walk = self._walks[road_user]
+        arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
+        self._set_walk(road_user, edges, arrival, walk.stop)
+
+    def _is_on(self, edge: str, x: float, y: float) -> bool:
+        """Whether a position is on an edge, and not beside it or on a crossing that SUMO assigns to the edge."""
+        lane = int(self._network.walks.lanes_under(np.array([x]), np.array([y]))[0])
+        return lane >= 0 and self._network.walks.lanes[lane].edge == edge
+
+    def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
+        """The edges from a person's present one to its destination; () where there is no route."""
+        if walk.current_edge is None:
+            return ()
+        if walk.current_edge in walk.edges:
+            return walk.edges[walk.edges.index(walk.current_edge) :]
+        stages = self._api.simulation.findIntermodalRoute(walk.current_edge, walk.edges[-1], "")
+        return tuple(edge for stage in stages if stage.type == WALKING for edge in stage.edges)

@@ -1,0 +1,164 @@
+"""Vehicles that are moved from outside (rules: see slrl_sumo.sumo.taken_over)."""
+
+import math
+from collections.abc import Container
+from dataclasses import dataclass
+
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.refusals import Refusals
+from slrl_sumo.sumo.removing_edges import MAY_BE_REMOVED, RemovingEdges
+from slrl_sumo.sumo.road_users import loaded_ids
+from slrl_sumo.sumo.sublanes import Sublanes
+from slrl_sumo.sumo.vehicle_classes import Shape, without_models
+
+LEFT_TO_SUMO = frozenset(
+    {
+        *("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car"),
+        *("ship", "container", "aircraft", "drone"),
+    }
+)
+"""Vehicle classes that are never taken over
+(https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
+KEEP_ROUTE = 3
+MOVED = 16
+"""SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but has them wait at red. With 0 fewer
+of its own vehicles get through junctions (docs/measurements/flow.md)."""
+KEEP_ROUTE_STRICTLY = 1
+"""Onto the route, in the middle of a lane, wherever the given position is."""
+BESIDE = 0.3
+"""m beside the middle of its lane up to which a vehicle is handed back as it is."""
+EVERYWHERE = 1e5
+"""m; farther than any two places of a network are apart."""
+MATCH_THRESHOLD = 5.0
+"""m; SUMO's default of 100 m makes a call up to 40 times slower."""
+NO_LANE, INTERRUPTED = "no lane", "stop ahead"
+"""Why a vehicle cannot be taken over: SUMO has it on no lane; a stop, a calibrator or a vaporizer is ahead."""
+
+
+@dataclass(frozen=True)
+class _Modes:
+    """The modes of a vehicle before the takeover, and the lane change mode that it has meanwhile."""
+
+    speed: int
+    lane_change: int
+    lane_change_meanwhile: int
+    """SUMO keeps bits of the mode that was set before."""
+
+
+class TakenOverVehicles:
+    """Takes vehicles over one by one, moves them, and hands them back; `refusals`: of those that SUMO cannot move."""
+
+    def __init__(self, api: SumoApi, network: Network, refusals: Refusals) -> None:
+        self._api, self._network, self._refusals = api, network, refusals
+        self._modes: dict[str, _Modes] = {}
+        self._beside: list[str] = []
+        self._removing = RemovingEdges(api, network)
+        self._sublanes = Sublanes(api, network)
+
+    @property
+    def ids(self) -> frozenset[str]:
+        """Ids of the vehicles that are taken over now."""
+        return frozenset(self._modes)
+
+    def obstacle(self, road_user: str, models: bool) -> str:
+        """Why a vehicle cannot be taken over, '' where it can; with `models`, one for which there are none cannot."""
+        vehicle = self._api.vehicle
+        vehicle_class = vehicle.getVehicleClass(road_user)
+        # SUMO 1.28 crashes in the step after a move has put a vehicle onto a walking area or a crossing. In networks of
+        # netconvert only vehicles of class "pedestrian" can be mapped to one.
+        if vehicle_class in LEFT_TO_SUMO or vehicle_class in self._network.classes_on_foot:
+            return f"class {vehicle_class}"
+        if models:
+            shape = Shape(vehicle_class, vehicle.getLength(road_user), vehicle.getWidth(road_user))
+            if unlike := without_models(shape):
+                return unlike
+        if vehicle.getLaneID(road_user) == "":
+            return NO_LANE
+        return INTERRUPTED if self.is_interrupted(road_user) else ""
+
+    def is_interrupted(self, road_user: str) -> bool:
+        """Whether a vehicle must not be moved on: it has a stop, a calibrator or a vaporizer ahead."""
+        vehicle = self._api.vehicle
+        # Bits 1 and 8 and up of the stop state: at a stop, parked, or waiting for passengers.
+        if vehicle.getStops(road_user, 1) or vehicle.getStopState(road_user) != 0:
+            return True
+        return self._removing.next_for(road_user)
+
+    def take_over(self, road_user: str) -> bool:
+        """Take a vehicle over; it must be moved in every SUMO step from now on."""
+        vehicle = self._api.vehicle
+        speed, lane_change = vehicle.getSpeedMode(road_user), vehicle.getLaneChangeMode(road_user)
+        vehicle.setSpeedMode(road_user, MOVED)
+        vehicle.setLaneChangeMode(road_user, 0)
+        self._modes[road_user] = _Modes(speed, lane_change, vehicle.getLaneChangeMode(road_user))
+        return True
+
+    def move(self, road_user: str, x: float, y: float, angle: float, speed: float) -> None:
+        """Move the front of a vehicle to a place (m), facing a SUMO `angle` (degrees), at a `speed` (m/s), in the next
+        SUMO step."""
+        if self._removing.next_for(road_user, inside_junctions=True):
+            self._refusals.add(road_user, MAY_BE_REMOVED)
+            return
+        self._sublanes.clear(road_user)
+        self._api.vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
+        self._api.vehicle.setSpeed(road_user, speed)
+
+    def move_to_middle(self) -> None:
+        """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
+        keep their offset for ever.
+
+        To be called directly before the step: a move that no step carries out is carried out in the next simulation of
+        this process, where it has a vehicle of that name.
+        """
+        if not self._beside:
+            return
+        beside, self._beside = self._beside, []
+        present, vehicle, dt = loaded_ids(self._api), self._api.vehicle, self._api.simulation.getDeltaT()
+        for road_user in beside:
+            if road_user in self._modes or road_user not in present:
+                continue
+            with self._refusals.of(road_user):
+                lane, way = vehicle.getLaneID(road_user), vehicle.getSpeed(road_user) * dt
+                if lane and vehicle.getLanePosition(road_user) + way < self._api.lane.getLength(lane):
+                    angle, (x, y) = vehicle.getAngle(road_user), vehicle.getPosition(road_user)
+                    x, y = x + way * math.sin(math.radians(angle)), y + way * math.cos(math.radians(angle))
+                    vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, MATCH_THRESHOLD)
+
+    def hand_back(self, road_user: str, off_route: bool) -> bool:
+        """Whether a vehicle could be handed back; with `off_route` also from no lane or inside a junction."""
+        vehicle = self._api.vehicle
+        # Not the edge: for a vehicle far beside its lane SUMO keeps naming the last edge, and would lose it there.
+        lane = vehicle.getLaneID(road_user)
+        # Inside a junction, SUMO may brake hard for road users with which it would not have been in conflict.
+        if (lane == "" or lane.startswith(":")) and not off_route:
+            return False
+        if lane == "":
+            x, y = vehicle.getPosition(road_user)
+            angle = vehicle.getAngle(road_user)
+            vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
+        self._sublanes.clear(road_user)
+        self._sublanes.forget((road_user,))
+        # In the sublane model SUMO moves it there.
+        if not self._sublanes.on and abs(vehicle.getLateralLanePosition(road_user)) > BESIDE:
+            self._beside.append(road_user)
+        self._restore_modes(road_user)
+        del self._modes[road_user]
+        return True
+
+    def abandon(self, road_user: str, present: Container[str]) -> None:
+        """Give a vehicle up where it is; if it is among those `present` in SUMO, with its modes from before."""
+        if road_user in present:
+            with self._refusals.of(road_user):
+                self._restore_modes(road_user)
+        self._modes.pop(road_user, None)
+        self._sublanes.forget((road_user,))
+
+    def _restore_modes(self, road_user: str) -> None:
+        """Let SUMO choose the speed again, with the modes from before; a mode that a script has set meanwhile stays."""
+        vehicle, modes = self._api.vehicle, self._modes[road_user]
+        vehicle.setSpeed(road_user, -1.0)
+        if vehicle.getSpeedMode(road_user) == MOVED:
+            vehicle.setSpeedMode(road_user, modes.speed)
+        if vehicle.getLaneChangeMode(road_user) == modes.lane_change_meanwhile:
+            vehicle.setLaneChangeMode(road_user, modes.lane_change)
