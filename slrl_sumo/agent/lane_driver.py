@@ -18,7 +18,8 @@ from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.routes import is_near_end
 from slrl_sumo.routing.speed_limits import SpeedLimits
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack, VehicleTracker
+from slrl_sumo.routing.vehicle_track import VehicleTrack
+from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from slrl_sumo.routing.conflict_areas import ConflictAreas, Way, half_width
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import (

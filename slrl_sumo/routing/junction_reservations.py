@@ -20,7 +20,7 @@ from slrl_sumo.routing.junction_occupants import (
 )
 from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph, junction_of
 from slrl_sumo.routing.right_of_way import RightOfWay, time_to_cover
-from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTrack
+from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 

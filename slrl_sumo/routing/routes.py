@@ -18,7 +18,8 @@ from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph, ju
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.speed_limits import SpeedLimits
-from slrl_sumo.routing.vehicle_tracker import STOPS_OVER, VehicleTrack, VehicleTracker
+from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
+from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType

@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph
 from slrl_sumo.routing.right_of_way import LINE_OF_SIGHT, RightOfWay
-from slrl_sumo.routing.vehicle_tracker import ROLLING, STOPS_OVER, VehicleTrack, VehicleTracker
+from slrl_sumo.routing.vehicle_track import ROLLING, STOPS_OVER, VehicleTrack
+from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import leader_of, vehicle_speed

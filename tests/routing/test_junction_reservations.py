@@ -13,7 +13,7 @@ from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Siz
 from slrl_sumo.routing.junction_reservations import JunctionReservations, _is_idle, _meets
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.right_of_way import RightOfWay
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

@@ -7,7 +7,7 @@ import pytest
 
 from slrl_sumo.routing.lane_graph import JunctionEntry, LanePath
 from slrl_sumo.routing.polyline import Polyline
-from slrl_sumo.routing.vehicle_tracker import VehicleTrack
+from slrl_sumo.routing.vehicle_track import VehicleTrack
 from tests.builders import make_track
 
 FIRST = JunctionEntry(20.0, "in_0", ":a_14_0", "out_0", 50.0)
