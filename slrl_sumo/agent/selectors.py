@@ -84,7 +84,7 @@ class PolicySelector:
         self._bundle, self._middle = bundle, middle
         self._network = bundle.network
         if bundle.policy is not None and not bundle.policy.config.image:
-            from slrl_sumo.models.policy import network_of
+            from slrl_sumo.models.policy_files import network_of
 
             self._network = network_of(bundle.policy)
         config = self._config

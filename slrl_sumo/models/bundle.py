@@ -223,7 +223,7 @@ class ModelBundle:
         # Not save_file: that makes a file which only its owner may read.
         (folder / "weights.safetensors").write_bytes(save({k: np.ascontiguousarray(v) for k, v in state.items()}))
         if self.policy is not None:
-            from slrl_sumo.models.policy import write_policy
+            from slrl_sumo.models.policy_files import write_policy
 
             write_policy(folder, self.policy, self.policy_training or {})
 
@@ -266,7 +266,7 @@ def load_bundle(name_or_folder: str | Path, *, policy: bool = True, training: bo
     if policy and not training and (files := read_policy_files(folder, config.modes)) and not files.config.image:
         network, record = read_network(folder, files), files.training
     elif policy:
-        from slrl_sumo.models.policy import read_policy
+        from slrl_sumo.models.policy_files import read_policy
 
         trained, record = read_policy(folder, config.modes) or (None, None)
     return ModelBundle(

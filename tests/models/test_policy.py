@@ -15,14 +15,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.models.policy import (
-    AT_ONCE,
-    Policy,
-    choice_logits,
-    network_of,
-    on_expected_routes,
-    policy_logits,
-)
+from slrl_sumo.models.policy import AT_ONCE, Policy, choice_logits, policy_logits
+from slrl_sumo.models.policy_files import network_of, on_expected_routes
 from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.perception.observation import Observation
 

@@ -1,0 +1,60 @@
+"""Policies in the folders of bundles, and copies of them for other uses."""
+
+import json
+from copy import deepcopy
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors.torch import save
+
+from slrl_sumo.models.bundle_folder import POLICY_FILES
+from slrl_sumo.models.policy import Policy
+from slrl_sumo.models.policy_network import PolicyNetwork, damage_reported, read_policy_files
+
+
+def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None:
+    """Write the policy's files into a bundle's folder; `training` says how it was made, plain JSON values."""
+    values = {**asdict(policy.config), "training": training}
+    (folder / POLICY_FILES[0]).write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
+    state = {k: v.detach().cpu().contiguous() for k, v in policy.state_dict().items()}
+    (folder / POLICY_FILES[1]).write_bytes(save(state))
+
+
+def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | None:
+    """The policy of a bundle's folder, frozen, and how it was trained; None where the bundle has none.
+
+    `modes`: those of the bundle.
+
+    Raises InputError where its files are damaged or not for this version.
+    """
+    files = read_policy_files(folder, modes)
+    if files is None:
+        return None
+    state = {name: torch.from_numpy(value) for name, value in files.weights.items()}
+    with damage_reported(folder):
+        # Nothing is allocated on the meta device, and the sizes are compared.
+        with torch.device("meta"):
+            Policy(files.config).load_state_dict(state, assign=True)
+        policy = Policy(files.config)
+        policy.load_state_dict(state)
+        policy.without_route.copy_(torch.from_numpy(files.without_route))
+    return policy.requires_grad_(False).eval(), files.training
+
+
+def network_of(policy: Policy) -> PolicyNetwork:
+    """A policy that reads no image for decisions without PyTorch; its weights are copied."""
+    weights = {name: value.detach().cpu().numpy() for name, value in policy.state_dict().items()}
+    return PolicyNetwork.of(policy.config, weights, policy.without_route.cpu().numpy(), policy.with_route.cpu().numpy())
+
+
+def on_expected_routes(policy: Policy, training: dict[str, Any]) -> Policy | None:
+    """A copy of a policy for routes that are only expected, with the shares in the record of its `training`; None where
+    there are none, or all are 0."""
+    shares = torch.tensor(training.get("expected_route", [[0.0, 0.0]]))
+    if not shares.any():
+        return None
+    copied = deepcopy(policy)
+    copied.with_route.copy_(shares)
+    return copied
