@@ -11,8 +11,8 @@ how much on routes that are expected along the lanes. The recipe ends with an er
 D3, or of SUMO's traffic in the shipped scenarios, has a higher mean error than the prior's, for any type, and where it
 is not lower on expected routes for two; with --calibrate it does only that, with the selector that the bundle has. The
 bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
-logs lie in --work; --resume goes on from there. `intersection` takes a quarter of an hour on 16 cores,
-and an hour and a half more on two; the others ten minutes each on two free cores.
+logs lie in --work; --resume goes on from there. `intersection` takes half an hour on two free cores, the others ten
+minutes each.
 """
 
 import argparse
@@ -38,13 +38,12 @@ from slrl_sumo.sumo.scenario import find_scenario
 
 
 @dataclass(frozen=True)
-class Part:
-    """A part of a recipe: one training. Its settings: tools/selectors/SETTINGS.toml."""
+class Training:
+    """Of a selector; its settings: tools/selectors/NAME.toml."""
 
-    settings: str
     families: str
     steps: int
-    workers: int = 2
+    seed: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,18 +54,14 @@ class Traffic:
     routes: ExpectedRoutes | None = None
 
 
-EVERYWHERE = "town,town,random,roundabout,shared-space,motorway"
-RECIPES = {
-    # The parts after the first go on from the selector of the one before.
-    "intersection": (
-        Part("intersection", EVERYWHERE, 24_000_000, 32),
-        Part("intersection-refined", EVERYWHERE, 4_000_000, 4),
-        Part("intersection-pedestrians", "signals,signals,signals,town,random,intersection", 6_000_000),
-    ),
-    "shared-space": (Part("shared-space", "shared-space", 1_000_000),),
-    "intersection-paper": (Part("intersection-paper", "intersection,random", 1_500_000),),
-    "shared-space-paper": (Part("shared-space-paper", "shared-space", 1_500_000),),
+TRAININGS = {
+    # Pedestrians meet red lights and crowds in `signals`.
+    "intersection": Training("town,signals,random,roundabout,motorway,signals,shared-space", 8_000_000, seed=21),
+    "shared-space": Training("shared-space", 1_000_000),
+    "intersection-paper": Training("intersection,random", 1_500_000),
+    "shared-space-paper": Training("shared-space", 1_500_000),
 }
+WORKERS = 2
 CALIBRATED = ("intersection", "shared-space")
 NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "signalised")
 """Traffic without known routes that `intersection` is calibrated to, and tested on."""
@@ -80,13 +75,13 @@ USUALLY = {"shared-space": "rule"}
 def main() -> None:
     """Train, then put the selector into the bundle's folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", choices=RECIPES)
+    parser.add_argument("name", choices=TRAININGS)
     parser.add_argument("--out", type=Path, required=True, help="bundle folder to write")
     parser.add_argument("--work", type=Path, default=Path(".work/selectors"), help="where checkpoints and logs go")
     parser.add_argument("--hc", type=Path, help="folder with D1.csv to D3.csv, for shared-space and shared-space-paper")
     parser.add_argument("--calibrate", action="store_true", help="train nothing, for intersection and shared-space")
     parser.add_argument("--steps", type=int)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int)
     parser.add_argument("--resume", action="store_true")
     arguments = parser.parse_args()
     name = arguments.name
@@ -97,22 +92,19 @@ def main() -> None:
         if name == "shared-space-paper":
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
-        bundle = name
-        for number, part in enumerate(() if arguments.calibrate else RECIPES[name]):
-            out = arguments.work / part.settings
-            settings = read_settings(Path(__file__).parent / "selectors" / f"{part.settings}.toml")
+        bundle, training, out = name, TRAININGS[name], arguments.work / name
+        if not arguments.calibrate:
+            settings = read_settings(Path(__file__).parent / "selectors" / f"{name}.toml")
             request = TrainRequest(
-                part.families,
-                bundle,
+                training.families,
+                name,
                 out,
-                arguments.steps or part.steps,
-                workers=part.workers,
-                seed=arguments.seed,
+                arguments.steps or training.steps,
+                workers=WORKERS,
+                seed=training.seed if arguments.seed is None else arguments.seed,
                 recordings=recordings,
-                goes_on=number > 0,
             )
-            finished = arguments.resume and (out / "selector.json").exists()
-            if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
+            if code := train_with_progress(request, settings, resume=arguments.resume):
                 raise SystemExit(code)
             bundle = str(out)
     made = replace(load_bundle(bundle), name=name)

@@ -140,8 +140,6 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
     assert presets == {
         "intersection": "extended",
         "intersection-paper": "paper",
-        "intersection-refined": "extended",
-        "intersection-pedestrians": "extended",
         "shared-space": "extended",
         "shared-space-paper": "paper",
     }
