@@ -46,6 +46,7 @@ def main() -> None:
         place.set_title(title, fontsize=10)
         place.set_xlabel("million slot-steps")
         place.grid(alpha=0.3)
+    figure.axes[0].legend(fontsize=8)
     figure.savefig(options.out, dpi=120)
     print(options.out)
 
