@@ -55,7 +55,7 @@ RATES = (
     ("faster", "steps", 1.0),
 )
 """Figures of each group: a sum, the sum that it is divided by, and a factor. `faster`: m/s that the chosen mode is
-faster than that of `rule` would be, 1.2 s later."""
+faster than that of `rule` would be, 2 s later."""
 NEAR, AHEAD, OFFSET = 15.0, 40.0, 0.4
 """m."""
 
