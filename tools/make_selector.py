@@ -106,7 +106,8 @@ def main() -> None:
                 seed=training.seed if arguments.seed is None else arguments.seed,
                 recordings=recordings,
             )
-            if code := train_with_progress(request, settings, resume=arguments.resume):
+            finished = arguments.resume and (out / "selector.json").exists()
+            if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
                 raise SystemExit(code)
             bundle = str(out)
     made = replace(load_bundle(bundle), name=name)

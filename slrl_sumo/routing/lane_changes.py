@@ -78,6 +78,11 @@ class _Around(NamedTuple):
     """m between the boxes along the lane; negative beside each other."""
 
 
+def is_soon(left: float, speed: float) -> bool:
+    """Whether the end of a lane, in `left` m, is so near for a vehicle at `speed` (m/s) that others make room."""
+    return left <= max(SOON[0] * speed, SOON[1])
+
+
 def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels: Levels = FLAT) -> bool:
     """Whether there is room in the next lane; `entering`: rows of vehicles that are changing to it as well."""
     around, speed = _around(world, wish, levels), world.speed[wish.row]
@@ -133,7 +138,7 @@ def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish], levels
     rows = {wish.row for wish in wishes}
     for wish in wishes:
         i, speed = wish.row, world.speed.item(wish.row)
-        if wish.left > max(SOON[0] * speed, SOON[1]):
+        if not is_soon(wish.left, speed):
             continue
         around = _around(world, wish, levels)
         near = np.flatnonzero(around.in_lane & (np.abs(around.ahead) < SIGHT))

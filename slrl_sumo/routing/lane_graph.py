@@ -276,7 +276,7 @@ def _moved_back(mine: Floats, others: list[tuple[Floats, float]], *, inside: boo
     places = near[clear if inside else np.logical_and.accumulate(clear), 2]
     places = places[places <= line]
     # Between two points of the lane it may be clear as well.
-    return 0.0 if not len(places) or places[-1] > line - SPACING else max(line - places[-1].item(), 0.0)
+    return 0.0 if not len(places) or places[-1] > line - SPACING else line - places[-1].item()
 
 
 def _joined(
@@ -287,7 +287,7 @@ def _joined(
     early: Mapping[str, float],
 ) -> LanePath:
     line, ends = path_line(lanes, before, network)
-    stops = [ends[position] - early.get(here, 0.0) for position, here, *_ in entries]
+    stops = [ends[position] - early[here] for position, here, *_ in entries]
     found = []
     for (position, here, via, target), stop in zip(entries, stops, strict=True):
         end = next((ends[i - 1] for i in range(position + 1, len(lanes)) if not lanes[i].internal), ends[-1])

@@ -10,10 +10,10 @@ from slrl_sumo.routing.lane_changes import (
     QUEUED,
     SETTLES,
     SIGHT,
-    SOON,
     Wish,
     faster_there,
     has_gap,
+    is_soon,
     shorter_queue,
 )
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
@@ -233,7 +233,7 @@ class VehicleTracker:
         settles = world.time < track.begun + SETTLES
         if path.next_lane is not None:
             left = path.ends[0] - track.s
-            if settles and left > max(SOON[0] * track.speed, SOON[1]):
+            if settles and not is_soon(left, track.speed):
                 return None
             return self._change(road_user, track, world, i, path.next_lane, left, always=True)
         return self._overtake(road_user, track, world, i) if path.route and not settles else None
