@@ -35,6 +35,9 @@ REACTION_TIME = 2 * DECISION_INTERVAL
 """s from a decision until its effect shows."""
 ACCEL_SHARE = 0.4
 """Share of a vehicle's acceleration that is expected while it crosses a junction, because it turns there."""
+FAR_BESIDE = 3.0
+"""m beside its path from which a vehicle on no lane of SUMO's is astray: stopped 5 m off two sharp turns in a row, one
+did not move again."""
 
 
 class Routes:
@@ -73,8 +76,8 @@ class Routes:
         return np.array([road_user in self._near_end for road_user in ids], np.bool_)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have passed their destination, or are neither on a lane of SUMO's nor on one that
-        continues their route, (n,)."""
+        """Which of n road users have passed their destination, or are on no lane of SUMO's and either far beside their
+        path or where it does not continue along their route, (n,)."""
         return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
@@ -110,7 +113,7 @@ class Routes:
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
         track.idle_time = track.idle_time + DECISION_INTERVAL if track.standing_time and not route.closed[i] else 0.0
-        astray = not self._speed_limits.lane_continues(track)
+        astray = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
         # Beyond its destination, as on a last edge of a few metres, or on a foreign lane, no rule holds a vehicle.
         if left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)

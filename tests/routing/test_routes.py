@@ -330,6 +330,22 @@ def test_a_vehicle_that_waits_where_no_lane_leads_on_remains_learned(signalised:
     assert not routes.off_route(("car",)).any()
 
 
+@pytest.mark.parametrize(("beside", "astray"), [(2.0, False), (4.5, True)])
+def test_a_vehicle_far_beside_its_path_on_no_lane_is_off_its_route(tmp_path: Path, beside: float, astray: bool) -> None:
+    """SUMO puts it on its route again; by itself it may stand there to the end."""
+    nodes, edges = '<node id="a" x="0" y="0"/><node id="b" x="300" y="0"/>', '<edge id="ab" from="a" to="b"/>'
+    car = '<trip id="car" from="ab" to="ab" depart="0" departPos="50"/>'
+    with SumoSession(find_scenario(str(make_scenario(tmp_path, nodes, edges, car)))) as session:
+        session.step()
+        routes = Routes(libsumo, session.network)
+        routes.ahead(_seen(session, "car"), 1)
+        x, y = libsumo.vehicle.getPosition("car")
+        libsumo.vehicle.moveToXY("car", "", -1, x, y - beside, 90.0, 2)
+        session.step()
+        routes.ahead(_seen(session, "car"), 1)
+        assert routes.off_route(("car",)).tolist() == [astray]
+
+
 def test_a_vehicle_beside_its_path_is_still_on_it(intersection: SumoSession, monkeypatch: pytest.MonkeyPatch) -> None:
     _car(intersection, "car", ("in0", "out3"), 2, 40.0, 8.0)
     straight, aslant = (Routes(libsumo, intersection.network) for _ in range(2))
