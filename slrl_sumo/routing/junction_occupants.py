@@ -115,8 +115,7 @@ def lanes_through(track: VehicleTrack, begin: float) -> tuple[tuple[str, ...], t
     last = first
     while last < len(path.lanes) and path.lanes[last].startswith(":"):
         last += 1
-    starts = (0.0, *path.ends)[first:last]
-    return path.lanes[first:last], tuple([start - track.s for start in starts])
+    return path.lanes[first:last], tuple([begin - track.s for begin in path.begins[first:last]])
 
 
 class _Inside(NamedTuple):
@@ -135,6 +134,8 @@ class _Lanes(NamedTuple):
 
     inside: tuple[_Inside, ...]
     before: tuple[str, ...]
+    all: frozenset[str]
+    """Ids of both."""
 
 
 class BackgroundOccupants:
@@ -173,6 +174,8 @@ class BackgroundOccupants:
     def _read(self, junction: str) -> dict[str, Occupant]:
         found: dict[str, Occupant] = {}
         lanes, on_lane = self._lanes_of(junction), self._by_lane()
+        if on_lane.keys().isdisjoint(lanes.all):
+            return found
         for lane, length, goes_on, waited in lanes.inside:
             for vehicle in on_lane.get(lane, ()):
                 if self._learned(vehicle) is not None:
@@ -221,7 +224,8 @@ class BackgroundOccupants:
                 waited = all(via != lane for _, via in links(origin))
                 inside.append(_Inside(lane, self._graph.lanes[lane].length, goes_on, waited))
                 before += [] if origin.startswith(":") else [origin]
-            lanes = self._lanes[junction] = _Lanes(tuple(inside), tuple(dict.fromkeys(before)))
+            ids = frozenset((*before, *(one.lane for one in inside)))
+            lanes = self._lanes[junction] = _Lanes(tuple(inside), tuple(dict.fromkeys(before)), ids)
         return lanes
 
     def _occupant(

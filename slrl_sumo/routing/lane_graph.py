@@ -6,6 +6,7 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ CHANGE = 60.0
 """m that a lane change needs: vehicles change before shorter edges, such as those with lanes for turns."""
 MOST_LANES = 30
 MOST_TABLES = 5_000
+MOST_PATHS = 2_000
 STOP_LINE = 1.0
 """m before a line at which vehicles stop."""
 WAITS_APART = 0.5
@@ -59,6 +61,11 @@ class JunctionEntry:
     waits: float = math.inf
     """m along the path of the next line in the junction before which vehicles wait; inf where there is none."""
 
+    @cached_property
+    def junction(self) -> str:
+        """See `junction_of`."""
+        return junction_of(self.via)
+
 
 @dataclass(frozen=True)
 class LanePath:
@@ -75,6 +82,11 @@ class LanePath:
     """The route from the edge of the first lane on, where that has other lanes to change to."""
     next_lane: str | None = None
     """The lane beside the first one that brings a vehicle nearer to its route (see LaneGraph.lane_to_change_to)."""
+
+    @cached_property
+    def begins(self) -> tuple[float, ...]:
+        """m along the path at which each lane begins."""
+        return (0.0, *self.ends[:-1])
 
     @property
     def end(self) -> float:
@@ -120,9 +132,12 @@ class LaneGraph:
                 self.inside.setdefault(junction_of(lane.id), []).append(lane.id)
         for lanes in self._of_edge.values():
             lanes.sort(key=lambda lane: int(lane.rsplit("_", 1)[1]))
+        self._admitted: dict[tuple[str, str], list[tuple[str, str]]] = {}
         self._origins: dict[str, str] = {}
         self._waiting: dict[str, float] = {}
         self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
+        self._paths: OrderedDict[tuple[str, tuple[str, ...], str, tuple[tuple[float, float], ...]], LanePath]
+        self._paths = OrderedDict()
 
     def lane_to_change_to(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
         """The neighbouring lane that brings a vehicle nearer to its route `edges`, which begin with the lane's edge.
@@ -150,10 +165,28 @@ class LaneGraph:
         `before`: points before the lane's begin, for the rear of a vehicle that has just entered the lane. `seed`:
         after the last edge, continue at random, equally for equal seeds; '' ends the path there.
         """
+        if seed:
+            return self._path(lane, edges, vehicle_class, before, random.Random(seed))
+        # A vehicle asks for the path on the next lane in each decision in which it might change to it.
+        key = (lane, edges, vehicle_class, tuple(before))
+        path = self._paths.get(key)
+        if path is None:
+            path = self._paths[key] = self._path(lane, edges, vehicle_class, before, None)
+            if len(self._paths) > MOST_PATHS:
+                self._paths.popitem(last=False)
+        return path
+
+    def _path(
+        self,
+        lane: str,
+        edges: tuple[str, ...],
+        vehicle_class: str,
+        before: list[tuple[float, float]],
+        rng: random.Random | None,
+    ) -> LanePath:
         chain = [lane]
         entries: list[tuple[int, str, str, str]] = []
         remaining, length = edges, 0.0
-        rng = random.Random(seed) if seed else None
         while length < REACH and len(chain) < MOST_LANES:
             here = chain[-1]
             link = self._choose(here, remaining, vehicle_class, rng)
@@ -206,7 +239,10 @@ class LaneGraph:
     def _choose(
         self, lane: str, remaining: tuple[str, ...], vehicle_class: str, rng: random.Random | None
     ) -> tuple[str, str] | None:
-        links = [link for link in self.links(lane) if self.lanes[link[0]].admits(vehicle_class)]
+        links = self._admitted.get((lane, vehicle_class))
+        if links is None:
+            links = [link for link in self.links(lane) if self.lanes[link[0]].admits(vehicle_class)]
+            self._admitted[lane, vehicle_class] = links
         if self.lanes[lane].internal:
             # An internal lane continues on one lane, perhaps over another internal one.
             return next((k for k in links if not remaining or self.lanes[k[0]].edge == remaining[0]), None)
@@ -222,8 +258,8 @@ class LaneGraph:
 
     def _turn(self, lane: str, target: str) -> float:
         """Angle (rad, to the left above 0) from the end of a lane to the begin of the next one."""
-        (x0, y0), (x1, y1) = self.lanes[lane].shape[-2:].tolist()
-        (x2, y2), (x3, y3) = self.lanes[target].shape[:2].tolist()
+        (x0, y0), (x1, y1) = self.lanes[lane].points[-2:]
+        (x2, y2), (x3, y3) = self.lanes[target].points[:2]
         turn = math.atan2(y3 - y2, x3 - x2) - math.atan2(y1 - y0, x1 - x0)
         return math.remainder(turn, math.tau)
 

@@ -36,10 +36,10 @@ def path_line(
 
 def _eased(
     points: list[tuple[float, float]], lane: Lane, following: Lane | None, network: Mapping[str, Lane]
-) -> list[tuple[float, float]]:
+) -> Sequence[tuple[float, float]]:
     """The points of a lane after `points`, without a jump to the side: a lane that begins beside the last one, as for
     an exit, is reached at SIDEWAYS, as in a lane change. SUMO's lanes inside such junctions go aside within 3 m."""
-    shape = [(x, y) for x, y in lane.shape.tolist()]
+    shape = lane.points
     if len(points) < 2 or len(shape) < 2:
         return shape
     here = _direction(points[-2], points[-1])
@@ -58,7 +58,7 @@ def _eased(
     if aside <= max(along * math.tan(PARALLEL), over):
         return shape
     # As far as it gets on the way, so that those who queue on the lane straight ahead are not in the way for longer.
-    begin = following.shape[0]
+    begin = following.points[0]
     share = over / aside
     return [points[-1], (ahead[0] + share * (begin[0] - ahead[0]), ahead[1] + share * (begin[1] - ahead[1]))]
 
@@ -66,14 +66,15 @@ def _eased(
 def _beside(place: tuple[float, float], direction: float, lane: Lane, network: Mapping[str, Lane]) -> float:
     """m from a place that is passed in a `direction` (rad) to the begin of a lane beside it; 0 where it is none, or
     where there is no carriageway on the way."""
-    if lane.internal or len(lane.shape) < 2:
+    if lane.internal or len(lane.points) < 2:
         return 0.0
-    begin, then = ((x, y) for x, y in lane.shape[:2].tolist())
-    along = _direction(begin, then)
+    begin, then = lane.points[:2]
     dx, dy = place[0] - begin[0], place[1] - begin[1]
+    if not BESIDE <= math.hypot(dx, dy) <= WIDEST:
+        return 0.0
+    along = _direction(begin, then)
     left = dy * math.cos(along) - dx * math.sin(along)
-    parallel = abs(math.remainder(along - direction, math.tau)) < PARALLEL
-    if not parallel or math.hypot(dx, dy) > WIDEST or abs(left) < BESIDE:
+    if abs(math.remainder(along - direction, math.tau)) >= PARALLEL or abs(left) < BESIDE:
         return 0.0
     edge, _, number = lane.id.rpartition("_")
     between = network.get(f"{edge}_{int(number) + (1 if left > 0.0 else -1)}")

@@ -5,7 +5,7 @@ random, equally in every run.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import partial
 
 import numpy as np
@@ -125,11 +125,12 @@ class Routes:
         """Write the next junction that a vehicle of this `length` (m) must not stand in to row `i` of the route."""
         # From inside a junction it goes on as far as it can: where it is it may already stand in the way of others.
         here = junction_of(track.entry) if track.entry else ""
-        crossed = [e for e in track.path.entries if junction_of(e.via) != here and self._reservations.is_crossed(e)]
-        entry = next((e for e in crossed if e.stop_line - track.s > -STOPS_OVER), None)
+        entries = (e for e in track.path.entries if e.stop_line - track.s > -STOPS_OVER)
+        crossed = (e for e in entries if e.junction != here and self._reservations.is_crossed(e))
+        entry = next(crossed, None)
         if entry is not None:
             route.keep[i] = entry.stop_line - track.s
-            route.out[i] = exit_with_room(crossed, entry, length) - track.s
+            route.out[i] = exit_with_room(entry, crossed, length) - track.s
             pause, exits = stops_inside(track, entry)
             route.wait[i] = pause if pause < exits else -math.inf
 
@@ -157,13 +158,14 @@ class Routes:
             self._near_end.discard(road_user)
 
 
-def exit_with_room(entries: Sequence[JunctionEntry], first: JunctionEntry, length: float) -> float:
-    """m along a path to the exit after an entry behind which a vehicle of this `length` (m) can stand before the next
-    junction: in a row of junctions, it must not stop between two."""
+def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], length: float) -> float:
+    """m along a path to the exit after the `first` entry behind which a vehicle of this `length` (m) can stand before
+    the next junction: in a row of junctions, it must not stop between two. `following`: the entries after the first."""
     room = first.exit
-    for entry in entries:
-        if entry.stop_line >= first.stop_line and entry.stop_line - room < length + STOP_LINE:
-            room = max(room, entry.exit)
+    for entry in following:
+        if entry.stop_line - room >= length + STOP_LINE:
+            break
+        room = max(room, entry.exit)
     return room
 
 

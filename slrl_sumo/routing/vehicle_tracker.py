@@ -195,7 +195,7 @@ class VehicleTracker:
 
     def _point_before(self, lane: str, length: float) -> list[tuple[float, float]]:
         """A point straight before the begin of a lane, for the rear of a vehicle that has just entered it."""
-        (x0, y0), (x1, y1) = self._graph.lanes[lane].shape[:2].tolist()
+        (x0, y0), (x1, y1) = self._graph.lanes[lane].points[:2]
         step = max(math.hypot(x1 - x0, y1 - y0), 1e-6)
         return [(x0 - (x1 - x0) / step * (length + 2.0), y0 - (y1 - y0) / step * (length + 2.0))]
 

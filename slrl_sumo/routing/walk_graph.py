@@ -64,6 +64,7 @@ class WalkGraph:
                 lane.surface == Surface.SIDEWALK and self._lane_of[lane.edge].surface != Surface.SIDEWALK
             ):
                 self._lane_of[lane.edge] = lane
+        self._edge_of = {lane.id: edge for edge, lane in self._lane_of.items()}
         walkable = {**{lane.id: lane for lane in self._lane_of.values()}, **self._internal}
         self._neighbours: dict[str, list[str]] = {lane: [] for lane in walkable}
         self._entered_from: dict[str, str] = {}
@@ -107,7 +108,7 @@ class WalkGraph:
             here, forward = steps[-1]
             junction = self._junctions_of(here)[1 if forward else 0]
             reached = self._reached(self._lane_of[here].id, junction)
-            choices = sorted(e for e, lane in self._lane_of.items() if lane.id in reached and e != here)
+            choices = sorted(e for lane in reached if (e := self._edge_of.get(lane, here)) != here)
             if not choices:
                 steps.append((here, not forward))
                 continue
@@ -136,7 +137,7 @@ class WalkGraph:
         area: Lane | None = None
         for i, (edge, forward) in enumerate(steps):
             lane = self._lane_of[edge]
-            shape = [(x, y) for x, y in lane.shape.tolist()]
+            shape = list(lane.points)
             if i == len(steps) - 1 and arrival is not None:
                 whole, _ = line_through(shape)
                 place = min(max(arrival, 0.0), lane.length) * whole.end / max(lane.length, 0.1)
@@ -213,7 +214,7 @@ def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane)
 
     Around the corner of two streets, the nearer end can be the one on the other side of the carriageway.
     """
-    shape = [(x, y) for x, y in crossing.shape.tolist()]
+    shape = list(crossing.points)
     if area is None:
         begin, end = (math.dist(one, here) for one in (shape[0], shape[-1]))
     else:

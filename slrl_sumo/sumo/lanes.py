@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ ALL_CLASSES = MOTOR_CLASSES | {"bicycle", "pedestrian"}
 """The classes listed for a lane that admits every class."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Lane:
     """One lane of a network."""
 
@@ -40,6 +41,11 @@ class Lane:
     internal: bool
     """Part of a junction."""
     surface: Surface
+
+    @cached_property
+    def points(self) -> tuple[tuple[float, float], ...]:
+        """`shape` as pairs of numbers, which are faster to read one by one."""
+        return tuple((x, y) for x, y in self.shape.tolist())
 
     def admits(self, vehicle_class: str) -> bool:
         """Whether a SUMO vehicle class may use the lane."""

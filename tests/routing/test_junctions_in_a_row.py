@@ -81,12 +81,11 @@ def test_between_two_junctions_there_may_be_no_room_to_stand(gap: float, end: fl
     first = JunctionEntry(10.0, "a_0", ":c_0_0", "b_0", 20.0, waits=15.0)
     inner = JunctionEntry(15.0, ":c_0_0", ":c_1_0", "b_0", 20.0)
     second = JunctionEntry(20.0 + gap, "b_0", ":d_0_0", "e_0", 40.0)
-    entries = (first, inner, second)
-    assert exit_with_room(entries, first, 5.0) == end
-    assert exit_with_room(entries, inner, 5.0) == end
-    assert exit_with_room(entries, second, 5.0) == 40.0
+    assert exit_with_room(first, (inner, second), 5.0) == end
+    assert exit_with_room(inner, (second,), 5.0) == end
+    assert exit_with_room(second, (), 5.0) == 40.0
     # A bicycle has room where a car has none.
-    assert exit_with_room(entries, first, 1.6) == 20.0
+    assert exit_with_room(first, (inner, second), 1.6) == 20.0
 
 
 def _through_two_junctions(graph: LaneGraph) -> LanePath:
