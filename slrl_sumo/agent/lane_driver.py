@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.obstacles import Approach, slowed
 from slrl_sumo.background.lane_paths import SPACING
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
-from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.routes import is_near_end
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_track import VehicleTrack

@@ -1,1 +1,1 @@
-"""Routes of road users: tracks of vehicles and pedestrians, lane graph, walk graph, right of way, speed limits."""
+"""Routes of road users: tracks of vehicles and pedestrians, lane graph, walk graph, junctions, speed limits."""

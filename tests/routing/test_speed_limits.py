@@ -7,13 +7,13 @@ from dataclasses import replace
 import libsumo
 import pytest
 
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.speed_limits import LANE_END, SpeedLimits
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.routing.test_junction_reservations import track
+from tests.routing.junctions.test_reservations import track
 
 
 @pytest.fixture(scope="module")

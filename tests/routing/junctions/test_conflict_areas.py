@@ -6,7 +6,7 @@ import libsumo
 import pytest
 from builders import make_scenario
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

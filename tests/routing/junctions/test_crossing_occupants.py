@@ -7,19 +7,19 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas
-from slrl_sumo.routing.crossing_occupants import CrossingOccupants
-from slrl_sumo.routing.junction_occupants import UNUSED, Size
-from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junctions.crossing_occupants import CrossingOccupants
+from slrl_sumo.routing.junctions.occupants import UNUSED, Size
+from slrl_sumo.routing.junctions.reservations import JunctionReservations
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.studies.flow.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_world
-from tests.routing.test_junction_reservations import track
+from tests.routing.junctions.test_reservations import track
 
 SIZE = Size(5.0, 1.8)
 

@@ -8,9 +8,9 @@ Inside, a vehicle waits only for those that entered before it, so that vehicles 
 import math
 from collections.abc import Callable, Iterator
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas
-from slrl_sumo.routing.crossing_occupants import CrossingOccupants
-from slrl_sumo.routing.junction_occupants import (
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junctions.crossing_occupants import CrossingOccupants
+from slrl_sumo.routing.junctions.occupants import (
     UNUSED,
     BackgroundOccupants,
     Occupant,
@@ -18,8 +18,8 @@ from slrl_sumo.routing.junction_occupants import (
     lanes_through,
     reserves_from,
 )
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay, time_to_cover
 from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph, junction_of
-from slrl_sumo.routing.right_of_way import RightOfWay, time_to_cover
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi

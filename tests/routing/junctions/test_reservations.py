@@ -8,11 +8,11 @@ import libsumo
 import numpy as np
 import pytest
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas, half_width
-from slrl_sumo.routing.junction_occupants import SIDE_GAP, UNUSED, Occupant, Size
-from slrl_sumo.routing.junction_reservations import JunctionReservations, _is_idle, _meets
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas, half_width
+from slrl_sumo.routing.junctions.occupants import SIDE_GAP, UNUSED, Occupant, Size
+from slrl_sumo.routing.junctions.reservations import JunctionReservations, _is_idle, _meets
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import find_scenario

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from slrl_sumo.routing.conflict_areas import ConflictAreas, Way, half_width
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas, Way, half_width
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.routing.conflict_areas import ConflictAreas
-from slrl_sumo.routing.junction_occupants import UNUSED, Occupant, Size
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
+from slrl_sumo.routing.junctions.occupants import UNUSED, Occupant, Size
 from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.nearest import PointIndex

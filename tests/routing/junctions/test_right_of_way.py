@@ -6,14 +6,14 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from slrl_sumo.routing.junction_occupants import USUAL
-from slrl_sumo.routing.junction_reservations import JunctionReservations
+from slrl_sumo.routing.junctions.occupants import USUAL
+from slrl_sumo.routing.junctions.reservations import JunctionReservations
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.right_of_way import RightOfWay
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_scenario, make_world
-from tests.routing.test_junction_reservations import track
+from tests.routing.junctions.test_reservations import track
 
 
 @pytest.fixture(scope="module")

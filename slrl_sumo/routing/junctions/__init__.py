@@ -1,0 +1,1 @@
+"""Junctions: conflict areas, right of way, occupants and reservations."""
