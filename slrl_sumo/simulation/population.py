@@ -92,7 +92,7 @@ class Population:
     def move(self, users: WorldState) -> None:
         """Set where the learned road users are after SUMO's next step; `users` in the order of `world`. To be called
         directly before that step."""
-        self._taken_over_control.move_to_middle()
+        self._taken_over_control.place_handed_back()
         for mask, control in ((~self.taken_over, self._spawned_control), (self.taken_over, self._taken_over_control)):
             rows = np.flatnonzero(mask)
             if not len(rows):

@@ -80,14 +80,16 @@ class TakenOverControl:
                 else:
                     self._vehicles.move(road_user, front_x[i], front_y[i], angles[i], speeds[i])
 
-    def move_to_middle(self) -> None:
-        """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
-        keep their offset for ever.
+    def place_handed_back(self) -> None:
+        """Let the next SUMO step put what was handed back since the last one where it belongs: vehicles on no lane on
+        their route, those beside the middle of their lane there, and persons where they are.
 
         To be called directly before the step: a move that no step carries out is carried out in the next simulation of
-        this process, where it has a vehicle of that name.
+        this process, where it has a road user of that name, and crashes libsumo 1.28 at times.
         """
+        self._vehicles.put_on_route()
         self._vehicles.move_to_middle()
+        self._persons.keep_in_place()
 
     def hand_back(self, ids: Sequence[str], person: NDArray[np.bool_], *, off_route: bool = False) -> NDArray[np.bool_]:
         """Hand n road users back to SUMO, (n,): False where one remains taken over and must be moved on.
@@ -115,12 +117,13 @@ class TakenOverControl:
         """Hand all road users back at once, if possible; returns the ids of the others.
 
         Persons go to the right side of their edge, also from a crossing or from beside it. Vehicles on no lane are put
-        on the nearest place of their route, however far that is: beside it SUMO would lose them.
+        on the nearest place of their route, however far that is: beside it SUMO would lose them. A step has to follow.
         """
         self.abandon(self.ids - loaded_ids(self._api))
         held, on_foot = sorted(self.ids), self._persons.ids
         persons = np.array([road_user in on_foot for road_user in held], np.bool_)
         back = self.hand_back(held, persons, off_route=True)
+        self._vehicles.put_on_route()
         return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
 
     def _each(

@@ -8,7 +8,7 @@ import numpy as np
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
-from slrl_sumo.sumo.road_users import WALKING
+from slrl_sumo.sumo.road_users import WALKING, loaded_ids
 
 KEEP_ROUTE = 7
 MATCH_THRESHOLD = 0.1
@@ -36,6 +36,8 @@ class TakenOverPersons:
     def __init__(self, api: SumoApi, network: Network, refusals: Refusals) -> None:
         self._api, self._network, self._refusals = api, network, refusals
         self._walks: dict[str, _Walk] = {}
+        self._kept: dict[str, tuple[float, float]] = {}
+        """Where those were that were handed back since the last step, m."""
         self._lengths: dict[str, float] = {}
         for lane in network.lanes:
             if not lane.internal and "pedestrian" in lane.allowed:
@@ -99,15 +101,25 @@ class TakenOverPersons:
         if not edges:
             return False
         self._restore_walk(road_user, edges)
-        if not off_route and not self.does_not_walk(road_user):
-            # A new walk begins at the right side of the lane; this move keeps the person where it is. Not on release:
-            # beside its edge a person would stand for ever, and if the simulation is closed with a move of a person
-            # pending, libsumo crashes in the next simulation of the process. A walk that is at its end is over at once:
-            # the person may ride or be in an <access> stage already.
-            angle = self._api.person.getAngle(road_user)
-            self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
+        if not off_route:
+            # Not on release: beside its edge a person would stand for ever.
+            self._kept[road_user] = x, y
         del self._walks[road_user]
         return True
+
+    def keep_in_place(self) -> None:
+        """Let the next SUMO step keep persons that were handed back where they are: a new walk begins at the right side
+        of the lane."""
+        kept, self._kept = self._kept, {}
+        present = loaded_ids(self._api) if kept else frozenset[str]()
+        for road_user, (x, y) in kept.items():
+            if road_user in self._walks or road_user not in present:
+                continue
+            with self._refusals.of(road_user):
+                # A walk that is at its end is over at once: the person may ride or be in an <access> stage already.
+                if not self.does_not_walk(road_user):
+                    angle = self._api.person.getAngle(road_user)
+                    self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
 
     def abandon(self, road_user: str, present: Container[str]) -> None:
         """Give a person up where it is; if it is among those `present` in SUMO, it walks on to its destination."""

@@ -52,7 +52,9 @@ class TakenOverVehicles:
     def __init__(self, api: SumoApi, network: Network, refusals: Refusals) -> None:
         self._api, self._network, self._refusals = api, network, refusals
         self._modes: dict[str, _Modes] = {}
+        self._lost: list[str] = []
         self._beside: list[str] = []
+        """Handed back since the last step: on no lane, and beside the middle of theirs."""
         self._removing = RemovingEdges(api, network)
         self._sublanes = Sublanes(api, network)
 
@@ -104,13 +106,20 @@ class TakenOverVehicles:
         self._api.vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
         self._api.vehicle.setSpeed(road_user, speed)
 
+    def put_on_route(self) -> None:
+        """Let the next SUMO step put vehicles that were handed back on no lane on the nearest place of their route."""
+        lost, self._lost = self._lost, []
+        present = loaded_ids(self._api) if lost else frozenset[str]()
+        for road_user in lost:
+            if road_user in self._modes or road_user not in present:
+                continue
+            with self._refusals.of(road_user):
+                angle, (x, y) = self._api.vehicle.getAngle(road_user), self._api.vehicle.getPosition(road_user)
+                self._api.vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
+
     def move_to_middle(self) -> None:
         """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
-        keep their offset for ever.
-
-        To be called directly before the step: a move that no step carries out is carried out in the next simulation of
-        this process, where it has a vehicle of that name.
-        """
+        keep their offset for ever."""
         if not self._beside:
             return
         beside, self._beside = self._beside, []
@@ -134,9 +143,7 @@ class TakenOverVehicles:
         if (lane == "" or lane.startswith(":")) and not off_route:
             return False
         if lane == "":
-            x, y = vehicle.getPosition(road_user)
-            angle = vehicle.getAngle(road_user)
-            vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
+            self._lost.append(road_user)
         self._sublanes.clear(road_user)
         self._sublanes.forget((road_user,))
         # In the sublane model SUMO moves it there.

@@ -137,13 +137,32 @@ def test_a_car_goes_on_in_the_middle_of_its_lane(session: SumoSession, aside: fl
     assert abs(libsumo.vehicle.getLateralLanePosition("car")) == pytest.approx(aside, abs=0.02)
     assert control.hand_back(["car"], VEHICLE).tolist() == [True]
     _clear()
-    control.move_to_middle()
+    control.place_handed_back()
     session.step()
     assert (libsumo.vehicle.getLateralLanePosition("car") == 0.0) == (aside > BESIDE)
     assert libsumo.vehicle.getLanePosition("car") - before == pytest.approx(6.0 * session.step_length, abs=1.2)
     _clear()
     session.step()
     assert libsumo.vehicle.getSpeed("car") > 6.0
+
+
+@pytest.mark.parametrize("name", ["walker", "car"])
+def test_a_simulation_closed_after_a_hand_back_leaves_the_next_one_alone(name: str) -> None:
+    """libsumo carries out a pending move in the next simulation of the process, or crashes there."""
+    places = []
+    for _ in range(2):
+        with SumoSession(find_scenario("intersection")) as session:
+            (_add_person if name == "walker" else _add_car)(session)
+            user, person = [name], PERSON if name == "walker" else VEHICLE
+            domain = libsumo.person if name == "walker" else libsumo.vehicle
+            places.append(domain.getPosition(name))
+            control = TakenOverControl(libsumo, session.network)
+            control.take_over(user, person)
+            _carry(session, control, name, 1.2 if name == "walker" else 8.0, 5)
+            if name == "car":
+                _carry(session, control, name, 10.0, 6, turn=math.pi / 2)
+            assert control.hand_back(user, person, off_route=name == "car").tolist() == [True]
+    assert places[0] == places[1]
 
 
 def test_a_car_beside_every_road_stays_lent_until_it_is_back(session: SumoSession) -> None:
@@ -234,6 +253,7 @@ def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(se
     assert math.dist(before, there) == pytest.approx(1.2 * 20 * session.step_length, abs=0.01)
     assert control.hand_back(["walker"], PERSON).tolist() == [True]
     assert control.ids == frozenset()
+    control.place_handed_back()
     session.step()
     assert math.dist(there, libsumo.person.getPosition("walker")) < 0.3
     last = 0.0
