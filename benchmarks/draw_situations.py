@@ -45,7 +45,7 @@ SECONDS = 10.0
 DECISIONS = round(SECONDS / DECISION_INTERVAL)
 EARLIEST, LATEST = 10, 120
 """Decisions of a play among which a moment is chosen."""
-VIEW = 40.0
+VIEW = 25.0
 """m to each side of where the road user is at first."""
 COLOURS = {"rule": "tab:orange", "greedy": "tab:blue"}
 GROUND = {Surface.ROAD: 0.75, Surface.CYCLEWAY: 0.7, Surface.SIDEWALK: 0.88, Surface.CROSSING: 0.82}

@@ -20,6 +20,9 @@ RANDOM_EDGES = 12
 """Edges of a path without destination."""
 CLEARANCE = 0.3
 """m kept from the edges of lanes."""
+ASIDE = 0.3
+"""m kept to the right of their middle, where they are that wide: two that meet pass each other. With 0, those at the
+middle walked into each other in crowds (4.3 instead of 3.5 contacts per 1,000 decisions)."""
 SHORT_EDGE = 5.0
 """m between its ends below which an edge is too short to hand a person back to SUMO on it."""
 
@@ -80,7 +83,7 @@ class WalkGraph:
 
     def path(self, edges: tuple[str, ...], arrival: float, side: float, x: float, y: float) -> WalkPath | None:
         """The path along `edges` to `arrival` (m from the begin of the last edge), for a person at a position (m); None
-        where an edge is not walkable. `side`: where on each lane, from -1, its right edge, to 1, its left one.
+        where an edge is not walkable. `side`: where on each lane, from -1, its right edge, to 0, beside its middle.
 
         The direction on each edge follows from the junction that it shares with the next one. From an edge to the
         opposite one the path goes by the nearer of the two junctions, as SUMO's walks do.
@@ -227,7 +230,9 @@ def _beside(shape: list[tuple[float, float]], side: float, lane: Lane) -> list[t
     points = np.array(shape)
     along = np.gradient(points, axis=0)
     left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 0.01)[:, None]
-    points += side * max(0.5 * lane.width - CLEARANCE, 0.0) * left
+    most = max(0.5 * lane.width - CLEARANCE, 0.0)
+    least = min(ASIDE, most)
+    points -= (least - side * (most - least)) * left
     return [(x, y) for x, y in points.tolist()]
 
 

@@ -7,7 +7,8 @@ import libsumo
 import numpy as np
 import pytest
 
-from slrl_sumo.routing.walk_graph import CLEARANCE, WalkGraph
+from slrl_sumo.routing.polyline import line_through
+from slrl_sumo.routing.walk_graph import ASIDE, CLEARANCE, WalkGraph
 from slrl_sumo.studies.flow.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -29,7 +30,7 @@ def test_the_opposite_edge_is_reached_by_the_nearer_junction(tmp_path: Path) -> 
         assert graph.path((), 0.0, 0.0, 0.0, 0.0) is None
 
 
-@pytest.mark.parametrize("side", [-1.0, -0.4, 0.5])
+@pytest.mark.parametrize("side", [-1.0, -0.4])
 def test_persons_walk_beside_each_other_where_there_is_room(tmp_path: Path, side: float) -> None:
     with SumoSession(find_scenario(str(crosswalk(tmp_path))), seed=1) as session:
         graph = WalkGraph(libsumo, session.network)
@@ -45,7 +46,11 @@ def test_persons_walk_beside_each_other_where_there_is_room(tmp_path: Path, side
             (beside.crossings[0].s + 30.0, sidewalk),
         ):
             aside = middle.line.nearest(*beside.line.at(s)[:2])[1]
-            assert aside == pytest.approx(side * (0.5 * width - CLEARANCE), abs=0.05)
+            assert aside == pytest.approx(side * (0.5 * width - CLEARANCE - ASIDE), abs=0.05)
+        # Against the direction of the lane, whose left is the walker's right.
+        lane, _ = line_through(graph._lane_of["mw"].points)
+        place = middle.line.at(middle.crossings[0].s - 20.0)[:2]
+        assert lane.nearest(*place)[1] == pytest.approx(ASIDE, abs=0.01)
 
 
 def test_no_path_returns_over_a_crossing() -> None:
