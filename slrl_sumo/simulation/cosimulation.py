@@ -19,6 +19,7 @@ from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speeds
 from slrl_sumo.simulation.takeover import Handover, Takeover
+from slrl_sumo.simulation.waiting_persons import WaitingPersons
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
@@ -88,7 +89,7 @@ class CoSimulation:
         )
         self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
-        self._differences = Differences()
+        self._differences, self._waiting = Differences(), WaitingPersons(simulation.network)
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._taken_at_start: tuple[str, ...] = ()
@@ -263,9 +264,10 @@ class CoSimulation:
         self._assemble(present)
 
     def _assemble(self, users: WorldState) -> None:
-        """Set `world`: the learned road users first, then all other `users`."""
+        """Set `world`: the learned road users first, then all other `users`, as the learned ones see them."""
         others = np.array([i for i, user in enumerate(users.ids) if user not in self.population.ids], np.intp)
-        self.world = self.population.world.join(users.take(others))
+        assert self._snapshot is not None
+        self.world = self.population.world.join(self._waiting.at_kerb(users.take(others), self._snapshot))
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:
