@@ -16,8 +16,6 @@ from slrl_sumo.sumo.road_users import walk_of, walking_speed
 
 AIM = 1.0
 """m along the path to the point that a person heads for."""
-WAITING_DISTANCE = 0.6
-"""m before a crossing at which persons wait for its signal."""
 KERB = 1.0
 """m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge, others cut the corner before
 it. `metrics.signal_crossings` counts from there on."""
@@ -94,7 +92,7 @@ class PedestrianTracker:
                 red = self._is_red(entry)
                 if red is None:
                     break
-                return (entry.s - WAITING_DISTANCE - track.s if red else math.inf), entry.s - track.s, red
+                return (entry.wait - track.s if red else math.inf), entry.s - track.s, red
         return math.inf, math.inf, False
 
     def remaining_distance(self, person: str) -> float:
@@ -135,8 +133,8 @@ class PedestrianTracker:
         line = path.line
         distance = min(track.speed * dt, line.end - track.s)
         for entry in path.crossings:
-            if entry.s - WAITING_DISTANCE - track.speed * dt < track.s < entry.s + KERB and self._is_red(entry):
-                distance = min(distance, max(entry.s - WAITING_DISTANCE - track.s, 0.0))
+            if entry.wait - track.speed * dt < track.s < entry.s + KERB and self._is_red(entry):
+                distance = min(distance, max(entry.wait - track.s, 0.0))
         if distance <= 0.01:
             return x, y, heading
         aim_x, aim_y, _ = line.at(min(track.s + max(AIM, 2.0 * distance), line.end + AIM))

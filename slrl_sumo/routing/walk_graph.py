@@ -10,7 +10,7 @@ import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
-from slrl_sumo.routing.walking_area import distance_to, way_across
+from slrl_sumo.routing.walking_area import back_from, distance_to, way_across
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks, edge_junctions
@@ -23,6 +23,8 @@ CLEARANCE = 0.3
 ASIDE = 0.3
 """m kept to the right of their middle, where they are that wide: two that meet pass each other. With 0, those at the
 middle walked into each other in crowds (4.3 instead of 3.5 contacts per 1,000 decisions)."""
+WAITING_DISTANCE = 0.6
+"""m before a crossing at which persons wait for its signal where there is no walking area."""
 SHORT_EDGE = 5.0
 """m between its ends below which an edge is too short to hand a person back to SUMO on it."""
 
@@ -33,6 +35,8 @@ class CrossingEntry:
 
     s: float
     """m along the path."""
+    wait: float
+    """m along the path at which persons wait for its signal."""
     lane: str
     """The walking area from which the link with the signal leads to the crossing; it may lie at the other end."""
     crossing: str
@@ -135,9 +139,10 @@ class WalkGraph:
 
     def _joined(self, steps: list[tuple[str, bool]], arrival: float | None, side: float) -> WalkPath:
         points: list[tuple[float, float]] = []
-        crossings: list[tuple[int, str, str]] = []
+        crossings: list[tuple[int, bool, str, str]] = []
         second_edge_end = last_edge_end = 0
         area: Lane | None = None
+        crossed = False
         for i, (edge, forward) in enumerate(steps):
             lane = self._lane_of[edge]
             shape = list(lane.points)
@@ -145,7 +150,9 @@ class WalkGraph:
                 whole, _ = line_through(shape)
                 place = min(max(arrival, 0.0), lane.length) * whole.end / max(lane.length, 0.1)
                 shape = whole.between(0.0, place) if forward or len(steps) == 1 else whole.between(place, whole.end)
-            _lead_on(points, area, _beside(shape if forward else shape[::-1], side, lane))
+            walk = _beside(shape if forward else shape[::-1], side, lane)
+            points += [*_way_on(points, area, walk[0], crossed), *walk]
+            crossed = False
             if math.dist(shape[0], shape[-1]) >= SHORT_EDGE or not last_edge_end:
                 last_edge_end = len(points) - 1
             if i <= 1:
@@ -162,13 +169,20 @@ class WalkGraph:
                     continue
                 crossing = self._internal[inside]
                 middle = _directed_from(area, points[-1], crossing)
-                _lead_on(points, area, _beside(middle, side, crossing))
-                crossings.append((len(points) - len(middle), self._entered_from.get(inside, before), inside))
-                area = None
+                over = _beside(middle, side, crossing)
+                if area is not None:
+                    kerb = _behind_kerb(area, over[0])
+                    points += [*_way_on(points, area, kerb, crossed), kerb]
+                crossings.append((len(points), area is not None, self._entered_from.get(inside, before), inside))
+                points += over
+                area, crossed = None, True
         line, along = line_through(points)
         return WalkPath(
             line,
-            tuple(CrossingEntry(along[i], *lanes) for i, *lanes in crossings),
+            tuple(
+                CrossingEntry(along[i], along[i - 1] if waits else along[i] - WAITING_DISTANCE, *lanes)
+                for i, waits, *lanes in crossings
+            ),
             along[second_edge_end],
             along[last_edge_end],
         )
@@ -205,11 +219,22 @@ class WalkGraph:
         return ends
 
 
-def _lead_on(points: list[tuple[float, float]], area: Lane | None, line: list[tuple[float, float]]) -> None:
-    """Continue a path, `points`, with a line behind a walking area, if there is one between."""
-    if points and area is not None:
-        points += way_across(area.shape, points[-1], line[0], CLEARANCE)
-    points += line
+def _way_on(
+    points: list[tuple[float, float]], area: Lane | None, place: tuple[float, float], crossed: bool
+) -> list[tuple[float, float]]:
+    """The way from the end of a path, `points`, across a walking area, if there is one, to a place.
+
+    `crossed`: the path comes from a crossing, which may end beside the area, and leads onto that first.
+    """
+    if not points or area is None:
+        return []
+    kerbs = [_behind_kerb(area, points[-1])] if crossed else []
+    return kerbs + way_across(area.shape, (points + kerbs)[-1], place, CLEARANCE)
+
+
+def _behind_kerb(area: Lane, place: tuple[float, float]) -> tuple[float, float]:
+    """A place on a walking area, that of a crossing's end if it is far enough from the edge."""
+    return back_from(area.shape, *place) or place
 
 
 def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane) -> list[tuple[float, float]]:

@@ -11,6 +11,9 @@ ON_OUTLINE = 0.1
 """m outside that count as inside: sidewalks and crossings end on outlines."""
 SPACING = 0.5
 """m between the places of a way that are looked at."""
+BACK = 0.5
+"""m behind the edge of a walking area at which persons wait for a crossing: at round corners crossings begin beyond it,
+on the way of vehicles that turn right."""
 OUTSIDE = 10.0
 """How many times a metre outside counts. There may be no other way: netconvert's outlines can cut through themselves at
 sharp corners, where nothing is inside for some metres."""
@@ -43,6 +46,25 @@ def way_across(
     while chain[-1] != 0:
         chain.append(previous[chain[-1]])
     return [(x, y) for x, y in nodes[chain[-2::-1]].tolist()]
+
+
+def back_from(outline: Floats, x: float, y: float) -> tuple[float, float] | None:
+    """The place BACK inside an outline (k, 2) that is nearest to one outside of it, or nearer to it (m); None for one
+    that is as far inside."""
+    inside, least, nearest = False, math.inf, (x, y)
+    for (ax, ay), (bx, by) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist(), strict=True):
+        dx, dy = bx - ax, by - ay
+        share = min(max(((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-9), 0.0), 1.0)
+        px, py = ax + share * dx, ay + share * dy
+        if (away := math.hypot(x - px, y - py)) < least:
+            least, nearest = away, (px, py)
+        # A ray to the right crosses the outline an odd number of times.
+        if (ay > y) != (by > y) and x < ax + (y - ay) / dy * dx:
+            inside = not inside
+    if (inside and least >= BACK) or least < 1e-6:
+        return None
+    back = (BACK if inside else -BACK) / least
+    return nearest[0] + back * (x - nearest[0]), nearest[1] + back * (y - nearest[1])
 
 
 def distance_to(outline: Floats, places: Floats) -> Floats:

@@ -14,7 +14,6 @@ from builders import make_scenario, make_world
 
 from slrl_sumo.routing.lane_changes import SETTLES
 from slrl_sumo.routing.lane_graph import STOP_LINE
-from slrl_sumo.routing.pedestrian_tracker import WAITING_DISTANCE
 from slrl_sumo.routing.routes import NEAR_END, Routes
 from slrl_sumo.routing.speed_limits import LOOKS_WITH
 from slrl_sumo.scene.geometry import Floats
@@ -407,7 +406,9 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
         left.append(_one(route)["left"])
         near.append(bool(routes.near_end(("walker",))[0]))
     assert len(red) > 10
-    assert [r["stop"] for r in red] == pytest.approx([r["line"] - WAITING_DISTANCE for r in red])
+    before = {round(r["line"] - r["stop"], 6) for r in red}
+    assert len(before) == 1
+    assert 0.5 <= before.pop() <= 3.0
     # It comes nearer, to the kerb itself.
     assert np.diff([r["line"] for r in red]).max() < 1e-6
     assert red[-1]["line"] < 1.0
