@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.walk_graph import CrossingEntry, WalkGraph, WalkPath
+from slrl_sumo.routing.walk_graph import WAITING_DISTANCE, CrossingEntry, WalkGraph, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
@@ -16,6 +16,8 @@ from slrl_sumo.sumo.road_users import walk_of, walking_speed
 
 AIM = 1.0
 """m along the path to the point that a person heads for."""
+PAST = 0.5
+"""m past its waiting place up to which a person still counts as being there."""
 KERB = 1.0
 """m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge, others cut the corner before
 it. `metrics.signal_crossings` counts from there on."""
@@ -92,7 +94,9 @@ class PedestrianTracker:
                 red = self._is_red(entry)
                 if red is None:
                     break
-                return (entry.wait - track.s if red else math.inf), entry.s - track.s, red
+                # One that is past that place when the signal changes waits before the crossing itself.
+                place = entry.wait if track.s < entry.wait + PAST else entry.s - WAITING_DISTANCE
+                return (place - track.s if red else math.inf), entry.s - track.s, red
         return math.inf, math.inf, False
 
     def remaining_distance(self, person: str) -> float:

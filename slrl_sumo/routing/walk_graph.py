@@ -10,7 +10,7 @@ import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
-from slrl_sumo.routing.walking_area import back_from, distance_to, way_across
+from slrl_sumo.routing.walking_area import BACK, back_from, distance_to, way_across
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks, edge_junctions
@@ -23,8 +23,8 @@ CLEARANCE = 0.3
 ASIDE = 0.3
 """m kept to the right of their middle, where they are that wide: two that meet pass each other. With 0, those at the
 middle walked into each other in crowds (4.3 instead of 3.5 contacts per 1,000 decisions)."""
-WAITING_DISTANCE = 0.6
-"""m before a crossing at which persons wait for its signal where there is no walking area."""
+WAITING_DISTANCE, FARTHEST_BACK = 0.6, 3.0
+"""m before a crossing at which persons wait for its signal, at least and at most."""
 SHORT_EDGE = 5.0
 """m between its ends below which an edge is too short to hand a person back to SUMO on it."""
 
@@ -139,7 +139,7 @@ class WalkGraph:
 
     def _joined(self, steps: list[tuple[str, bool]], arrival: float | None, side: float) -> WalkPath:
         points: list[tuple[float, float]] = []
-        crossings: list[tuple[int, bool, str, str]] = []
+        crossings: list[tuple[int, Lane | None, str, str]] = []
         second_edge_end = last_edge_end = 0
         area: Lane | None = None
         crossed = False
@@ -151,7 +151,7 @@ class WalkGraph:
                 place = min(max(arrival, 0.0), lane.length) * whole.end / max(lane.length, 0.1)
                 shape = whole.between(0.0, place) if forward or len(steps) == 1 else whole.between(place, whole.end)
             walk = _beside(shape if forward else shape[::-1], side, lane)
-            points += [*_way_on(points, area, walk[0], crossed), *walk]
+            points += [*_way_on(points, area, walk[0]), *walk]
             crossed = False
             if math.dist(shape[0], shape[-1]) >= SHORT_EDGE or not last_edge_end:
                 last_edge_end = len(points) - 1
@@ -170,19 +170,18 @@ class WalkGraph:
                 crossing = self._internal[inside]
                 middle = _directed_from(area, points[-1], crossing)
                 over = _beside(middle, side, crossing)
-                if area is not None:
-                    kerb = _behind_kerb(area, over[0])
-                    points += [*_way_on(points, area, kerb, crossed), kerb]
-                crossings.append((len(points), area is not None, self._entered_from.get(inside, before), inside))
+                if area is not None and crossed:
+                    points.append(_behind_kerb(area, points[-1], side))
+                    kerb = _behind_kerb(area, over[0], side)
+                    points += [*_way_on(points, area, kerb), kerb]
+                points += _way_on(points, area, over[0])
+                crossings.append((len(points), area, self._entered_from.get(inside, before), inside))
                 points += over
                 area, crossed = None, True
         line, along = line_through(points)
         return WalkPath(
             line,
-            tuple(
-                CrossingEntry(along[i], along[i - 1] if waits else along[i] - WAITING_DISTANCE, *lanes)
-                for i, waits, *lanes in crossings
-            ),
+            tuple(CrossingEntry(along[i], _wait(line, along[i], area), *lanes) for i, area, *lanes in crossings),
             along[second_edge_end],
             along[last_edge_end],
         )
@@ -220,21 +219,27 @@ class WalkGraph:
 
 
 def _way_on(
-    points: list[tuple[float, float]], area: Lane | None, place: tuple[float, float], crossed: bool
+    points: list[tuple[float, float]], area: Lane | None, place: tuple[float, float]
 ) -> list[tuple[float, float]]:
-    """The way from the end of a path, `points`, across a walking area, if there is one, to a place.
-
-    `crossed`: the path comes from a crossing, which may end beside the area, and leads onto that first.
-    """
-    if not points or area is None:
-        return []
-    kerbs = [_behind_kerb(area, points[-1])] if crossed else []
-    return kerbs + way_across(area.shape, (points + kerbs)[-1], place, CLEARANCE)
+    """The way from the end of a path, `points`, across a walking area, if there is one, to a place."""
+    return way_across(area.shape, points[-1], place, CLEARANCE) if points and area is not None else []
 
 
-def _behind_kerb(area: Lane, place: tuple[float, float]) -> tuple[float, float]:
-    """A place on a walking area, that of a crossing's end if it is far enough from the edge."""
-    return back_from(area.shape, *place) or place
+def _behind_kerb(area: Lane, place: tuple[float, float], side: float) -> tuple[float, float]:
+    """A place on a walking area near the end of a crossing, which may be beside it: from one crossing to the next, a
+    path would not touch the area. Persons on different sides are at different distances from the edge."""
+    return back_from(area.shape, *place, BACK * (1.0 + abs(side))) or place
+
+
+def _wait(line: Polyline, s: float, area: Lane | None) -> float:
+    """m along a line at which persons wait for a crossing that begins at `s`: on the walking area before it."""
+    if area is None:
+        return s - WAITING_DISTANCE
+    places = s - np.arange(WAITING_DISTANCE, FARTHEST_BACK, 0.2)
+    outside = distance_to(area.shape, np.array([line.at(place)[:2] for place in places.tolist()]))
+    behind = outside <= -BACK
+    # Where no place is that far inside, as on narrow areas, the one that is farthest.
+    return places.item(int(behind.argmax() if behind.any() else outside.argmin()))
 
 
 def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane) -> list[tuple[float, float]]:

@@ -48,9 +48,9 @@ def way_across(
     return [(x, y) for x, y in nodes[chain[-2::-1]].tolist()]
 
 
-def back_from(outline: Floats, x: float, y: float) -> tuple[float, float] | None:
-    """The place BACK inside an outline (k, 2) that is nearest to one outside of it, or nearer to it (m); None for one
-    that is as far inside."""
+def back_from(outline: Floats, x: float, y: float, depth: float = BACK) -> tuple[float, float] | None:
+    """The place `depth` (m) inside an outline (k, 2) that is nearest to one outside of it, or nearer to it; None for
+    one that is as far inside."""
     inside, least, nearest = False, math.inf, (x, y)
     for (ax, ay), (bx, by) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist(), strict=True):
         dx, dy = bx - ax, by - ay
@@ -61,9 +61,9 @@ def back_from(outline: Floats, x: float, y: float) -> tuple[float, float] | None
         # A ray to the right crosses the outline an odd number of times.
         if (ay > y) != (by > y) and x < ax + (y - ay) / dy * dx:
             inside = not inside
-    if (inside and least >= BACK) or least < 1e-6:
+    if (inside and least >= depth) or least < 1e-6:
         return None
-    back = (BACK if inside else -BACK) / least
+    back = (depth if inside else -depth) / least
     return nearest[0] + back * (x - nearest[0]), nearest[1] + back * (y - nearest[1])
 
 

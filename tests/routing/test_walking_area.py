@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slrl_sumo.routing.walking_area import distance_to, way_across
+from slrl_sumo.routing.walking_area import back_from, distance_to, way_across
 
 SQUARE = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
 CORNER = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 2.0), (2.0, 2.0), (2.0, 10.0), (0.0, 10.0)])
@@ -22,6 +22,17 @@ PINCHED = np.array(
 @pytest.mark.parametrize("order", [1, -1])
 def test_distances_are_negative_inside(place: tuple[float, float], expected: float, order: int) -> None:
     assert distance_to(SQUARE[::order], np.array([place]))[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("place", "expected"),
+    [((2.0, 1.0), None), ((2.0, 0.2), (2.0, 0.5)), ((2.0, -3.0), (2.0, 0.5)), ((5.0, 2.0), (3.5, 2.0))],
+)
+@pytest.mark.parametrize("order", [1, -1])
+def test_places_lie_behind_the_kerb(
+    place: tuple[float, float], expected: tuple[float, float] | None, order: int
+) -> None:
+    assert back_from(SQUARE[::order], *place) == (expected if expected is None else pytest.approx(expected))
 
 
 def test_the_way_is_straight_where_that_is_inside() -> None:
