@@ -11,7 +11,7 @@ how much on routes that are expected along the lanes. The recipe ends with an er
 D3, or of SUMO's traffic in the shipped scenarios, has a higher mean error than the prior's, for any type, and where it
 is not lower on expected routes for two; with --calibrate it does only that, with the selector that the bundle has. The
 bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
-logs lie in --work; --resume goes on from there. `intersection` takes half an hour on two free cores, the others ten
+logs lie in --work; --resume goes on from there. `intersection` takes an hour on two free cores, the others ten
 minutes each.
 """
 
