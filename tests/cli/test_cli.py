@@ -129,14 +129,14 @@ def colours(file: Path) -> int:
 
 def test_a_run_leaves_a_table_a_summary_and_pictures(cli: Cli, tmp_path: Path) -> None:
     done = cli(
-        *("run", "intersection", "--agents", 12, "--steps", 45, "--seed", 4),
+        *("run", "intersection", "--agents", 12, "--steps", 45, "--seed", 5),
         *("--summary", "s.json", "--report", "pictures"),
         cwd=tmp_path,
     )
     assert (done.returncode, done.stderr) == (0, "")
     result = json.loads((tmp_path / "s.json").read_text())
     check_summary(result)
-    assert (result["scenario"], result["seed"], result["bundle"]) == ("intersection", 4, "intersection")
+    assert (result["scenario"], result["seed"], result["bundle"]) == ("intersection", 5, "intersection")
     assert (result["selector"], result["decisions"], result["decision_interval_s"]) == ("greedy", 45, 0.4)
     assert result["agent_steps"] == 540
     assert sum(result["per_type"][name]["count"] for name in TYPE_NAMES) == 12
