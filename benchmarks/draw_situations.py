@@ -11,10 +11,7 @@ all of them, with a 95 % interval, is its title.
 import argparse
 import math
 import statistics
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.measure_trips import situations
+from benchmarks.measure_trips import opened, situations
 from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selection import Selector
 from slrl_sumo.ground.road_map import RoadMap
@@ -32,10 +29,8 @@ from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.threads import one_thread
-from slrl_sumo.netgen.families import generate
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
-from slrl_sumo.sumo.scenario import find_scenario
 
 FIRST_SEED = 90_000
 """Far from the seeds that trainings and benchmarks.measure_trips draw."""
@@ -69,19 +64,14 @@ class Drive:
     y: list[float] = field(default_factory=list)
     speed: list[float] = field(default_factory=list)
     reward: list[float] = field(default_factory=list)
-    worlds: list[WorldState] = field(default_factory=list)
+    first: WorldState | None = None
+    """All road users at the moment."""
     ground: RoadMap | None = None
 
 
-@contextmanager
-def opened(bundle: ModelBundle, settings: TrainSettings, seed: int) -> Iterator[TripArena]:
-    """The arena of one network, images left out."""
-    arena_settings = replace(settings.arena, weights=settings.reward, extended=True, trips=True, image=False)
-    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
-        family = FAMILIES[seed % len(FAMILIES)]
-        scenario = find_scenario(str(generate(family, seed, Path(folder) / "made")))
-        with TripArena(scenario, bundle, arena_settings, seed) as arena:
-            yield arena
+def family_of(seed: int) -> str:
+    """They take turns."""
+    return FAMILIES[seed % len(FAMILIES)]
 
 
 def chosen(selector: Selector, arena: TripArena) -> NDArray[np.int64]:
@@ -97,7 +87,7 @@ def moments(bundle: ModelBundle, settings: TrainSettings, seed: int) -> list[Mom
     """One moment of each situation, drawn at random among those of a network."""
     found: dict[str, list[Moment]] = {name: [] for name in SITUATIONS}
     rule, trained = (make_selector(name, bundle, seed) for name in ("rule", "greedy"))
-    with opened(bundle, settings, seed) as arena:
+    with opened(bundle, settings, family_of(seed), seed) as arena:
         for decision in range(LATEST):
             modes = chosen(rule, arena)
             if decision >= EARLIEST and arena.situation is not None and arena.situation.context is not None:
@@ -115,7 +105,7 @@ def drive(bundle: ModelBundle, settings: TrainSettings, moment: Moment, name: st
     """The road user of a moment by the selector `name` from then on, all others by `rule`."""
     rule, other = (make_selector(one, bundle, moment.seed) for one in ("rule", name))
     found = Drive()
-    with opened(bundle, settings, moment.seed) as arena:
+    with opened(bundle, settings, family_of(moment.seed), moment.seed) as arena:
         found.ground = arena.simulation.road_map
         for decision in range(moment.decision + DECISIONS):
             modes, ids = chosen(rule, arena), arena.simulation.population.world.ids
@@ -129,7 +119,7 @@ def drive(bundle: ModelBundle, settings: TrainSettings, moment: Moment, name: st
             world = arena.simulation.world
             found.x.append(world.x.item(row))
             found.y.append(world.y.item(row))
-            found.worlds.append(world)
+            found.first = found.first or world
             outcome = arena.step(modes)
             found.speed.append(outcome.speed.item(row))
             found.reward.append(outcome.reward.item(row))
@@ -147,8 +137,9 @@ def draw(axes: Any, title: str, drives: dict[str, Drive], moment: Moment) -> Non
     first = drives["rule"]
     middle = first.x[0], first.y[0]
     draw_ground(place, first, middle)
-    for row, name in enumerate(first.worlds[0].ids):
-        draw_box(place, first.worlds[0], row, "black" if name == moment.road_user else "dimgray")
+    assert first.first is not None
+    for row, name in enumerate(first.first.ids):
+        draw_box(place, first.first, row, "black" if name == moment.road_user else "dimgray")
     for name, one in drives.items():
         place.plot(one.x, one.y, color=COLOURS[name], lw=2, label=name, alpha=0.8)
         times = DECISION_INTERVAL * np.arange(1, len(one.speed) + 1)

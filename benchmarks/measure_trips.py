@@ -13,7 +13,8 @@ import json
 import math
 import statistics
 import tempfile
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -26,7 +27,7 @@ from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
 from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
-from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.netgen.families import generate
@@ -74,52 +75,59 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
     bundle = load_bundle(bundle_name)
     name, _, spoilt = job.selector.partition(":")
     selector, rule = make_selector(name, bundle, job.seed), make_selector("rule", bundle, job.seed)
-    arena_settings = replace(
-        settings.arena, weights=settings.reward, extended=True, trips=True, image=selector.needs_image
-    )
     sums = dict.fromkeys(SUMS, 0.0)
     sums |= {f"{what}_{name}": 0.0 for name in GROUPS for what in IN_GROUP}
-    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, one_thread():
-        scenario = find_scenario(str(generate(job.family, job.seed, Path(folder) / "made")))
-        with TripArena(scenario, bundle, arena_settings, job.seed) as arena:
-            for _ in range(decisions):
-                situation = arena.situation
-                modes = by_rule = np.zeros(0, np.int64)
-                faster, groups = np.zeros(0), dict.fromkeys(SITUATIONS, np.zeros(0, np.bool_))
-                if situation is not None:
-                    masks, ids = list(situation.masks.values()), arena.simulation.population.world.ids
-                    seen = spoil(situation.observation, spoilt)
-                    modes = selector.choose(seen, situation.rollouts, ids, masks)[-1]
-                    by_rule = rule.choose(situation.observation, situation.rollouts, ids, masks)[-1]
-                    assert situation.rollouts is not None
-                    assert situation.context is not None
-                    rows, speed = np.arange(len(modes)), situation.rollouts.speed
-                    faster = speed[rows, modes] - speed[rows, by_rule]
-                    groups = situations(situation.context, arena.simulation.population.world)
-                outcome = arena.step(modes)
-                none = np.zeros(len(modes))
-                values = {
-                    "steps": none + 1.0,
-                    "reward": outcome.reward,
-                    "gone": outcome.gone,
-                    "reached": outcome.reached,
-                    "clean": outcome.clean,
-                    "contacts": -outcome.terms.get("contact", none),
-                    "off_surface": -outcome.terms.get("off_surface", none),
-                    "red": -outcome.terms.get("red", none),
-                    "standing": outcome.speed < 0.1,
-                    "as_rule": modes == by_rule,
-                    "speed": outcome.speed,
-                    "progress": outcome.terms.get("progress", none),
-                    "faster": faster,
-                }
-                groups |= {name: outcome.type == number for number, name in enumerate(TYPE_NAMES)}
-                for name in SUMS:
-                    sums[name] += float(values[name].sum())
-                for name, mask in groups.items():
-                    for what in IN_GROUP:
-                        sums[f"{what}_{name}"] += float(values[what][mask].sum())
+    with one_thread(), opened(bundle, settings, job.family, job.seed, image=selector.needs_image) as arena:
+        for _ in range(decisions):
+            situation = arena.situation
+            modes = by_rule = np.zeros(0, np.int64)
+            faster, groups = np.zeros(0), dict.fromkeys(SITUATIONS, np.zeros(0, np.bool_))
+            if situation is not None:
+                masks, ids = list(situation.masks.values()), arena.simulation.population.world.ids
+                seen = spoil(situation.observation, spoilt)
+                modes = selector.choose(seen, situation.rollouts, ids, masks)[-1]
+                by_rule = rule.choose(situation.observation, situation.rollouts, ids, masks)[-1]
+                assert situation.rollouts is not None
+                assert situation.context is not None
+                rows, speed = np.arange(len(modes)), situation.rollouts.speed
+                faster = speed[rows, modes] - speed[rows, by_rule]
+                groups = situations(situation.context, arena.simulation.population.world)
+            outcome = arena.step(modes)
+            none = np.zeros(len(modes))
+            values = {
+                "steps": none + 1.0,
+                "reward": outcome.reward,
+                "gone": outcome.gone,
+                "reached": outcome.reached,
+                "clean": outcome.clean,
+                "contacts": -outcome.terms.get("contact", none),
+                "off_surface": -outcome.terms.get("off_surface", none),
+                "red": -outcome.terms.get("red", none),
+                "standing": outcome.speed < 0.1,
+                "as_rule": modes == by_rule,
+                "speed": outcome.speed,
+                "progress": outcome.terms.get("progress", none),
+                "faster": faster,
+            }
+            groups |= {name: outcome.type == number for number, name in enumerate(TYPE_NAMES)}
+            for name in SUMS:
+                sums[name] += float(values[name].sum())
+            for name, mask in groups.items():
+                for what in IN_GROUP:
+                    sums[f"{what}_{name}"] += float(values[what][mask].sum())
     return sums
+
+
+@contextmanager
+def opened(
+    bundle: ModelBundle, settings: TrainSettings, family: str, seed: int, *, image: bool = False
+) -> Iterator[TripArena]:
+    """The arena of one network, with images or without."""
+    arena_settings = replace(settings.arena, weights=settings.reward, extended=True, trips=True, image=image)
+    with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
+        scenario = find_scenario(str(generate(family, seed, Path(folder) / "made")))
+        with TripArena(scenario, bundle, arena_settings, seed) as arena:
+            yield arena
 
 
 def situations(context: RouteContext, users: WorldState) -> dict[str, NDArray[np.bool_]]:

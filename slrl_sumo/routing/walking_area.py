@@ -51,20 +51,15 @@ def way_across(
 def back_from(outline: Floats, x: float, y: float, depth: float = BACK) -> tuple[float, float] | None:
     """The place `depth` (m) inside an outline (k, 2) that is nearest to one outside of it, or nearer to it; None for
     one that is as far inside."""
-    inside, least, nearest = False, math.inf, (x, y)
-    for (ax, ay), (bx, by) in zip(outline.tolist(), np.roll(outline, -1, axis=0).tolist(), strict=True):
-        dx, dy = bx - ax, by - ay
-        share = min(max(((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-9), 0.0), 1.0)
-        px, py = ax + share * dx, ay + share * dy
-        if (away := math.hypot(x - px, y - py)) < least:
-            least, nearest = away, (px, py)
-        # A ray to the right crosses the outline an odd number of times.
-        if (ay > y) != (by > y) and x < ax + (y - ay) / dy * dx:
-            inside = not inside
-    if (inside and least >= depth) or least < 1e-6:
+    away = distance_to(outline, np.array([[x, y]])).item()
+    if away <= -depth or abs(away) < 1e-6:
         return None
-    back = (depth if inside else -depth) / least
-    return nearest[0] + back * (x - nearest[0]), nearest[1] + back * (y - nearest[1])
+    parts = np.roll(outline, -1, axis=0) - outline
+    share = np.sum(([x, y] - outline) * parts, axis=1) / np.maximum(np.sum(parts * parts, axis=1), 1e-9)
+    places = outline + np.clip(share, 0.0, 1.0)[:, None] * parts
+    near_x, near_y = places[np.hypot(*(places - [x, y]).T).argmin()].tolist()
+    # On the line through both, inside.
+    return near_x - depth * (x - near_x) / away, near_y - depth * (y - near_y) / away
 
 
 def distance_to(outline: Floats, places: Floats) -> Floats:

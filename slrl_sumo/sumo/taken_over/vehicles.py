@@ -109,10 +109,7 @@ class TakenOverVehicles:
     def put_on_route(self) -> None:
         """Let the next SUMO step put vehicles that were handed back on no lane on the nearest place of their route."""
         lost, self._lost = self._lost, []
-        present = loaded_ids(self._api) if lost else frozenset[str]()
-        for road_user in lost:
-            if road_user in self._modes or road_user not in present:
-                continue
+        for road_user in self._still_back(lost):
             with self._refusals.of(road_user):
                 angle, (x, y) = self._api.vehicle.getAngle(road_user), self._api.vehicle.getPosition(road_user)
                 self._api.vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
@@ -120,19 +117,21 @@ class TakenOverVehicles:
     def move_to_middle(self) -> None:
         """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
         keep their offset for ever."""
-        if not self._beside:
-            return
         beside, self._beside = self._beside, []
-        present, vehicle, dt = loaded_ids(self._api), self._api.vehicle, self._api.simulation.getDeltaT()
-        for road_user in beside:
-            if road_user in self._modes or road_user not in present:
-                continue
+        vehicle = self._api.vehicle
+        for road_user in self._still_back(beside):
+            dt = self._api.simulation.getDeltaT()
             with self._refusals.of(road_user):
                 lane, way = vehicle.getLaneID(road_user), vehicle.getSpeed(road_user) * dt
                 if lane and vehicle.getLanePosition(road_user) + way < self._api.lane.getLength(lane):
                     angle, (x, y) = vehicle.getAngle(road_user), vehicle.getPosition(road_user)
                     x, y = x + way * math.sin(math.radians(angle)), y + way * math.cos(math.radians(angle))
                     vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, MATCH_THRESHOLD)
+
+    def _still_back(self, handed_back: list[str]) -> list[str]:
+        """Those that SUMO still has, and that were not taken over again."""
+        present = loaded_ids(self._api) if handed_back else frozenset[str]()
+        return [road_user for road_user in handed_back if road_user not in self._modes and road_user in present]
 
     def hand_back(self, road_user: str, off_route: bool) -> bool:
         """Whether a vehicle could be handed back; with `off_route` also from no lane or inside a junction."""
