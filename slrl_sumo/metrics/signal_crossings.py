@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.routing.lane_graph import junction_of
+from slrl_sumo.routing.walking_area import distance_to
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.links import LaneLinks, signal_links, signal_states
-from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.road_users import vehicle_ids, vehicle_lane, vehicle_route
 
 Aspect = Literal["red", "yellow", "green"]
@@ -62,6 +64,8 @@ class _Crossing:
     """The line without its ends, where people wait."""
     half_width: float
     link: _Link
+    walking_areas: tuple[Floats, ...]
+    """Outlines of those of its junction, (k, 2) each: netconvert's crossings begin up to 3 m beyond round kerbs."""
 
 
 class SignalCrossings:
@@ -70,7 +74,7 @@ class SignalCrossings:
     A vehicle passes when SUMO moves it from a lane that ends at a signal to a lane behind the signal. A vehicle without
     a lane in SUMO, because it is moved from outside and far from its route, passes when its front is behind the stop
     line. A person passes when its centre is on a signalised crossing, more than KERB from the ends, from any side; the
-    most permissive aspect since it stepped on counts.
+    most permissive aspect counts since it stepped on, or off a walking area within AWAY of it.
 
     Red means red before the step and after it. SUMO switches at the beginning of a step, so a road user that moves in
     the step in which the light turns green has not run a red light, nor has one that moves in the step in which yellow
@@ -115,7 +119,11 @@ class SignalCrossings:
             if all(known.lane != crossing.id for known in self._crossings):
                 link = _Link(signal, index, frozenset(), "")
                 inner = shortened(crossing.shape, KERB)
-                self._crossings.append(_Crossing(crossing.id, crossing.shape, inner, 0.5 * crossing.width, link))
+                inside = junction_of(crossing.id)
+                areas = (one for one in self._lanes.values() if is_walking_area(one.id))
+                outlines = tuple(one.shape for one in areas if junction_of(one.id) == inside)
+                shape, half_width = crossing.shape, 0.5 * crossing.width
+                self._crossings.append(_Crossing(crossing.id, shape, inner, half_width, link, outlines))
         elif start in self._lanes and end in self._lanes and not start.startswith(":"):
             self._links.setdefault(start, []).append(self._link(signal, index, end, via))
 
@@ -216,7 +224,12 @@ class SignalCrossings:
         waiting, self._waiting = self._waiting, {}
         for crossing in self._crossings:
             outside = outside_by(users.x, users.y, crossing.line, crossing.half_width)
-            near = np.flatnonzero(outside <= 0.0)
+            near = np.flatnonzero(outside <= AWAY)
+            places = np.stack([users.x[near], users.y[near]], axis=1)
+            on_area = np.zeros(len(near), np.bool_)
+            for outline in crossing.walking_areas if len(near) else ():
+                on_area |= distance_to(outline, places) <= 0.0
+            near = near[(outside[near] <= 0.0) | (~on_area if crossing.walking_areas else False)]
             beyond = outside_by(users.x[near], users.y[near], crossing.inner, crossing.half_width) <= 0.0
             for row, passes in zip(near.tolist(), beyond.tolist(), strict=True):
                 person = users.ids[row]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.walk_graph import WAITING_DISTANCE, CrossingEntry, WalkGraph, WalkPath
+from slrl_sumo.routing.walk_graph import CrossingEntry, WalkGraph, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
@@ -17,7 +17,7 @@ from slrl_sumo.sumo.road_users import walk_of, walking_speed
 AIM = 1.0
 """m along the path to the point that a person heads for."""
 PAST = 0.5
-"""m past its waiting place up to which a person still counts as being there."""
+"""m past its waiting place up to which a person still counts as being there; the kerb is there."""
 KERB = 1.0
 """m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge, others cut the corner before
 it. `metrics.signal_crossings` counts from there on."""
@@ -42,6 +42,9 @@ class PedestrianTrack:
     x: float
     """Centre at the last update, m."""
     y: float
+    begun: CrossingEntry | None = None
+    """The crossing before which it passed the kerb while the signal was not red: it goes on, also where the lane of the
+    crossing begins later."""
 
 
 class PedestrianTracker:
@@ -90,13 +93,14 @@ class PedestrianTracker:
     def next_signal(self, track: PedestrianTrack) -> tuple[float, float, bool]:
         """m to where a person must stop (inf: nowhere), m to the next signalised crossing, and whether that is red."""
         for entry in track.path.crossings if track.path is not None else ():
-            if entry.s > track.s - KERB:
-                red = self._is_red(entry)
-                if red is None:
-                    break
-                # One that is past that place when the signal changes waits before the crossing itself.
-                place = entry.wait if track.s < entry.wait + PAST else entry.s - WAITING_DISTANCE
-                return (place - track.s if red else math.inf), entry.s - track.s, red
+            if entry.s <= track.s - KERB or entry is track.begun:
+                continue
+            red = self._is_red(entry)
+            if red is None:
+                break
+            if not red and track.s > entry.wait + PAST:
+                track.begun = entry
+            return (entry.wait - track.s if red else math.inf), entry.s - track.s, red
         return math.inf, math.inf, False
 
     def remaining_distance(self, person: str) -> float:

@@ -10,6 +10,8 @@ from builders import make_world
 from slrl_sumo.metrics.signal_crossings import SignalCrossings, outside_by, shortened
 from slrl_sumo.netgen.scenario import write_scenario
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
+from slrl_sumo.routing.walking_area import distance_to
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import background_world
@@ -218,6 +220,45 @@ def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(mad
         assert [go(metres) for metres in (0.5, 1.2, 2.0, 1.2, 0.5, -1.0, 2.0)] == [[], ["red"], [], [], [], [], []]
         # Gone and come again.
         assert [go(metres) for metres in (-3.5, 2.0)] == [[], ["red"]]
+
+
+@pytest.mark.parametrize(("off", "aspect"), [(True, "green"), (False, "red")])
+def test_a_person_that_leaves_the_walking_area_at_green_may_reach_the_crossing_at_red(
+    made: Scenario, off: bool, aspect: str
+) -> None:
+    with SumoSession(made, seed=2) as session:
+        passages = SignalCrossings(session.api, session.network)
+        crossing = next(one for one in passages._crossings if one.lane == ":centre_c0_0")
+        (x, y), step = crossing.line[0], crossing.line[-1] - crossing.line[0]
+        along = step / np.hypot(*step)
+        # Beyond the kerb, and not yet on the crossing.
+        ahead = -np.arange(0.05, 3.0, 0.05)[:, None] * along
+        aside = np.arange(-0.9, 1.0, 0.1)[:, None, None] * crossing.half_width * np.array([-along[1], along[0]])
+        places = (np.array([x, y]) + ahead + aside).reshape(-1, 2)
+        away = np.min([np.abs(distance_to(one, places)) for one in crossing.walking_areas], axis=0)
+        inside = np.any([distance_to(one, places) <= 0.0 for one in crossing.walking_areas], axis=0)
+        place = places[np.argmax(np.where(inside != off, away, -1.0))]
+        signal, index = crossing.link.signal, crossing.link.index
+
+        def go(to: Floats) -> list[str]:
+            world = make_world(*to, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
+            return [p.aspect for p in passages.update(world, ("somebody",))]
+
+        def wait_for(states: str) -> None:
+            session.step()
+            while session.api.trafficlight.getRedYellowGreenState(signal)[index] not in states:
+                session.step()
+
+        wait_for("G")
+        go(place)
+        while session.api.trafficlight.getRedYellowGreenState(signal)[index] == "G":
+            assert go(place) == []
+            session.step()
+        # It is seen where it is in each step.
+        assert go(place) == []
+        session.step()
+        assert go(place) == []
+        assert go(crossing.line[0] + 2.0 * along) == [aspect]
 
 
 def test_a_ribbon_has_straight_ends_and_a_shortened_line_keeps_its_corner() -> None:

@@ -407,7 +407,7 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
         left.append(_one(route)["left"])
         near.append(bool(routes.near_end(("walker",))[0]))
     assert len(red) > 10
-    # First on the walking area, past that before the crossing itself.
+    # On the walking area, until it has passed the kerb at green: then no signal is ahead of it any more.
     before = [r["line"] - r["stop"] for r in red]
     assert before == sorted(before, reverse=True)
     assert WAITING_DISTANCE - 1e-6 <= before[-1] <= before[0] <= FARTHEST_BACK

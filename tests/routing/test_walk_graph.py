@@ -1,12 +1,15 @@
 """Paths of persons: which way round they go from an edge to the opposite one."""
 
 import random
+from itertools import permutations
 from pathlib import Path
 
 import libsumo
 import numpy as np
 import pytest
 
+from slrl_sumo.netgen.scenario import write_scenario
+from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.routing.walk_graph import ASIDE, CLEARANCE, WalkGraph
 from slrl_sumo.studies.flow.junctions import crosswalk
@@ -65,3 +68,23 @@ def test_no_path_returns_over_a_crossing() -> None:
             ahead /= np.hypot(*ahead)
             turns = np.sum(ahead[:, 1:] * ahead[:, :-1], axis=0)
             assert turns.min() > -0.9, edge
+
+
+def test_from_crossing_to_crossing_no_path_lies_on_itself(tmp_path: Path) -> None:
+    """At round corners two crossings end beyond the kerb, at the inner side of the corner in one place."""
+    spec = IntersectionSpec(control="traffic_light", arms=4, lanes=1, arm_length=60.0, angle_spread=0.0)
+    demand = DemandSpec(cars_per_hour=10.0, bicycles_per_hour=0.0, pedestrians_per_hour=10.0, duration=10.0, seed=1)
+    with SumoSession(find_scenario(str(write_scenario(spec, demand, tmp_path / "made"))), seed=1) as session:
+        graph, found = WalkGraph(libsumo, session.network), 0
+        for begin, end in permutations([edge for edge in graph._lane_of if edge.startswith(("in", "out"))], 2):
+            for side in (-1.0, -0.5, 0.0):
+                path = graph.path((begin, end), 30.0, side, *graph._lane_of[begin].shape[0])
+                if path is None or len(path.crossings) < 2:
+                    continue
+                between = np.arange(path.crossings[0].s + 4.0, path.crossings[1].s + 3.0, 0.25)
+                places = np.array([path.line.at(s)[:2] for s in between])
+                apart = np.hypot(*(places[:, None] - places).transpose(2, 0, 1))
+                later = between[None] - between[:, None] > 1.5
+                assert apart[later].min() > 0.4, (begin, end, side)
+                found += 1
+        assert found > 10

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from builders import make_scenario
 
-from slrl_sumo.agent.path_smoothing import FOLLOWED
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.scene.geometry import Floats
@@ -21,6 +20,8 @@ from slrl_sumo.sumo.session import SumoSession
 
 SIDE = 60.0
 """m of the street before and after the bend."""
+LANE = 1.6
+"""m beside the middle of a lane at which its edge is."""
 SETTINGS = '<step-length value="0.4"/><end value="60"/>'
 
 
@@ -50,7 +51,7 @@ def test_learned_road_users_keep_to_the_street_in_a_bend(tmp_path: Path, degrees
             learned += len(rows)
             places = np.column_stack([world.x, world.y])[rows]
             farthest = max([farthest, *(_distance(place, line) for place in places)])
-    assert farthest < FOLLOWED
+    assert farthest < LANE
     assert learned > 0
     assert (learned > 80) == followed
 

@@ -26,6 +26,9 @@ TOWARDS = 0.5
 """Least cosine between the headings of a pedestrian and of the crossing that it is about to step on."""
 WALKING = 0.3
 """m/s."""
+AT_KERB = 0.6
+"""m from an end of a crossing within which a pedestrian that stands is at the kerb: in a crowd that waits there some
+stand beyond it, 0.2 to 0.5 m, where vehicles pass them."""
 STRIP = 1.0
 """m: pedestrians in strips of this width cross on the same line."""
 SPACING = 1.0
@@ -111,8 +114,8 @@ class CrossingOccupants:
             name, speed, crossing = world.ids[row], world.speed.item(row), walker.crossing
             if speed < WALKING:
                 standing[name] = self._standing_since.get(name, world.time)
-            if walker.passed < 0.0 and self._state(crossing) in "rum":
-                continue  # it has to wait
+            if self._waits(walker, speed):
+                continue
             occupant = Occupant(
                 self._areas.way((walker.line,)),
                 (-walker.passed,),
@@ -148,6 +151,11 @@ class CrossingOccupants:
         line = f"{crossing.lane}/{strip}/{'forward' if forward else 'backward'}"
         self._areas.add_line(line, crossing.line(strip, forward=forward))
         return _Walker(crossing, line, passed)
+
+    def _waits(self, walker: _Walker, speed: float) -> bool:
+        """Whether a pedestrian at this speed (m/s) has to wait, and does so at an end of the crossing."""
+        at_kerb = speed < WALKING and not AT_KERB <= walker.passed <= walker.crossing.length - AT_KERB
+        return (walker.passed < 0.0 or at_kerb) and self._state(walker.crossing) in "rum"
 
     def _state(self, crossing: _Crossing) -> str:
         """SUMO's letter for the link to a crossing."""

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import libsumo
+import numpy as np
 import pytest
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
@@ -24,11 +25,10 @@ from tests.routing.junctions.test_reservations import track
 SIZE = Size(5.0, 1.8)
 
 
-@pytest.fixture(scope="module")
-def graph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LaneGraph]:
+@pytest.fixture
+def graph(tmp_path: Path) -> Iterator[LaneGraph]:
     """A street along y = 0 between x = 0 and 400 m, with a crossing at 200 m, where pedestrians have priority."""
-    folder: Path = tmp_path_factory.mktemp("crosswalk")
-    with SumoSession(find_scenario(str(crosswalk(folder))), seed=1) as session:
+    with SumoSession(find_scenario(str(crosswalk(tmp_path))), seed=1) as session:
         yield LaneGraph(libsumo, session.network)
 
 
@@ -86,3 +86,26 @@ def test_a_pedestrian_that_has_stood_beside_the_lane_for_long_lets_cars_pass(gra
         line = car.path.entries[0]
         answers.append(reservations.may_enter("car", car, line, priority=False, size=SIZE))
     assert answers == [False, True]
+
+
+def test_one_that_waits_for_its_signal_at_an_end_of_a_crossing_is_no_occupant() -> None:
+    with SumoSession(find_scenario("signalised"), seed=1) as session:
+        graph = LaneGraph(libsumo, session.network)
+        shape = next(lane.shape for lane in session.network.lanes if lane.id == ":centre_c0_0")
+        (x, y), along = shape[0], (shape[-1] - shape[0]) / np.hypot(*(shape[-1] - shape[0]))
+        length = float(np.hypot(*(shape[-1] - shape[0])))
+        heading = math.atan2(along[1], along[0])
+
+        def occupied(metres: float, state: str, speed: float = 0.0) -> bool:
+            light = libsumo.trafficlight.getIDList()[0]
+            links = len(libsumo.trafficlight.getRedYellowGreenState(light))
+            libsumo.trafficlight.setRedYellowGreenState(light, state * links)
+            place = np.array([x, y]) + metres * along
+            found = CrossingOccupants(libsumo, graph, ConflictAreas(graph))
+            found.renew(walker(place[1], heading, speed, x=place[0]))
+            return bool(found.of(":centre"))
+
+        for end in (0.4, length - 0.4):
+            assert [occupied(end, state) for state in "rG"] == [False, True]
+            assert occupied(end, "r", speed=1.0)
+        assert [occupied(0.5 * length, state) for state in "rG"] == [True, True]
