@@ -53,11 +53,14 @@ class DeadlockTimer:
         waits = (route.stop < WAITING) | (~inside & (context.stop_distance < WAITING))
         # Inside a junction, a red signal at the next one is no reason to stand.
         closed = route.closed & ~inside
-        standing = route.known & (users.speed < STANDING) & ~closed & ~waits
-        rows = np.flatnonzero(standing).tolist()
+        standing = route.known & (users.speed < STANDING)
+        rows = np.flatnonzero(standing & ~closed & ~waits).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []
         queues = (context.queues & (users.type != RoadUserType.PEDESTRIAN)).tolist() if rows else []
-        stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) + DECISION_INTERVAL for row in rows}
+        # A signal interrupts it: two persons that block each other would else do so in every green.
+        stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) for row in np.flatnonzero(standing).tolist()}
+        for row in rows:
+            stood[users.ids[row]] += DECISION_INTERVAL
         forced = {
             name: self._forced[name]
             for name in (users.ids if self._forced else ())

@@ -67,6 +67,18 @@ def test_lines_to_stop_at_are_waited_for_as_long_as_it_takes(waits: RouteContext
     assert _first(waits, 120.0)[0] == np.inf
 
 
+def test_a_red_signal_interrupts_the_time_that_a_road_user_has_stood() -> None:
+    timer, blocked, red = DeadlockTimer(), _context(gap=1.0), _context(gap=1.0, closed=True)
+    # Green for 8 s, red for 20 s: less than BLOCKED in each green.
+    seen = [_tolerance(timer, _car(k * DECISION_INTERVAL), blocked if k % 70 < 20 else red) for k in range(4 * 70)]
+    assert not any(seen[:70])
+    assert any(seen[70:210])
+    assert not any(tolerance for k, tolerance in enumerate(seen) if k % 70 >= 20)
+    # One that moves begins anew.
+    _tolerance(timer, _car(200.0, speed=1.0), blocked)
+    assert _tolerance(timer, _car(210.0), blocked) == 0.0
+
+
 def test_in_the_end_any_mode_counts_that_does_not_collide_at_once() -> None:
     timer, held = DeadlockTimer(), _context(gap=1.0)
     seen = [_tolerance(timer, _car(k * DECISION_INTERVAL), held) for k in range(round(60.0 / DECISION_INTERVAL))]

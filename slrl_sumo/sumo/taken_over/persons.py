@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
@@ -39,9 +40,11 @@ class TakenOverPersons:
         self._kept: dict[str, tuple[float, float]] = {}
         """Where those were that were handed back since the last step, m."""
         self._lengths: dict[str, float] = {}
+        self._shapes: dict[str, Floats] = {}
         for lane in network.lanes:
             if not lane.internal and "pedestrian" in lane.allowed:
                 self._lengths.setdefault(lane.edge, lane.length)
+                self._shapes.setdefault(lane.edge, lane.shape)
         self._edge_of_stop = {stop: api.busstop.getLaneID(stop).rpartition("_")[0] for stop in api.busstop.getIDList()}
 
     @property
@@ -101,8 +104,8 @@ class TakenOverPersons:
         if not edges:
             return False
         self._restore_walk(road_user, edges)
-        if not off_route:
-            # Not on release: beside its edge a person would stand for ever.
+        if not off_route and self._is_beside(walk.current_edge, x, y):
+            # Not on release, nor before or behind its edge: there a person would stand for ever.
             self._kept[road_user] = x, y
         del self._walks[road_user]
         return True
@@ -151,6 +154,12 @@ class TakenOverPersons:
         """Whether a position is on an edge, and not beside it or on a crossing that SUMO assigns to the edge."""
         lane = int(self._network.walks.lanes_under(np.array([x]), np.array([y]))[0])
         return lane >= 0 and self._network.walks.lanes[lane].edge == edge
+
+    def _is_beside(self, edge: str, x: float, y: float) -> bool:
+        """Whether a position is neither before the begin of an edge nor behind its end."""
+        shape, place = self._shapes[edge], np.array([x, y])
+        begins, ends = (place - shape[0]) @ (shape[1] - shape[0]), (place - shape[-1]) @ (shape[-2] - shape[-1])
+        return bool(min(begins, ends) >= 0.0)
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
         """The edges from a person's present one to its destination; () where there is no route."""
