@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.scene.contacts import COLLISION_DISTANCE
@@ -36,3 +37,19 @@ def test_persons_that_depart_inside_each_other_are_learned_when_they_are_apart(t
     assert len(begun) == 30
     # They have moved for a decision since; taken over as they depart, half of them would be nearer than 0.2 m.
     assert np.median(list(begun.values())) > COLLISION_DISTANCE - 0.15
+
+
+@pytest.mark.parametrize("departs", range(3))
+def test_a_walk_that_ends_on_an_edge_of_a_few_metres_ends(tmp_path: Path, departs: int) -> None:
+    """Lanes for turns have netgenerate cut streets; of the sidewalk 4 m are left beside the junction."""
+    drawing = ["--grid", "--grid.number", "3", "--grid.length", "150", "-L", "2", "--turn-lanes", "1"]
+    drawing += ["--sidewalks.guess", "--crossings.guess", "--default-junction-type", "traffic_light"]
+    run_program("netgenerate", [*drawing, "--no-turnarounds", "-o", "n.net.xml"], tmp_path)
+    edges = ("B1A1", "B2B1.130.00"), ("B1B0", "A1B1.130.00"), ("B1C1", "B0B1.130.00")
+    walk = f'<walk edges="{" ".join(edges[departs])}"/>'
+    (tmp_path / "n.rou.xml").write_text(f'<routes><person id="one" depart="0">{walk}</person></routes>')
+    files = '<net-file value="n.net.xml"/><route-files value="n.rou.xml"/>'
+    (tmp_path / "n.sumocfg").write_text(f"<configuration>{files}</configuration>")
+    decisions = [d for d in run(RunSettings(tmp_path, takeover="pedestrian=1", steps=500)) if isinstance(d, Decision)]
+    assert any("one" in d.taken_over for d in decisions)
+    assert "one" not in decisions[-1].steps[-1].world.ids
