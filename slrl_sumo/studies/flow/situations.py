@@ -7,7 +7,7 @@ from pathlib import Path
 from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
 from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway
 from slrl_sumo.studies.flow.scenario_files import LIMIT
-from slrl_sumo.studies.flow.towns import city, grid, town
+from slrl_sumo.studies.flow.towns import city, crossings, crowd, grid, town
 from slrl_sumo.studies.flow.wheel import game
 
 BICYCLE_SPEED = 5.56
@@ -77,6 +77,7 @@ SITUATIONS: dict[str, Situation] = {
     ),
     "roundabout": Situation("a roundabout with four arms of one lane", 300.0, roundabout),
     "crosswalk": Situation("pedestrians cross a street between junctions", 240.0, crosswalk),
+    "crowd": Situation("a small junction with signals and a crowd of pedestrians", 400.0, crowd(101)),
     "town-small": _town("a generated town, 250 departures", 3, streets=40, seconds=600.0, period=1.2),
     "town-1": _town("a generated town, 1,000 departures", 1, streets=100, seconds=900.0, period=0.6),
     "town-2": _town(
@@ -91,6 +92,12 @@ SITUATIONS: dict[str, Situation] = {
         "a generated grid of three lanes with lanes for turns and actuated signals, 546 departures",
         600.0,
         grid(4, seconds=600.0, period=0.55),
+        network=True,
+    ),
+    "crossings": Situation(
+        "a generated grid of signals with crossings, 333 cars, 66 bicycles and 333 pedestrians",
+        600.0,
+        crossings(7, seconds=600.0, period=0.9),
         network=True,
     ),
     "city": Situation(

@@ -12,6 +12,7 @@ from lxml import etree
 
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.netgen.errors import NetgenError
+from slrl_sumo.netgen.families import generate
 from slrl_sumo.netgen.plan import Edge, Node, Plan, write_plan
 from slrl_sumo.studies.flow.scenario_files import write_config
 from slrl_sumo.studies.flow.wheel import games
@@ -45,13 +46,9 @@ def town(seed: int, *, streets: int, seconds: float, period: float, mixed: bool 
             run_program("netconvert", [*write_plan(plan, folder), *dressing, *usual, *net], folder)
         else:
             run_program("netgenerate", [*drawing, *dressing, *usual, *net], folder)
-        routes = [_write_trips(folder, "flow", seed, seconds - REST, period)]
         if mixed:
-            bicycles = ["--vehicle-class", "bicycle", "--prefix", "bicycle", "--fringe-factor", "2"]
-            routes.append(_write_trips(folder, "bicycles", seed, seconds - REST, 5.0 * period, bicycles))
-            walks = ["--pedestrians", "--prefix", "walker", "--max-distance", f"{WALK:g}"]
-            routes.append(_write_trips(folder, "walkers", seed, seconds - REST, 5.0 * period, walks))
-        return write_config(folder, seconds, routes=",".join(routes))
+            return write_config(folder, seconds, routes=_write_mixed(folder, seed, seconds - REST, period, 5.0))
+        return write_config(folder, seconds, routes=_write_trips(folder, "flow", seed, seconds - REST, period))
 
     return build
 
@@ -67,6 +64,23 @@ def grid(seed: int, *, seconds: float, period: float) -> Callable[[Path], Path]:
         return write_config(folder, seconds, routes=_write_trips(folder, "flow", seed, seconds - REST, period))
 
     return build
+
+
+def crossings(seed: int, *, seconds: float, period: float) -> Callable[[Path], Path]:
+    """Builds a grid of signals with crossings, and a pedestrian for every car; arguments as for `town`."""
+
+    def build(folder: Path) -> Path:
+        drawing = ["--grid", "--grid.number", "4", "--grid.length", "120", "-L", "2", "--no-turnarounds"]
+        dressing = ["--sidewalks.guess", "--crossings.guess", "--default-junction-type", "traffic_light"]
+        run_program("netgenerate", [*drawing, *dressing, "--seed", str(seed), "--output-file", "flow.net.xml"], folder)
+        return write_config(folder, seconds, routes=_write_mixed(folder, seed, seconds - REST, period, 1.0))
+
+    return build
+
+
+def crowd(seed: int) -> Callable[[Path], Path]:
+    """Builds a junction of the generated family `signals`: short arms, small corners and crowds of pedestrians."""
+    return lambda folder: generate("signals", seed, folder / "made")
 
 
 def city(name: str, seconds: float, period: float) -> Callable[[Path], Path]:
@@ -122,6 +136,19 @@ def with_roundabouts(plan: Plan, seed: int) -> Plan:
             elif edge.start == name:
                 edges[key] = Edge(f"{name}-{edge.end}", edge.end, edge.speed, edge.lanes)
     return Plan(nodes, edges)
+
+
+def _write_mixed(folder: Path, seed: int, seconds: float, period: float, walkers: float) -> str:
+    """Routes of cars, of a bicycle for every five cars, and of a pedestrian for so many cars; the names of the files.
+    Arguments as for `_write_trips`."""
+    bicycles = ["--vehicle-class", "bicycle", "--prefix", "bicycle", "--fringe-factor", "2"]
+    walks = ["--pedestrians", "--prefix", "walker", "--max-distance", f"{WALK:g}"]
+    files = [
+        _write_trips(folder, "flow", seed, seconds, period),
+        _write_trips(folder, "bicycles", seed, seconds, 5.0 * period, bicycles),
+        _write_trips(folder, "walkers", seed, seconds, walkers * period, walks),
+    ]
+    return ",".join(files)
 
 
 def _write_trips(
