@@ -221,6 +221,7 @@ def main() -> None:
     parser.add_argument("--selectors", default="rule,greedy")
     parser.add_argument("--families", default="town,random,roundabout", help="in turn")
     parser.add_argument("--networks", type=int, default=30)
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of the networks")
     parser.add_argument("--decisions", type=int, default=300)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, required=True)
@@ -230,7 +231,9 @@ def main() -> None:
     if options.out.exists():
         done = {Play(*line[:3]): line[3] for line in json.loads(options.out.read_text())["plays"]}
     jobs = [
-        Play(families[k % len(families)], FIRST_SEED + k, name) for k in range(options.networks) for name in selectors
+        Play(families[k % len(families)], options.first_seed + k, name)
+        for k in range(options.networks)
+        for name in selectors
     ]
     work = partial(
         play, portable_name(options.bundle, shipped_bundles()), read_settings(options.config), options.decisions
