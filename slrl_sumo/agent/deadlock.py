@@ -57,7 +57,7 @@ class DeadlockTimer:
         rows = np.flatnonzero(standing & ~closed & ~waits).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []
         queues = (context.queues & (users.type != RoadUserType.PEDESTRIAN)).tolist() if rows else []
-        # A signal interrupts it: two persons that block each other would else do so in every green.
+        # Red only interrupts that time: two persons that block each other would else do so in every green.
         stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) for row in np.flatnonzero(standing).tolist()}
         for row in rows:
             stood[users.ids[row]] += DECISION_INTERVAL

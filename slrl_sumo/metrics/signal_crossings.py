@@ -86,6 +86,10 @@ class SignalCrossings:
         self._lanes = {lane.id: lane for lane in network.lanes}
         self._links: dict[str, list[_Link]] = {}
         self._crossings: list[_Crossing] = []
+        self._walking_areas: dict[str, list[Floats]] = {}
+        for lane in network.lanes:
+            if is_walking_area(lane.id):
+                self._walking_areas.setdefault(junction_of(lane.id), []).append(lane.shape)
         self._following = LaneLinks(api, network)
         for signal_link in signal_links(api):
             self._add(*signal_link)
@@ -119,11 +123,9 @@ class SignalCrossings:
             if all(known.lane != crossing.id for known in self._crossings):
                 link = _Link(signal, index, frozenset(), "")
                 inner = shortened(crossing.shape, KERB)
-                inside = junction_of(crossing.id)
-                areas = (one for one in self._lanes.values() if is_walking_area(one.id))
-                outlines = tuple(one.shape for one in areas if junction_of(one.id) == inside)
+                areas = tuple(self._walking_areas.get(junction_of(crossing.id), ()))
                 shape, half_width = crossing.shape, 0.5 * crossing.width
-                self._crossings.append(_Crossing(crossing.id, shape, inner, half_width, link, outlines))
+                self._crossings.append(_Crossing(crossing.id, shape, inner, half_width, link, areas))
         elif start in self._lanes and end in self._lanes and not start.startswith(":"):
             self._links.setdefault(start, []).append(self._link(signal, index, end, via))
 
@@ -229,7 +231,8 @@ class SignalCrossings:
             on_area = np.zeros(len(near), np.bool_)
             for outline in crossing.walking_areas if len(near) else ():
                 on_area |= distance_to(outline, places) <= 0.0
-            near = near[(outside[near] <= 0.0) | (~on_area if crossing.walking_areas else False)]
+            stepping = ~on_area if crossing.walking_areas else on_area
+            near = near[stepping | (outside[near] <= 0.0)]
             beyond = outside_by(users.x[near], users.y[near], crossing.inner, crossing.half_width) <= 0.0
             for row, passes in zip(near.tolist(), beyond.tolist(), strict=True):
                 person = users.ids[row]
