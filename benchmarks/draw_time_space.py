@@ -33,6 +33,8 @@ NEAR = 40.0
 """m between the end of an edge and the begin of the next one, across a junction, at most."""
 FASTEST = 14.0
 """m/s, the brightest colour."""
+ACROSS = 15.0
+"""m that are left between two edges, for the junction."""
 GAP = 8.0
 """s without a place on the arterial, as in a junction, after which a line is interrupted."""
 
@@ -82,8 +84,8 @@ def draw(axes: Axes, played: Played, on: OnLanes, chain: Sequence[Lane]) -> None
     """The cars on the edges of an arterial."""
     begins, offset = {}, 0.0
     for lane in chain:
-        begins[lane.edge], offset = offset, offset + lane.length + 15.0
-        axes.axhline(offset - 15.0, color="0.8", linewidth=0.5)
+        begins[lane.edge], offset = offset, offset + lane.length + ACROSS
+        axes.axhline(offset - ACROSS, color="0.8", linewidth=0.5)
     start = np.array([math.nan if one.internal else begins.get(one.edge, math.nan) for one in on.lanes])[on.lane]
     on_it = ~np.isnan(start)
     row, place = on.row[on_it], start[on_it] + on.front[on_it]

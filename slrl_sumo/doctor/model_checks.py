@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 
-from slrl_sumo.agent.path_smoothing import path_moved
+from slrl_sumo.agent.path_smoothing import OFF_LANE, path_moved
 from slrl_sumo.doctor.finding import Finding, counted
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.capability import Capability, capability_of
@@ -23,9 +23,6 @@ from slrl_sumo.sumo.network import Network
 
 BEND = math.radians(45.0)
 """Turns below this angle are not looked at."""
-SHARP = 1.6
-"""m by which smoothing would move a turn that is told to users; one that would move by less than that costs hardly any
-time."""
 NEAR = 25.0
 """m of the lanes before and after a junction that belong to a turn."""
 
@@ -41,7 +38,7 @@ def turn_findings(api: SumoApi, network: Network) -> Iterator[Finding]:
         for name, line in _turns(lanes, admitting, links):
             turns += 1
             moved = path_moved(line, capability, kind)
-            sharp += moved > SHARP
+            sharp += moved > OFF_LANE
             if moved > worst:
                 worst, where = moved, name
         if sharp:

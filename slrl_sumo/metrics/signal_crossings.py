@@ -228,11 +228,10 @@ class SignalCrossings:
             outside = outside_by(users.x, users.y, crossing.line, crossing.half_width)
             near = np.flatnonzero(outside <= AWAY)
             places = np.stack([users.x[near], users.y[near]], axis=1)
-            on_area = np.zeros(len(near), np.bool_)
+            on_area = np.full(len(near), not crossing.walking_areas)
             for outline in crossing.walking_areas if len(near) else ():
                 on_area |= distance_to(outline, places) <= 0.0
-            stepping = ~on_area if crossing.walking_areas else on_area
-            near = near[stepping | (outside[near] <= 0.0)]
+            near = near[(outside[near] <= 0.0) | ~on_area]
             beyond = outside_by(users.x[near], users.y[near], crossing.inner, crossing.half_width) <= 0.0
             for row, passes in zip(near.tolist(), beyond.tolist(), strict=True):
                 person = users.ids[row]

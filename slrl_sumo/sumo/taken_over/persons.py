@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import WALKING, loaded_ids
@@ -39,12 +39,11 @@ class TakenOverPersons:
         self._walks: dict[str, _Walk] = {}
         self._kept: dict[str, tuple[float, float]] = {}
         """Where those were that were handed back since the last step, m."""
-        self._lengths: dict[str, float] = {}
-        self._shapes: dict[str, Floats] = {}
+        self._lanes: dict[str, Lane] = {}
+        """The first lane of each edge that persons may use."""
         for lane in network.lanes:
             if not lane.internal and "pedestrian" in lane.allowed:
-                self._lengths.setdefault(lane.edge, lane.length)
-                self._shapes.setdefault(lane.edge, lane.shape)
+                self._lanes.setdefault(lane.edge, lane)
         self._edge_of_stop = {stop: api.busstop.getLaneID(stop).rpartition("_")[0] for stop in api.busstop.getIDList()}
 
     @property
@@ -137,7 +136,7 @@ class TakenOverPersons:
         walk = self._walks[road_user]
         edge = self._network.walks.lanes[lane].edge if lane >= 0 else walk.current_edge or walk.edges[0]
         if edge != walk.current_edge:
-            self._set_walk(road_user, (edge,), 0.5 * self._lengths.get(edge, 0.0), "")
+            self._set_walk(road_user, (edge,), 0.5 * self._length(edge), "")
             walk.current_edge = edge
 
     def _set_walk(self, road_user: str, edges: tuple[str, ...], arrival: float, stop: str) -> None:
@@ -147,8 +146,12 @@ class TakenOverPersons:
     def _restore_walk(self, road_user: str, edges: tuple[str, ...]) -> None:
         """Let a person walk along `edges` to its own destination."""
         walk = self._walks[road_user]
-        arrival = min(max(walk.arrival, 0.0), self._lengths.get(edges[-1], 0.0))
+        arrival = min(max(walk.arrival, 0.0), self._length(edges[-1]))
         self._set_walk(road_user, edges, arrival, walk.stop)
+
+    def _length(self, edge: str) -> float:
+        """m of an edge, 0 of one that persons may not use."""
+        return self._lanes[edge].length if edge in self._lanes else 0.0
 
     def _is_on(self, edge: str, x: float, y: float) -> bool:
         """Whether a position is on an edge, and not beside it or on a crossing that SUMO assigns to the edge."""
@@ -157,7 +160,7 @@ class TakenOverPersons:
 
     def _is_beside(self, edge: str, x: float, y: float) -> bool:
         """Whether a position is neither before the begin of an edge nor behind its end."""
-        shape, place = self._shapes[edge], np.array([x, y])
+        shape, place = self._lanes[edge].shape, np.array([x, y])
         begins, ends = (place - shape[0]) @ (shape[1] - shape[0]), (place - shape[-1]) @ (shape[-2] - shape[-1])
         return bool(min(begins, ends) >= 0.0)
 
