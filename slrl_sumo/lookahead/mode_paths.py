@@ -4,17 +4,21 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slrl_sumo.scene.advance import HALT, INTENT
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 STEPS = 8
 """Horizon in decision intervals: 3.2 s."""
 HELD = 5
 """Intervals for which a mode's acceleration and yaw rate are held; speed and heading are constant afterwards."""
+MOST_TURNED = 0.8
+"""rad by which pedestrians on a route turn at most, or in one interval. They can turn by 4 rad/s: held for 2 s, that is
+a circle in which nothing is met, but they decide anew after 0.4 s."""
 
 
 class ModePaths(NamedTuple):
@@ -33,17 +37,27 @@ class ModePaths(NamedTuple):
 
 
 def mode_paths(
-    users: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, *, halting: bool
+    users: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, *, on_route: bool
 ) -> ModePaths:
     """Move n road users as `advance` does under each mode.
 
     `acceleration` (m/s²) and `yaw_rate` (rad/s), (n, modes), are held for HELD intervals, up to the speed `max_speed`,
-    (n,). With `halting` slow road users stop as in `scene.advance.halting`.
+    (n,). With `on_route` slow road users stop as in `scene.advance.halting`, and pedestrians turn by MOST_TURNED.
     """
-    intent = INTENT if halting else -np.inf
+    intent = INTENT if on_route else -np.inf
+    turning = np.full(yaw_rate.shape, HELD)
+    if on_route:
+        walks = users.type == RoadUserType.PEDESTRIAN
+        turning[walks] = turns_held(yaw_rate[walks])
     # numpy's tan takes a tenth of the time of a compiled cosine and sine (see geometry.cos_sin).
     tan = np.tan(0.25 * DECISION_INTERVAL * yaw_rate)
-    return _mode_paths(users.x, users.y, users.heading, users.speed, acceleration, tan, max_speed, intent)
+    return _mode_paths(users.x, users.y, users.heading, users.speed, acceleration, tan, max_speed, turning, intent)
+
+
+def turns_held(yaw_rate: Floats) -> NDArray[np.int64]:
+    """Intervals for which a pedestrian on a route turns at each `yaw_rate` (rad/s)."""
+    intervals = MOST_TURNED / np.maximum(np.abs(yaw_rate) * DECISION_INTERVAL, 1e-6)
+    return np.clip(intervals, 1, HELD).astype(np.int64)
 
 
 @compiled
@@ -55,10 +69,11 @@ def _mode_paths(
     acceleration: Floats,
     tan: Floats,
     max_speed: Floats,
+    turning: NDArray[np.int64],
     intent: float,
 ) -> ModePaths:
-    """`tan` (n, modes): tangent of a quarter of the turn of one interval. Below the acceleration `intent`, road users
-    that would be slower than HALT stop."""
+    """`tan` (n, modes): tangent of a quarter of the turn of one interval; `turning` (n, modes): how many have
+    it. Below the acceleration `intent`, road users that would be slower than HALT stop."""
     n, modes = acceleration.shape
     dt = DECISION_INTERVAL
     at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
@@ -76,6 +91,7 @@ def _mode_paths(
                     now = min(max(after, 0.0), max_speed[i])
                     if stops and after < HALT:
                         now = 0.0
+                if step < turning[i, mode]:
                     # Half a turn to the mean heading of the interval, and one more to the heading at its end.
                     middle_c, middle_s = c * half_c - s * half_s, s * half_c + c * half_s
                     c, s = middle_c * half_c - middle_s * half_s, middle_s * half_c + middle_c * half_s

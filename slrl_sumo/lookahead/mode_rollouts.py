@@ -23,7 +23,7 @@ from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +132,22 @@ def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
         # What stands does not sway: else vehicles stand for ever before others that wait where SUMO's lanes pass each
         # other with less than the margin.
         margin = np.where(world.speed < STANDING, 0.0, MARGIN[world.type])
+        world = _with_persons_straight_on(world)
     going = forecast_boxes(world, following, margin)
     # Without routes there is no order, and none waits.
     yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
     return _Expected(following, Others(going, yielding, precedence(context, following, len(world))))
+
+
+def _with_persons_straight_on(world: WorldState) -> WorldState:
+    """The same with pedestrians that do not turn, and are as long as they are wide.
+
+    They turn by up to 4 rad/s from decision to decision, not in circles; and shoulders that are across the way in one
+    decision are along it in the next one.
+    """
+    walks = world.type == RoadUserType.PEDESTRIAN
+    length = np.where(walks, np.maximum(world.length, world.width), world.length)
+    return replace(world, length=length, yaw_rate=np.where(walks, 0.0, world.yaw_rate))
 
 
 def _judged(
@@ -156,11 +168,11 @@ def _judged(
     if context is not None and braking:
         harder = braking_residual(acceleration, bundle.hardest_braking[users.type])
         acceleration = acceleration + harder
-    paths = mode_paths(users, acceleration, yaw_rate, top, halting=context is not None)
+    paths = mode_paths(users, acceleration, yaw_rate, top, on_route=context is not None)
     if context is not None and steering:
         residual = steering_residual(context, users, rows, paths, yaw_rate, bundle.max_curvature)
         yaw_rate = yaw_rate + residual
-        paths = mode_paths(users, acceleration, yaw_rate, top, halting=True)
+        paths = mode_paths(users, acceleration, yaw_rate, top, on_route=True)
     route = None if context is None else context.route
     outside = off_surface(paths, users.type, scene.road_map, rows, route)
     fit, excused = None, np.zeros(len(users), np.bool_)

@@ -4,15 +4,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.ground.surfaces import OWN_SURFACE
+from slrl_sumo.ground.surfaces import OWN_SURFACE, Surface
 from slrl_sumo.ground.tiles import Ids
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, RouteAhead
+from slrl_sumo.scene.types import RoadUserType
 
 NEAR = 3
 """Intervals, 1.2 s, in which a road user with a route must not leave its surface: later it turns with its path."""
+WALK = len(OWN_SURFACE)
+"""Row of OWN for pedestrians with a route: roads and cycleways belong to them only where their path leads over them.
+Otherwise they would pass a crowd on the carriageway."""
+OWN = np.append(OWN_SURFACE, OWN_SURFACE[[RoadUserType.PEDESTRIAN]], axis=0)
+OWN[WALK, [Surface.ROAD, Surface.CYCLEWAY]] = False
 
 
 def off_surface(
@@ -24,15 +30,18 @@ def off_surface(
     `paths`: of n road users of the types `kind`, the `rows` of those of `route`.
     """
     checked = np.full(len(kind), STEPS) if route is None else np.where(route.known[rows], NEAR, STEPS)
+    ground = kind
+    if route is not None:
+        ground = np.where((kind == RoadUserType.PEDESTRIAN) & route.known[rows], WALK, kind).astype(np.int8)
     surface = road_map.surface_at(*_places(paths.x, paths.y, checked))
-    outside = _outside(surface, checked, kind, paths.x.shape[2])
+    outside = _outside(surface, checked, ground, paths.x.shape[2])
     if route is not None:
         # Paths lead off the ground where the network ends: a road user that follows its path there is right.
         place, user, x, y = _on_route(
             outside, checked, paths.distance, route.known, rows, route.x, route.y, route.spacing
         )
         if len(place):
-            outside[place] = OWN_SURFACE[kind[user], road_map.surface_at(x, y)]
+            outside[place] = OWN[ground[user], road_map.surface_at(x, y)]
     return _share(outside, checked, paths.x.shape[2])
 
 
@@ -53,12 +62,12 @@ def _places(x: Floats, y: Floats, checked: NDArray[np.intp]) -> tuple[Floats, Fl
 
 
 @compiled
-def _outside(surface: Ids, checked: NDArray[np.intp], kind: NDArray[np.int8], modes: int) -> NDArray[np.bool_]:
-    """Whether places in the order of `_places` are on none of the own surfaces."""
+def _outside(surface: Ids, checked: NDArray[np.intp], ground: NDArray[np.int8], modes: int) -> NDArray[np.bool_]:
+    """Whether places in the order of `_places` are on none of the surfaces in the rows `ground` of OWN, (n,)."""
     outside, k = np.empty(len(surface), np.bool_), 0
     for i in range(len(checked)):
         for _ in range(checked[i] * modes):
-            outside[k] = not OWN_SURFACE[kind[i], surface[k]]
+            outside[k] = not OWN[ground[i], surface[k]]
             k += 1
     return outside
 

@@ -57,8 +57,8 @@ def test_mode_paths_along_routes_are_those_of_the_path() -> None:
     acceleration, yaw_rate = np.random.default_rng(4).normal(0.0, 1.5, (2, 5, 6))
     # Some get beyond the end of their path.
     quick = replace(users.take(rows), speed=np.array([0.0, 3.0, 6.0, 9.0, 16.0]))
-    free = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
-    found = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), halting=True)
+    free = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), on_route=True)
+    found = mode_paths(quick, acceleration, yaw_rate, np.full(5, 20.0), on_route=True)
     bring_to_paths(found, PathFollowing(keeps, beside, route.stop, route.x, route.y, route.spacing), rows)
     for k, row in enumerate(rows):
         own, way = route.take(rows[k : k + 1]), free.distance[k].reshape(1, -1)

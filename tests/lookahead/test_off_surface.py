@@ -6,10 +6,11 @@ import numpy as np
 from builders import ALONG, make_crowd, make_routes
 
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Surface, SurfaceShapes
+from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
 from slrl_sumo.lookahead.mode_paths import STEPS, mode_paths
-from slrl_sumo.lookahead.off_surface import NEAR, off_surface
+from slrl_sumo.lookahead.off_surface import NEAR, OWN, WALK, off_surface
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
+from slrl_sumo.scene.types import RoadUserType
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 GROUND = RoadMap(
@@ -22,14 +23,14 @@ def test_places_off_the_own_surface_are_counted() -> None:
     rows = np.random.default_rng(2).permutation(40)[:30]
     me = world.take(rows)
     acceleration, yaw_rate = np.random.default_rng(3).normal(0.0, 1.0, (2, 30, 5))
-    free = mode_paths(me, acceleration, yaw_rate, np.full(30, 12.0), halting=True)
+    free = mode_paths(me, acceleration, yaw_rate, np.full(30, 12.0), on_route=True)
     route = make_routes(world.x[:, None] + ALONG, world.y[:, None], known=np.arange(40) % 3 != 0)
     # Without routes all intervals count, and the ground alone.
     for known, given in ((np.zeros(40, np.bool_), None), (route.known, route)):
         found = off_surface(free, me.type, GROUND, rows, given)
         excused = 0
         for i, row in enumerate(rows):
-            own = OWN_SURFACE[me.type[i]]
+            own = OWN[WALK if known[row] and me.type[i] == RoadUserType.PEDESTRIAN else me.type[i]]
             for mode in range(5):
                 off = ~own[GROUND.surface_at(free.x[i, :, mode], free.y[i, :, mode])]
                 if known[row]:
@@ -46,7 +47,7 @@ def test_places_off_the_own_surface_are_counted() -> None:
 
 def test_no_road_users_are_off_the_surface() -> None:
     nobody, none = make_crowd(0, 1, 1.0), np.zeros((0, 5))
-    free = mode_paths(nobody, none, none, np.zeros(0), halting=True)
+    free = mode_paths(nobody, none, none, np.zeros(0), on_route=True)
     assert off_surface(free, nobody.type, GROUND, np.zeros(0, np.intp), RouteAhead.unknown(0)).shape == (0, 5)
     assert free.x.shape == (0, STEPS, 5)
 
@@ -55,7 +56,7 @@ def test_paths_that_are_nan_are_off_the_surface_without_a_route() -> None:
     users = replace(make_crowd(4, 1, 1.0), type=np.zeros(4, np.int8), x=np.full(4, 10.0), y=np.full(4, 10.0))
     users = replace(users, speed=np.array([1.0, np.nan, np.inf, np.nan]))
     still = np.zeros((4, 2))
-    free = mode_paths(users, still, still, np.full(4, np.inf), halting=False)
+    free = mode_paths(users, still, still, np.full(4, np.inf), on_route=False)
     # Paths whose last points lie where there is no ground; the last road user has none.
     known, path = np.array([True, True, True, False]), np.full((4, POINTS), 15.0)
     path[:, -1] = -15.0

@@ -83,7 +83,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
     (context, capability), rows = drawn_context(users), np.random.default_rng(4).permutation(60)[:40]
     me = users.take(rows)
     acceleration, yaw_rate = np.random.default_rng(5).normal(0.0, 1.0, (2, 40, 6))
-    free = mode_paths(me, acceleration, yaw_rate, np.full(40, 45.0), halting=True)
+    free = mode_paths(me, acceleration, yaw_rate, np.full(40, 45.0), on_route=True)
     fits = route_fit(context, capability, me, rows, free, yaw_rate)
     stop, room = context.stop_distance[rows], context.follow_distance[rows]
     leading = context.follow_speed[rows]

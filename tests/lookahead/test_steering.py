@@ -22,7 +22,7 @@ YAW = np.array([[-0.3, 0.0, 0.3]])
 def corrected(users: WorldState, known: bool = True) -> Floats:
     """Yaw rates with the correction, of a road user beside the x axis that keeps its speed."""
     context = route_context(straight_routes((float(users.x[0]), 0.0, 0.0), known=known), users)
-    paths = mode_paths(users, np.full((1, 3), 0.2), YAW, np.full(1, 20.0), halting=True)
+    paths = mode_paths(users, np.full((1, 3), 0.2), YAW, np.full(1, 20.0), on_route=True)
     residual = steering_residual(context, users, np.array([0]), paths, YAW, CURVATURE)
     return np.asarray(YAW + residual)[0]
 
@@ -45,7 +45,7 @@ def test_modes_are_corrected_towards_the_path_within_bounds() -> None:
 def test_at_a_stand_without_a_route_and_for_pedestrians_nothing_changes() -> None:
     standing = make_world([0.0], [0.4], speed=[0.0])
     context = route_context(straight_routes((0.0, 0.0, 0.0)), standing)
-    paths = mode_paths(standing, np.zeros((1, 3)), np.zeros((1, 3)), np.full(1, 20.0), halting=True)
+    paths = mode_paths(standing, np.zeros((1, 3)), np.zeros((1, 3)), np.full(1, 20.0), on_route=True)
     assert not steering_residual(context, standing, np.array([0]), paths, np.zeros((1, 3)), CURVATURE).any()
     assert corrected(make_world([0.0], [0.4], speed=[5.0]), known=False).tolist() == YAW[0].tolist()
     walks = make_world([0.0], [0.4], speed=[1.3], type=[RoadUserType.PEDESTRIAN])
@@ -59,7 +59,7 @@ def test_in_a_tight_turn_vehicles_steer_as_sharply_as_the_turn_is() -> None:
     context = route_context(straight_routes((0.0, 0.0, 0.0)), turned)
     for tight in (0.0, 0.6):
         known = replace(context, route=replace(context.route, tight=np.array([tight])))
-        paths = mode_paths(turned, np.zeros((1, 3)), YAW, np.full(1, 20.0), halting=True)
+        paths = mode_paths(turned, np.zeros((1, 3)), YAW, np.full(1, 20.0), on_route=True)
         yaw = (YAW + steering_residual(known, turned, np.array([0]), paths, YAW, CURVATURE))[0]
         # As sharply as recorded, or a little sharper than the turn.
         assert -yaw.min() <= (max(0.2, (1.0 + TIGHTER) * tight)) * 2.0 + 1e-9

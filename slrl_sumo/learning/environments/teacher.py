@@ -9,13 +9,16 @@ from slrl_sumo.learning.rewards.transition import Ground, lanes_here
 
 
 def teacher_costs(situation: Situation, weights: CostWeights | None, ground: Ground) -> NDArray[np.float32]:
-    """Cost of each mode for each of n road users, (n, modes), not negative; zeros without `weights`."""
+    """Cost of each mode for each of n road users, (n, modes), not negative; zeros without `weights`.
+
+    The teacher knows what the selector knows: in the preset `paper` no routes.
+    """
     rollouts = situation.rollouts
     assert rollouts is not None
     if weights is None:
         return np.zeros(rollouts.collision.shape, np.float32)
     users = situation.scene.world.take(situation.scene.rows)
-    if situation.context is not None:
+    if rollouts.route is not None:
         return cost_on_route(rollouts, weights, users.type, users.speed).astype(np.float32)
     lane_heading, limit, on_lane = lanes_here(users, ground.points)
     desired = np.minimum(ground.desired[users.type], limit)
