@@ -128,6 +128,35 @@ def test_rows_are_looked_at_wherever_they_stand(shipped_bundle: ModelBundle) -> 
     assert whole[[0, 2], :, 0].max(axis=1).min() > 0
 
 
+def _walking_past(bundle: ModelBundle, turned: float, yaw_rate: float = 0.0) -> Floats:
+    """Collision scores of the modes that go straight on of a person at 1.4 m/s; another one, turned by `turned` (rad),
+    stands 1.5 m ahead and 0.45 m beside, or, with a `yaw_rate` (rad/s), comes towards it from 4 m ahead."""
+    meets = yaw_rate != 0.0
+    world = make_world(
+        [0.0, 4.0 if meets else 1.5],
+        [0.0, 0.0 if meets else 0.45],
+        heading=[0.0, turned],
+        speed=[1.4, 1.4 if meets else 0.0],
+        yaw_rate=[0.0, yaw_rate],
+        type=RoadUserType.PEDESTRIAN,
+    )
+    rolled_out = _rolled_out(bundle, world, np.array([0]), _context(0.0, desired=1.4))
+    straight = (np.abs(rolled_out.turn[0]) < 0.1) & (rolled_out.speed[0] > 1.2)
+    assert straight.any()
+    return rolled_out.collision[0, straight]
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.5 * np.pi])
+def test_persons_are_met_whichever_way_they_face(shipped_bundle: ModelBundle, turned: float) -> None:
+    """0.45 m between centres is a contact; boxes of 0.2 m by 0.5 m across each other did not touch."""
+    assert (_walking_past(shipped_bundle, turned) > 0.4).all()
+
+
+def test_a_person_that_turns_now_is_expected_straight_ahead(shipped_bundle: ModelBundle) -> None:
+    """At 3 rad/s it was expected on a circle of 1 m."""
+    assert (_walking_past(shipped_bundle, np.pi, yaw_rate=3.0) > 0.4).all()
+
+
 def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: float) -> RouteContext:
     """Of road users whose places on one path along the x axis are at `x`; all the same otherwise."""
     n = len(x)

@@ -1,11 +1,13 @@
 """Trips as episodes, on a real SUMO: slots, ends, and what counts as reaching the destination."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
@@ -92,6 +94,20 @@ def test_only_terms_with_a_weight_are_computed(arena: TripArena) -> None:
     assert set(outcome.terms) == {
         "off_surface", "contact", "lost", "comfort", "progress", "off_path", "red", "priority", "arrival",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("extended", [False, True])
+def test_the_teacher_knows_what_the_selector_knows(bundle: ModelBundle, crossing: Scenario, extended: bool) -> None:
+    """A training of the preset `paper` in trips ended here: its teacher asked for routes that it does not see."""
+    settings = replace(SETTINGS, teacher=CostWeights(), extended=extended)
+    with TripArena(crossing, bundle, settings, 5) as arena:
+        costs, n = arena.teacher_costs(), len(arena.slots)
+        assert costs.shape == (n, 20)
+        assert (np.ptp(costs, axis=1) > 0.0).all()
+        assert arena.situation is not None
+        assert arena.situation.rollouts is not None
+        assert (arena.situation.rollouts.route is not None) == extended
+        assert len(arena.step(np.zeros(n, np.int64)).slots) == n > 0
 
 
 def test_same_seed_same_trips(bundle: ModelBundle, crossing: Scenario) -> None:
