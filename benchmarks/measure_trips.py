@@ -223,6 +223,9 @@ def main() -> None:
     parser.add_argument("--networks", type=int, default=30)
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of the networks")
     parser.add_argument("--decisions", type=int, default=300)
+    parser.add_argument(
+        "--agents", type=int, help="learned at a time; those beyond are SUMO's, whose persons see nobody"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
@@ -235,9 +238,10 @@ def main() -> None:
         for k in range(options.networks)
         for name in selectors
     ]
-    work = partial(
-        play, portable_name(options.bundle, shipped_bundles()), read_settings(options.config), options.decisions
-    )
+    settings = read_settings(options.config)
+    if options.agents:
+        settings = replace(settings, arena=replace(settings.arena, agents=options.agents))
+    work = partial(play, portable_name(options.bundle, shipped_bundles()), settings, options.decisions)
     with closing(run_jobs(work, [job for job in jobs if job not in done], Backend(options.workers))) as results:
         for finished in results:
             print(*asdict(finished.job).values(), finished.reason or "done", flush=True)
