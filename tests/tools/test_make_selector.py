@@ -1,13 +1,10 @@
 """The recipe of the selectors compares their predictions with the prior's."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 from builders import make_bundle, make_recording
 
-from slrl_sumo.learning.rl.train import TrainRequest
-from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.routing.expected_routes import ExpectedRoutes
 from tools import make_selector
 
@@ -38,35 +35,3 @@ def test_errors_of_all_recordings_count_by_their_numbers(monkeypatch: pytest.Mon
         found = make_selector.relative_errors(make_bundle(), made, on_routes)
         assert found == pytest.approx({"car": 39.0 / 40.0, "pedestrian": 21.0 / 20.0})
     assert given == [None, None, routes, routes]
-
-
-def test_the_selector_of_a_bundle_is_trained_further_without_a_teacher(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[TrainRequest, TrainSettings]] = []
-
-    def trained(request: TrainRequest, settings: TrainSettings, *, resume: bool) -> int:
-        asked.append((request, settings))
-        return 3
-
-    monkeypatch.setattr(make_selector, "train_with_progress", trained)
-    for words in ([], ["--go-on"]):
-        arguments = [
-            "make_selector.py",
-            "intersection",
-            *words,
-            "--out",
-            str(tmp_path / "made"),
-            "--work",
-            str(tmp_path),
-        ]
-        monkeypatch.setattr("sys.argv", arguments)
-        with pytest.raises(SystemExit, match="3"):
-            make_selector.main()
-    (first, usual), (further, refined) = asked
-    assert (first.goes_on, usual.ppo.only) == (False, ())
-    assert usual.ppo.teacher_first > 0
-    assert (further.goes_on, refined.ppo.only) == (True, ("pedestrian",))
-    assert (refined.ppo.kl_coef, refined.ppo.teacher_first) == (0.0, 0)
-    assert refined.arena == usual.arena
-    assert further.bundle == first.bundle == "intersection"
