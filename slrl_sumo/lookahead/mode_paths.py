@@ -17,8 +17,8 @@ STEPS = 8
 HELD = 5
 """Intervals for which a mode's acceleration and yaw rate are held; speed and heading are constant afterwards."""
 MOST_TURNED = 0.8
-"""rad by which pedestrians on a route turn at most, or in one interval. They can turn by 4 rad/s: held for 2 s, that is
-a circle in which nothing is met, but they decide anew after 0.4 s."""
+"""rad by which pedestrians on a route turn at most, unless one interval takes them further. They can turn by 4 rad/s:
+held for 2 s, that is a circle in which nothing is met, but they decide anew after 0.4 s."""
 
 
 class ModePaths(NamedTuple):
@@ -72,8 +72,8 @@ def _mode_paths(
     turning: NDArray[np.int64],
     intent: float,
 ) -> ModePaths:
-    """`tan` (n, modes): tangent of a quarter of the turn of one interval; `turning` (n, modes): how many have
-    it. Below the acceleration `intent`, road users that would be slower than HALT stop."""
+    """`tan` (n, modes): tangent of a quarter of the turn of one interval; the first `turning`,
+    (n, modes), have it. Below the acceleration `intent`, road users that would be slower than HALT stop."""
     n, modes = acceleration.shape
     dt = DECISION_INTERVAL
     at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))

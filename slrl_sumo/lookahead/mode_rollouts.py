@@ -132,14 +132,14 @@ def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
         # What stands does not sway: else vehicles stand for ever before others that wait where SUMO's lanes pass each
         # other with less than the margin.
         margin = np.where(world.speed < STANDING, 0.0, MARGIN[world.type])
-        world = _with_persons_straight_on(world)
+        world = _with_persons_as_expected(world)
     going = forecast_boxes(world, following, margin)
     # Without routes there is no order, and none waits.
     yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
     return _Expected(following, Others(going, yielding, precedence(context, following, len(world))))
 
 
-def _with_persons_straight_on(world: WorldState) -> WorldState:
+def _with_persons_as_expected(world: WorldState) -> WorldState:
     """The same with pedestrians that do not turn, and are as long as they are wide.
 
     They turn by up to 4 rad/s from decision to decision, not in circles; and shoulders that are across the way in one

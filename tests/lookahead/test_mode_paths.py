@@ -17,7 +17,6 @@ def test_mode_paths_are_those_of_advance_one_interval_after_the_other(on_route: 
     acceleration, yaw_rate = np.random.default_rng(2).normal(0.0, 1.5, (2, len(users), MODES))
     top = np.full(len(users), 9.0)
     found = mode_paths(users, acceleration, yaw_rate, top, on_route=on_route)
-
     for mode in range(MODES):
         state, way = users, np.zeros(len(users))
         for step in range(STEPS):
@@ -43,7 +42,7 @@ def test_no_road_users_have_no_paths() -> None:
     assert mode_paths(empty, nothing, nothing, np.zeros(0), on_route=True).x.shape == (0, STEPS, MODES)
 
 
-def test_pedestrians_on_a_route_turn_by_45_degrees_at_most() -> None:
+def test_pedestrians_on_a_route_turn_by_45_degrees_or_for_one_interval() -> None:
     """A mode that turns by 4 rad/s was rolled out as a circle, in which nothing was met."""
     person = make_world([0.0], [0.0], type=RoadUserType.PEDESTRIAN, speed=1.4)
     yaw_rate = np.array([[3.9, 1.0, 0.3]])
