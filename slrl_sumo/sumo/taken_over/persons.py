@@ -103,15 +103,13 @@ class TakenOverPersons:
         if not edges:
             return False
         self._restore_walk(road_user, edges)
-        if not off_route and self._is_beside(walk.current_edge, x, y):
-            # Not on release, nor before or behind its edge: there a person would stand for ever.
-            self._kept[road_user] = x, y
+        self._kept[road_user] = self._on_lane(walk.current_edge, x, y)
         del self._walks[road_user]
         return True
 
     def keep_in_place(self) -> None:
-        """Let the next SUMO step keep persons that were handed back where they are: a new walk begins at the right side
-        of the lane."""
+        """Let the next SUMO step keep persons that were handed back where they are, or on their edge beside that: a new
+        walk begins at the right side of the lane."""
         kept, self._kept = self._kept, {}
         present = loaded_ids(self._api) if kept else frozenset[str]()
         for road_user, (x, y) in kept.items():
@@ -158,11 +156,19 @@ class TakenOverPersons:
         lane = int(self._network.walks.lanes_under(np.array([x]), np.array([y]))[0])
         return lane >= 0 and self._network.walks.lanes[lane].edge == edge
 
-    def _is_beside(self, edge: str, x: float, y: float) -> bool:
-        """Whether a position is neither before the begin of an edge nor behind its end."""
-        shape, place = self._lanes[edge].shape, np.array([x, y])
-        begins, ends = (place - shape[0]) @ (shape[1] - shape[0]), (place - shape[-1]) @ (shape[-2] - shape[-1])
-        return bool(min(begins, ends) >= 0.0)
+    def _on_lane(self, edge: str, x: float, y: float) -> tuple[float, float]:
+        """The place on an edge that is nearest to a position.
+
+        0.1 m beside its edge SUMO lets a person stand for ever, or ends its walk at once (slrl_sumo.sumo.taken_over).
+        """
+        lane, place = self._lanes[edge], np.array([x, y])
+        begins, steps = lane.shape[:-1], np.diff(lane.shape, axis=0)
+        along = np.clip(((place - begins) * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), 1e-9), 0.0, 1.0)
+        feet = begins + along[:, None] * steps
+        nearest = int(np.hypot(*(place - feet).T).argmin())
+        foot, (dx, dy) = feet[nearest], steps[nearest] / max(np.hypot(*steps[nearest]), 1e-9)
+        aside = np.clip((y - foot[1]) * dx - (x - foot[0]) * dy, -0.5 * lane.width, 0.5 * lane.width)
+        return float(foot[0] - aside * dy), float(foot[1] + aside * dx)
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
         """The edges from a person's present one to its destination; () where there is no route."""
