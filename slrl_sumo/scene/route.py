@@ -104,8 +104,9 @@ def on_path(
     route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
 ) -> tuple[Floats, Floats, Floats]:
     """Points (n, m), in m, projected onto the n paths: m along from the road user's position, m to the left, and the
-    direction of the path there (rad), (n, m) each. Beyond its ends a path continues straight on. `rows` (n,) selects
-    the paths; default: all. ValueError for arrays of other shapes."""
+    direction of the path there (rad), (n, m) each. Beyond its ends a path continues straight on; what lies outside of a
+    corner is projected onto the corner. `rows` (n,) selects the paths; default: all. ValueError for arrays of other
+    shapes."""
     rows = np.arange(len(route)) if rows is None else rows
     if not (x.shape == y.shape and len(x) == len(rows)):
         raise ValueError(f"{len(rows)} paths, but points {x.shape} and {y.shape}")
@@ -164,8 +165,16 @@ def _on_path(
                 dx, dy = xs[nearest] - x0, ys[nearest] - y0
             length = max(math.sqrt(dx * dx + dy * dy), 1e-6)
             ahead = ((px - x0) * dx + (py - y0) * dy) / length
+            left = (dx * (py - y0) - dy * (px - x0)) / length
+            if begin < nearest and ahead > length:
+                # Outside of a corner, beside neither piece: straight on is away from the path. Otherwise persons that
+                # missed a turn seemed to be on it, and trained to go on.
+                after_x, after_y = xs[nearest + 1] - xs[nearest], ys[nearest + 1] - ys[nearest]
+                corner = dy * after_x - dx * after_y
+                left = math.copysign(math.hypot(px - xs[nearest], py - ys[nearest]), left if corner == 0.0 else corner)
+                ahead = length
             along[i, j] = (begin - HERE) * spacing[rows[i]] + ahead
-            aside[i, j] = (dx * (py - y0) - dy * (px - x0)) / length
+            aside[i, j] = left
             # Directions change from piece to piece: they are interpolated, so that curves have no corners.
             for k in (begin, begin + 1):
                 if not known[k]:

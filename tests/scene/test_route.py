@@ -96,6 +96,7 @@ def test_places_are_beside_the_piece_at_the_nearest_of_all_points() -> None:
     route = paths(*zip(np.cos(turned).cumsum(axis=1), np.sin(turned).cumsum(axis=1), strict=True))
     x, y = rng.uniform(-25.0, 25.0, (2, 8, 60))
     along, aside, heading = on_path(route, x, y)
+    corners = 0
     for i, j in np.ndindex(x.shape):
         path, place = route.x[i] + 1j * route.y[i], complex(x[i, j], y[i, j])
         nearest = int(np.clip(np.abs(path - place).argmin(), 1, POINTS - 2))
@@ -103,12 +104,27 @@ def test_places_are_beside_the_piece_at_the_nearest_of_all_points() -> None:
         begin = nearest if onward else nearest - 1
         piece = path[begin + 1] - path[begin]
         seen = (place - path[begin]) * piece.conjugate() / abs(piece)
+        outside_of_corner = not onward and seen.real > abs(piece)
+        corners += outside_of_corner
+        if outside_of_corner:
+            left = ((path[nearest + 1] - path[nearest]) / piece).imag < 0.0
+            seen = abs(piece) + (1j if left else -1j) * abs(place - path[nearest])
         assert along[i, j] == pytest.approx(ALONG[begin] + seen.real)
         assert aside[i, j] == pytest.approx(seen.imag)
         ends = np.angle(path[[begin + 1, min(begin + 2, POINTS - 1)]] - path[[max(begin - 1, 0), begin]])
         turn = np.angle(np.exp(1j * (ends[1] - ends[0])))
         blended = ends[0] + np.clip(seen.real / abs(piece), 0.0, 1.0) * turn
         assert np.angle(np.exp(1j * (heading[i, j] - blended))) == pytest.approx(0.0, abs=1e-9)
+    assert corners > 20
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_straight_on_at_a_corner_is_off_the_path(side: float) -> None:
+    route = paths(corner(side * 0.5 * np.pi, after=0.0))
+    along, aside, heading = on_path(route, np.array([[-2.0, 3.0, 3.0]]), np.array([[0.0, -0.1 * side, 0.1 * side]]))
+    assert along[0].tolist() == pytest.approx([-2.0, 0.0, 0.1])
+    assert aside[0].tolist() == pytest.approx([0.0, -side * np.hypot(3.0, 0.1), -side * 3.0])
+    assert heading[0].tolist() == pytest.approx([0.0, side * 0.25 * np.pi, side * 0.25 * np.pi], abs=0.1)
 
 
 def test_rows_can_be_taken() -> None:

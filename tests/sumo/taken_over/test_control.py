@@ -269,6 +269,29 @@ def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(se
     assert libsumo.person.getStage("walker", 0).type == 1
 
 
+@pytest.mark.parametrize(("aside", "off_route"), [(-1.3, False), (1.1, False), (1.3, False), (1.3, True), (3.0, True)])
+def test_a_walker_beside_its_sidewalk_goes_back_onto_it(session: SumoSession, aside: float, off_route: bool) -> None:
+    """0.1 m beside it SUMO lets persons stand for ever, and farther beside it their walk is over at once."""
+    _add_person(session)
+    control = TakenOverControl(libsumo, session.network)
+    control.take_over(["walker"], PERSON)
+    # The sidewalk leads west, 2 m wide, with its middle at y = 100.7.
+    for x in (128.0, 127.5, 127.0):
+        _clear()
+        control.move(["walker"], PERSON, *(np.array([v]) for v in (x, 100.7 + aside, math.pi, 1.25, 0.2)))
+        session.step()
+    assert control.hand_back(["walker"], PERSON, off_route=off_route).tolist() == [True]
+    control.place_handed_back()
+    session.step()
+    x, y = libsumo.person.getPosition("walker")
+    assert x == pytest.approx(126.9, abs=0.2)
+    assert y == pytest.approx(100.7 + math.copysign(1.0, aside), abs=0.1)
+    for _ in range(10):
+        _clear()
+        session.step()
+    assert x - libsumo.person.getPosition("walker")[0] > 2.0
+
+
 def test_a_walker_on_a_crossing_goes_back_only_on_the_next_sidewalk(session: SumoSession) -> None:
     _add_person(session)
     control = TakenOverControl(libsumo, session.network)
