@@ -269,7 +269,7 @@ def test_a_lent_walker_comes_back_where_it_is_and_reaches_its_own_destination(se
     assert libsumo.person.getStage("walker", 0).type == 1
 
 
-@pytest.mark.parametrize(("aside", "off_route"), [(-1.3, False), (1.1, False), (1.3, False), (1.3, True), (3.0, True)])
+@pytest.mark.parametrize(("aside", "off_route"), [(-1.3, False), (1.1, False), (1.3, True), (3.0, True)])
 def test_a_walker_beside_its_sidewalk_goes_back_onto_it(session: SumoSession, aside: float, off_route: bool) -> None:
     """0.1 m beside it SUMO lets persons stand for ever, and farther beside it their walk is over at once."""
     _add_person(session)
