@@ -10,13 +10,15 @@ import torch
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
+from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.learning.rewards import terms as rewards
 from slrl_sumo.learning.rewards.terms import TERMS
+from slrl_sumo.lookahead.off_surface import OWN, WALK
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.capability import Capability
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.scene.route import on_path
+from slrl_sumo.scene.route import HERE, POINTS, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.events import Decision
@@ -64,7 +66,7 @@ class Transition:
         n, learned = len(self.modes), self.users
         return {
             "close": lambda: rewards.close(self.world, n),
-            "off_surface": lambda: rewards.off_surface(learned.type, self.decision.surface),
+            "off_surface": lambda: self._off_surface,
             "moving": lambda: rewards.moving(learned.speed),
             "alive": lambda: rewards.alive(n),
             "contact": lambda: rewards.contact(self.hit),
@@ -118,13 +120,37 @@ class Transition:
         return np.where(self._known, self._allowed, learned.speed)
 
     @cached_property
+    def _off_surface(self) -> Floats:
+        """Carriageways and cycleways belong to pedestrians only where their path leads over them, as in the lookahead:
+        at a tenth of the penalty (paper, r2) they waited for their signal on the carriageway, where cars turn."""
+        surface, context = self.decision.surface, self.before.context
+        if context is not None:
+            on_road = self._known & (self.users.type == RoadUserType.PEDESTRIAN) & ~OWN[WALK, surface]
+            rows = np.flatnonzero(on_road & (surface != Surface.NONE))
+            route = context.route
+            points = np.rint(HERE + self._on_path[0][rows] / route.spacing[rows]).astype(np.intp)
+            points = np.clip(points, 0, POINTS - 1)
+            there = self.before.scene.road_map.surface_at(route.x[rows, points], route.y[rows, points])
+            surface = surface.copy()
+            surface[rows[OWN[WALK, there]]] = Surface.NONE
+        return rewards.off_surface(self.users.type, surface)
+
+    @cached_property
+    def _on_path(self) -> tuple[Floats, Floats]:
+        """m covered along the path, and m to its left, (n,) each; there are routes."""
+        context, learned = self.before.context, self.users
+        assert context is not None
+        covered, aside, _ = on_path(context.route, learned.x[:, None], learned.y[:, None])
+        return covered[:, 0], aside[:, 0]
+
+    @cached_property
     def _along(self) -> dict[str, Floats]:
         """The terms about the route; zeros without routes."""
         context, learned = self.before.context, self.users
         if context is None:
             return {name: np.zeros(len(learned)) for name in ("progress", "excess", "off_path", "red", "priority")}
         route, known = context.route, self._known
-        covered, aside, _ = (c[:, 0] for c in on_path(route, learned.x[:, None], learned.y[:, None]))
+        covered, aside = self._on_path
         wanted = self._allowed * DECISION_INTERVAL
         gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
         return {
