@@ -168,7 +168,7 @@ def _on_path(
             left = (dx * (py - y0) - dy * (px - x0)) / length
             if begin < nearest and ahead > length:
                 # Outside of a corner, beside neither piece: straight on is away from the path. Otherwise persons that
-                # missed a turn seemed to be on it, and trained to go on.
+                # missed a turn seemed to be on it, and training paid them for going on.
                 after_x, after_y = xs[nearest + 1] - xs[nearest], ys[nearest + 1] - ys[nearest]
                 corner = dy * after_x - dx * after_y
                 left = math.copysign(math.hypot(px - xs[nearest], py - ys[nearest]), left if corner == 0.0 else corner)

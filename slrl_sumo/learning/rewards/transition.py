@@ -66,7 +66,7 @@ class Transition:
         n, learned = len(self.modes), self.users
         return {
             "close": lambda: rewards.close(self.world, n),
-            "off_surface": lambda: self._off_surface,
+            "off_surface": self._off_surface,
             "moving": lambda: rewards.moving(learned.speed),
             "alive": lambda: rewards.alive(n),
             "contact": lambda: rewards.contact(self.hit),
@@ -119,17 +119,15 @@ class Transition:
             return np.minimum(self.ground.desired[learned.type], self._lanes[1])
         return np.where(self._known, self._allowed, learned.speed)
 
-    @cached_property
     def _off_surface(self) -> Floats:
         """Carriageways and cycleways belong to pedestrians only where their path leads over them, as in the lookahead:
         at a tenth of the penalty (paper, r2) they waited for their signal on the carriageway, where cars turn."""
         surface, context = self.decision.surface, self.before.context
         if context is not None:
-            on_road = self._known & (self.users.type == RoadUserType.PEDESTRIAN) & ~OWN[WALK, surface]
-            rows = np.flatnonzero(on_road & (surface != Surface.NONE))
-            route = context.route
-            points = np.rint(HERE + self._on_path[0][rows] / route.spacing[rows]).astype(np.intp)
-            points = np.clip(points, 0, POINTS - 1)
+            route, (covered, _) = context.route, self._on_path
+            on_foot = self._known & (self.users.type == RoadUserType.PEDESTRIAN)
+            rows = np.flatnonzero(on_foot & ~OWN[WALK, surface])
+            points = np.clip(HERE + np.rint(covered[rows] / route.spacing[rows]).astype(np.intp), 0, POINTS - 1)
             there = self.before.scene.road_map.surface_at(route.x[rows, points], route.y[rows, points])
             surface = surface.copy()
             surface[rows[OWN[WALK, there]]] = Surface.NONE

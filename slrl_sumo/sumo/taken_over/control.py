@@ -116,16 +116,15 @@ class TakenOverControl:
     def release(self) -> tuple[str, ...]:
         """Hand all road users back at once, if possible; returns the ids of the others.
 
-        Persons go to the right side of their edge, also from a crossing or from beside it, where SUMO ends some walks.
-        Vehicles on no lane are put on the nearest place of their route, however far that is: beside it SUMO would lose
-        them. A step has to follow.
+        Persons go to the right side of their edge, also from a crossing or from beside it, where SUMO ends some walks:
+        a move of persons in the last step of a simulation crashes the next one. Vehicles on no lane are put on the
+        nearest place of their route, however far that is: beside it SUMO would lose them. A step has to follow.
         """
         self.abandon(self.ids - loaded_ids(self._api))
         held, on_foot = sorted(self.ids), self._persons.ids
         persons = np.array([road_user in on_foot for road_user in held], np.bool_)
         back = self.hand_back(held, persons, off_route=True)
         self._vehicles.put_on_route()
-        self._persons.forget_places()
         return tuple(road_user for road_user, given in zip(held, back.tolist(), strict=True) if not given)
 
     def _each(

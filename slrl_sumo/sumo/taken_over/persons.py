@@ -121,11 +121,6 @@ class TakenOverPersons:
                     angle = self._api.person.getAngle(road_user)
                     self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
 
-    def forget_places(self) -> None:
-        """Do not keep persons where they were handed back: moves of persons before the last step of a simulation crash
-        the next one."""
-        self._kept.clear()
-
     def abandon(self, road_user: str, present: Container[str]) -> None:
         """Give a person up where it is; if it is among those `present` in SUMO, it walks on to its destination."""
         if road_user in present:
