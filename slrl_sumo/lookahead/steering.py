@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_paths import ModePaths
-from slrl_sumo.lookahead.route_fit import STEERED, aim
+from slrl_sumo.lookahead.route_fit import aim
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import SPEEDS, Capability
 from slrl_sumo.perception.route_context import RouteContext
@@ -21,6 +21,10 @@ from slrl_sumo.scene.route import on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
+CORRECTED = 1
+"""Intervals after which the corrected heading is that of the path there. With 2, vehicles turned as early as they
+needed to have the heading of the path 0.8 s ahead: cars cut tight turns by 0.4 m, over the corners where persons wait,
+and the lookahead, which judges collisions along the path, did not know."""
 LATERAL = 1.0
 """m/s²: largest lateral acceleration of the correction."""
 MOST = 0.15
@@ -46,7 +50,7 @@ def steering_residual(
     `rows`: the n road users among those of `context`; `users`: their states; `paths`: of their modes with `yaw_rate`,
     rad/s, (n, modes); `max_curvature`: 1/m per type, (3,), which the corrected modes do not exceed either.
     """
-    route, then = context.route, STEERED - 1
+    route, then = context.route, CORRECTED - 1
     x, y = np.ascontiguousarray(paths.x[:, then]), np.ascontiguousarray(paths.y[:, then])
     _, offset, direction = on_path(route, x, y, rows)
     follows = route.known[rows] & (users.type != PEDESTRIAN)
@@ -77,9 +81,9 @@ def _residual(
     curvature: Floats,
     tight: Floats,
 ) -> Floats:
-    """`offset`, `direction` and `speed` after STEERED intervals, (n, modes)."""
+    """`offset`, `direction` and `speed` after CORRECTED intervals, (n, modes)."""
     n, modes = yaw_rate.shape
-    time = STEERED * DECISION_INTERVAL
+    time = CORRECTED * DECISION_INTERVAL
     residual = np.zeros((n, modes))
     for i in range(n):
         if not follows[i]:

@@ -56,6 +56,28 @@ def test_learned_road_users_keep_to_the_street_in_a_bend(tmp_path: Path, degrees
     assert (learned > 80) == followed
 
 
+def test_vehicles_that_turn_right_do_not_cut_the_corner(tmp_path: Path) -> None:
+    ends = {"w": (-100, 0), "e": (100, 0), "s": (0, -100), "n": (0, 100)}
+    nodes = '<node id="c" x="0" y="0"/>' + "".join(f'<node id="{n}" x="{x}" y="{y}"/>' for n, (x, y) in ends.items())
+    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for n in ends for a, b in ((n, "c"), ("c", n)))
+    cars = "".join(
+        f'<vehicle id="{depart}" depart="{depart}"><route edges="sc ce"/></vehicle>' for depart in range(0, 40, 8)
+    )
+    config = make_scenario(tmp_path, nodes, edges, cars, settings=SETTINGS)
+    with SumoSession(find_scenario(str(config))) as session:
+        shapes = {lane.id: lane.shape for lane in session.network.lanes}
+        ends = shapes["sc_0"][-1], shapes["ce_0"][0]
+        turn = next(line for line in shapes.values() if np.allclose((line[0], line[-1]), ends, atol=0.05))
+    inside: list[float] = []
+    for event in run(RunSettings(config, takeover="car=1", selector="rule", steps=150)):
+        if isinstance(event, Decision):
+            world = event.steps[-1].world
+            places = np.column_stack([world.x, world.y])[world.learned]
+            inside += [_distance(place, turn) for place in places if max(abs(place - 100.0)) < 7.0]
+    assert len(inside) > 20
+    assert max(inside) < 0.5
+
+
 def _distance(place: Floats, line: Floats) -> float:
     distances = []
     for a, b in pairwise(line):
