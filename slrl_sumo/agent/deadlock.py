@@ -27,6 +27,9 @@ FORCED = 2.0
 """s for which a road user is forced to go on."""
 WAITING = 5.0
 """m within which a stop line is the reason to stand."""
+BEYOND = 1.0
+"""m beyond a stop line from which it is no reason: there a road user is in the way of those that cross, who wait for
+it."""
 LONG = 45.0
 """s after which any mode counts that does not collide at once."""
 SOON = 0.6
@@ -51,6 +54,7 @@ class DeadlockTimer:
         inside = np.isfinite(route.entered)
         # Also where the exit of the junction is taken: inside, it would stop others, until all stand in a circle.
         waits = (route.stop < WAITING) | (~inside & (context.stop_distance < WAITING))
+        waits &= route.stop > -BEYOND
         # Inside a junction, a red signal at the next one is no reason to stand.
         closed = route.closed & ~inside
         standing = route.known & (users.speed < STANDING)

@@ -67,6 +67,13 @@ def test_lines_to_stop_at_are_waited_for_as_long_as_it_takes(waits: RouteContext
     assert _first(waits, 120.0)[0] == np.inf
 
 
+def test_beyond_its_line_a_road_user_goes_on_as_one_that_stands_before_others() -> None:
+    after, _ = _first(_context(stop=-1.3), 60.0)
+    assert BLOCKED <= after <= BLOCKED + SPREAD + DECISION_INTERVAL
+    assert _first(_context(stop=-0.5), 60.0)[0] == np.inf
+    assert _first(_context(stop=-1.3, closed=True), 60.0)[0] == np.inf
+
+
 def test_a_red_signal_interrupts_the_time_that_a_road_user_has_stood() -> None:
     timer, blocked, red = DeadlockTimer(), _context(gap=1.0), _context(gap=1.0, closed=True)
     # Green for 8 s, red for 20 s: less than BLOCKED in each green.
