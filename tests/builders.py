@@ -43,6 +43,22 @@ def make_scenario(folder: Path, nodes: str, edges: str, users: str, *options: st
     return folder / "n.sumocfg"
 
 
+def make_crossroads(
+    folder: Path, users: str, *options: str, centre: str = "", lanes: int = 1, settings: str = ""
+) -> Path:
+    """As make_scenario: a junction "c", 100 m from the ends "w", "e", "s" and "n" of its arms. Edges are named by their
+    two nodes, as "wc"; `centre`: attributes of the junction; `lanes`: of each edge."""
+    ends = {"w": (-100, 0), "e": (100, 0), "s": (0, -100), "n": (0, 100)}
+    nodes = f'<node id="c" x="0" y="0" {centre}/>'
+    nodes += "".join(f'<node id="{name}" x="{x}" y="{y}"/>' for name, (x, y) in ends.items())
+    edges = "".join(
+        f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="{lanes}"/>'
+        for name in ends
+        for a, b in ((name, "c"), ("c", name))
+    )
+    return make_scenario(folder, nodes, edges, users, *options, settings=settings)
+
+
 def make_world(
     x: ArrayLike = 0.0,
     y: ArrayLike = 0.0,

@@ -7,7 +7,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
-from builders import make_scenario
+from builders import make_crossroads, make_scenario
 
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.routing.lane_graph import LaneGraph
@@ -57,13 +57,10 @@ def test_learned_road_users_keep_to_the_street_in_a_bend(tmp_path: Path, degrees
 
 
 def test_vehicles_that_turn_right_do_not_cut_the_corner(tmp_path: Path) -> None:
-    ends = {"w": (-100, 0), "e": (100, 0), "s": (0, -100), "n": (0, 100)}
-    nodes = '<node id="c" x="0" y="0"/>' + "".join(f'<node id="{n}" x="{x}" y="{y}"/>' for n, (x, y) in ends.items())
-    edges = "".join(f'<edge id="{a}{b}" from="{a}" to="{b}"/>' for n in ends for a, b in ((n, "c"), ("c", n)))
     cars = "".join(
         f'<vehicle id="{depart}" depart="{depart}"><route edges="sc ce"/></vehicle>' for depart in range(0, 40, 8)
     )
-    config = make_scenario(tmp_path, nodes, edges, cars, settings=SETTINGS)
+    config = make_crossroads(tmp_path, cars, settings=SETTINGS)
     with SumoSession(find_scenario(str(config))) as session:
         shapes = {lane.id: lane.shape for lane in session.network.lanes}
         ends = shapes["sc_0"][-1], shapes["ce_0"][0]

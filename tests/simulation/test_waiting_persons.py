@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from builders import make_scenario
+from builders import make_crossroads
 
 from slrl_sumo.routing.walking_area import BACK, distance_to
 from slrl_sumo.simulation.background_state import background_world
@@ -18,17 +18,12 @@ from slrl_sumo.sumo.session import SumoSession
 @pytest.fixture
 def scenario(tmp_path: Path) -> Path:
     """A junction with signals and crossings as netconvert makes it, and persons that cross its arms."""
-    ends = {"w": (-100, 0), "e": (100, 0), "s": (0, -100), "n": (0, 100)}
-    nodes = '<node id="c" x="0" y="0" type="traffic_light"/>'
-    nodes += "".join(f'<node id="{name}" x="{x}" y="{y}"/>' for name, (x, y) in ends.items())
-    edges = "".join(
-        f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="2"/>' for name in ends for a, b in ((name, "c"), ("c", name))
-    )
     persons = "".join(
         f'<person id="{time}" depart="{time}" departPos="60"><walk from="sc" to="{to}" arrivalPos="40"/></person>'
         for time, to in enumerate(("cn", "cw", "ce") * 20)
     )
-    return make_scenario(tmp_path, nodes, edges, persons, "--sidewalks.guess", "--crossings.guess")
+    options = "--sidewalks.guess", "--crossings.guess"
+    return make_crossroads(tmp_path, persons, *options, centre='type="traffic_light"', lanes=2)
 
 
 def test_persons_that_wait_are_seen_behind_the_kerb(scenario: Path) -> None:
