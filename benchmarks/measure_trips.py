@@ -39,23 +39,37 @@ from slrl_sumo.sumo.scenario import find_scenario
 
 FIRST_SEED = 70_000
 """Far from the seeds that trainings draw."""
-SUMS = ("steps", "reward", "gone", "reached", "clean", "contacts", "off_surface", "red", "standing", "as_rule")
+SUMS = (
+    "steps",
+    "reward",
+    "gone",
+    "reached",
+    "clean",
+    "contacts",
+    "at_fault",
+    "off_surface",
+    "red",
+    "standing",
+    "as_rule",
+)
 SITUATIONS = ("starting", "free", "following", "stopping", "in a junction", "beside the path", "in company")
 """Of vehicles: at a stand with nothing near, in motion with nothing ahead, behind a leader, before a line, in a
 junction, OFFSET and more beside the path; of pedestrians: behind another road user. One that is in several counts in
 each."""
 GROUPS = (*TYPE_NAMES, *SITUATIONS)
-IN_GROUP = ("steps", "progress", "speed", "contacts", "reached", "clean", "reward", "as_rule", "faster")
+IN_GROUP = ("steps", "progress", "speed", "contacts", "at_fault", "reached", "clean", "reward", "as_rule", "faster")
 RATES = (
     ("reward", "steps", 1.0),
     ("speed", "steps", 1.0),
     ("progress", "steps", 1.0),
     ("contacts", "steps", 1000.0),
+    ("at_fault", "steps", 1000.0),
     ("clean", "reached", 1.0),
     ("as_rule", "steps", 1.0),
     ("faster", "steps", 1.0),
 )
-"""Figures of each group: a sum, the sum that it is divided by, and a factor. `faster`: m/s that the chosen mode is
+"""Figures of each group: a sum, the sum that it is divided by, and a factor. `contacts`: all; `at_fault`: those that it
+moved into (learning.rewards.fault); `faster`: m/s that the chosen mode is
 faster than that of `rule` would be, 2 s later."""
 NEAR, AHEAD, OFFSET = 15.0, 40.0, 0.4
 """m."""
@@ -100,7 +114,8 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
                 "gone": outcome.gone,
                 "reached": outcome.reached,
                 "clean": outcome.clean,
-                "contacts": -outcome.terms.get("contact", none),
+                "contacts": outcome.contact,
+                "at_fault": -outcome.terms.get("contact", none),
                 "off_surface": -outcome.terms.get("off_surface", none),
                 "red": -outcome.terms.get("red", none),
                 "standing": outcome.speed < 0.1,
@@ -168,6 +183,7 @@ def figures(sums: dict[str, float]) -> dict[str, float]:
         "reward per step": sums["reward"] / steps,
         "reached": sums["reached"],
         "contacts per 1,000 steps": 1000.0 * sums["contacts"] / steps,
+        "at fault per 1,000 steps": 1000.0 * sums["at_fault"] / steps,
         "off surface per 1,000 steps": 1000.0 * sums["off_surface"] / steps,
         "red per 1,000 steps": 1000.0 * sums["red"] / steps,
         "clean of the reached": sums["clean"] / sums["reached"] if sums["reached"] else math.nan,

@@ -172,9 +172,16 @@ class ModelBundle:
         return np.asarray(self.models.max_curvature, np.float64)
 
     @cached_property
-    def hardest_braking(self) -> Floats:
-        """Least acceleration of each type, (3,) m/s²: the 1st percentile of what was recorded."""
+    def usual_braking(self) -> Floats:
+        """Least acceleration of the models of each type, (3,) m/s²: the 1st percentile of what was recorded."""
         return np.asarray(self.models.acceleration_bounds[:, 0], np.float64)
+
+    @cached_property
+    def hardest_braking(self) -> Floats:
+        """Acceleration of each type that brakes in need, (3,) m/s²; `usual_braking` where it is not known."""
+        types = self.training.get("types", {})
+        known = [types.get(name, {}).get("hardest_braking_mps2", 0.0) for name in TYPE_NAMES]
+        return np.minimum(known, self.usual_braking)
 
     def motions(self, vector: NDArray[np.float32], kind: NDArray[np.int8]) -> tuple[Floats, Floats]:
         """Acceleration (m/s²) and yaw rate (rad/s), each (n, modes), of road users of the types `kind` with the feature
@@ -275,7 +282,7 @@ def load_bundle(name_or_folder: str | Path, *, policy: bool = True, training: bo
         mode_centres=state.pop("mode_centres"),
         mode_counts=state.pop("mode_counts"),
         weights=state,
-        training=_read_json(folder / "training.json"),
+        training=_read_training(folder / "training.json"),
         card=_read_card(folder / "MODEL_CARD.md"),
         policy=trained,
         network=network,
@@ -300,6 +307,21 @@ def _read_json(file: Path) -> dict[str, Any]:
     if not isinstance(values, dict):
         raise InputError(f"bundle {file.parent}: {file.name} is damaged (no JSON object); copy the bundle again")
     return values
+
+
+def _read_training(file: Path) -> dict[str, Any]:
+    """How the bundle was made, with the only numbers of it that decisions depend on checked."""
+    training = _read_json(file)
+    types = training.get("types", {})
+    records = types.values() if isinstance(types, dict) else ()
+    for record in records:
+        value = record.get("hardest_braking_mps2", 0.0) if isinstance(record, dict) else 0.0
+        if type(value) not in (int, float) or not -BOUNDS["displacement.acceleration_bounds"] <= value <= 0.0:
+            raise InputError(
+                f"bundle {file.parent}: {file.name} is damaged (hardest_braking_mps2 is {value!r}); copy the bundle "
+                "again"
+            )
+    return training
 
 
 def _read_weights(folder: Path, config: BundleConfig) -> dict[str, NDArray[Any]]:

@@ -2,6 +2,7 @@ import json
 import os
 import shutil
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -232,6 +233,19 @@ def test_bounds_that_no_road_user_has_are_refused(bundle: ModelBundle, tmp_path:
     save_file(state | {"displacement.max_speed": torch.full((3,), 1e30)}, file)
     with pytest.raises(InputError, match="max_speed is above 200"):
         load_bundle(tmp_path / "a")
+
+
+def test_the_hardest_braking_is_the_recorded_one_and_the_bound_of_the_models_where_it_is_not_known(
+    bundle: ModelBundle, tmp_path: Path
+) -> None:
+    recorded = replace(bundle, training={"types": {"car": {"hardest_braking_mps2": -50.0}}})
+    assert recorded.hardest_braking.tolist() == [-50.0, *bundle.usual_braking[1:].tolist()]
+    bundle.save(tmp_path / "a")
+    file = tmp_path / "a" / "training.json"
+    for value in (1.0, "-3", -1e9, None):
+        file.write_text(json.dumps({"types": {"pedestrian": {"hardest_braking_mps2": value}}}))
+        with pytest.raises(InputError, match="hardest_braking_mps2 is"):
+            load_bundle(tmp_path / "a")
 
 
 @pytest.mark.parametrize("file", ["config.json", "training.json"])

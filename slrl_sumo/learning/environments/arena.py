@@ -16,6 +16,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.learning.environments.teacher import teacher_costs
 from slrl_sumo.learning.own_functions import called
+from slrl_sumo.learning.rewards.fault import at_fault
 from slrl_sumo.learning.rewards.terms import RewardWeights, weighted
 from slrl_sumo.learning.rewards.transition import Ground, RewardFunction, Transition, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle
@@ -74,7 +75,7 @@ class Outcome:
     terms: dict[str, Floats]
     """The terms of the reward before weighting, by name."""
     terminated: NDArray[np.bool_]
-    """In contact with a road user, or lost: off the ground, or away from SUMO."""
+    """In contact with a road user by own fault, or lost: off the ground, or away from SUMO."""
     truncated: NDArray[np.bool_]
     """The episode's time is over."""
     final: Situation | None
@@ -221,7 +222,8 @@ class Arena(OpenedSimulation):
         self._steps += 1
         in_contact = touching(self.simulation.world)
         hit = np.zeros(n, np.bool_)
-        hit[[self._row[user] for pair in in_contact - self._touching for user in pair if user in self._row]] = True
+        blamed = at_fault(in_contact - self._touching, before.scene.world, self.simulation.world)
+        hit[[self._row[user] for user in blamed if user in self._row]] = True
         learned = self.simulation.population.world
         lost = decision.lost | (decision.wrapped_around & self._was_off)
         transition = Transition(self._ground, before, modes, self.simulation.world, decision, hit, lost)

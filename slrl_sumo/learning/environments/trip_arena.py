@@ -10,6 +10,7 @@ from slrl_sumo.agent.decide import Agent, Situation
 from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.learning.environments.arena import OpenedSimulation, touching
 from slrl_sumo.learning.environments.teacher import teacher_costs
+from slrl_sumo.learning.rewards.fault import at_fault
 from slrl_sumo.learning.rewards.terms import weighted_terms
 from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_speed
 from slrl_sumo.routing.routes import Routes
@@ -34,13 +35,15 @@ class TripOutcome:
     terms: dict[str, Floats]
     """The terms of the reward with a weight, before weighting, by name."""
     terminated: NDArray[np.bool_]
-    """At the destination, in contact with a road user anew, or off the route or the ground for good."""
+    """At the destination, in contact with a road user anew by own fault, or off the route or the ground for good."""
     truncated: NDArray[np.bool_]
     """SUMO's again for another reason."""
     gone: NDArray[np.bool_]
     """SUMO's again, whether truncated or terminated."""
     reached: NDArray[np.bool_]
     """At the destination."""
+    contact: NDArray[np.bool_]
+    """In contact anew with a road user that was there before, by whose fault ever."""
     clean: NDArray[np.bool_]
     """Reached the destination, and on the whole trip without contact and never off the own surface."""
     steps: NDArray[np.int64]
@@ -55,8 +58,8 @@ class TripArena(OpenedSimulation):
     """A scenario whose own road users are learned, at most `settings.agents` at a time; a context manager.
 
     A road user has a slot from its takeover until SUMO has it again: near its destination, or where a run hands it
-    back. It is not put elsewhere before: out of a jam it must drive. A contact ends an episode, and the next one of the
-    same road user begins where it is.
+    back. It is not put elsewhere before: out of a jam it must drive. A contact by own fault ends an episode, and the
+    next one of the same road user begins where it is.
     """
 
     def _start(self) -> None:
@@ -116,19 +119,21 @@ class TripArena(OpenedSimulation):
         decision = self.simulation.decide()
         world = decision.steps[-1].world
         learned = world.take(np.arange(n))
-        in_contact = touching(world)
-        anew = {user for pair in in_contact - self._touching for user in pair}
+        anew = touching(world) - self._touching
         self._touching = touching(self.simulation.world)
         if before is None:
             self._look()
             return _nothing(self._wanted, world)
-        hit = _among(ids, anew)
+        # SUMO inserts persons without a look at who is there.
+        present = set(before.scene.world.ids)
+        contact = _among(ids, {user for pair in anew if present.issuperset(pair) for user in pair})
+        hit = _among(ids, at_fault(anew, before.scene.world, world))
         lost = decision.lost | _among(ids, set(decision.returned_to_route))
         gone = ~_among(ids, self.simulation.population.ids)
         reached = gone & ~lost & (near_end | _among(ids, set(decision.arrived)))
         transition = Transition(self._ground, before, modes, world, decision, hit, lost, reached)
         terms = transition.terms(self._wanted)
-        for row in np.flatnonzero(hit | lost | decision.left_surface):
+        for row in np.flatnonzero(contact | lost | decision.left_surface):
             self._unclean.add(ids[row])
         clean = reached & ~_among(ids, self._unclean)
         # The last value cannot stand for the time after an arrival: learned from itself alone, it diverges.
@@ -148,6 +153,7 @@ class TripArena(OpenedSimulation):
             truncated=gone & ~terminated,
             gone=gone,
             reached=reached,
+            contact=contact,
             clean=clean,
             steps=steps,
             speed=learned.speed,
@@ -173,6 +179,7 @@ def _nothing(wanted: tuple[str, ...], world: WorldState) -> TripOutcome:
         truncated=no,
         gone=no,
         reached=no,
+        contact=no,
         clean=no,
         steps=np.zeros(0, np.int64),
         speed=none,

@@ -106,9 +106,9 @@ def alive(n: int) -> Floats:
     return np.ones(n)
 
 
-def contact(touching: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for road users that have come into contact with another, (n,)."""
-    return -touching.astype(np.float64)
+def contact(hit: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for road users that have come into contact with another by their own fault, (n,)."""
+    return -hit.astype(np.float64)
 
 
 def lost(gone: NDArray[np.bool_]) -> Floats:

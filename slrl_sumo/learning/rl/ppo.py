@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from slrl_sumo.learning.rl.actor import Agent, kind_of
 from slrl_sumo.learning.rl.batch import Batch, gae, normalised
 from slrl_sumo.models.policy import learn_only
+from slrl_sumo.scene.types import TYPE_NAMES
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,8 @@ class PpoSettings:
     where the reward opposes it (as in human-regularised PPO, arXiv 2403.19648)."""
     kl_until: float = 1.0
     """Share of the training at which kl_coef_last is reached."""
+    kl_kept: tuple[str, ...] = ()
+    """Types for which kl_coef does not fall: they go their own ways only where that pays much."""
     prior_coef: float = 0.0
     """Weight of the divergence KL(policy || prior) from the bundle's prior, learned from recordings."""
     teacher_first: int = 40
@@ -90,11 +93,16 @@ def update(
 
     flat = {name: taken(getattr(batch, name)) for name in ("actions", "logprobs", "values")}
     seen = {name: taken(value) for name, value in batch.seen.items() if name != "active"}
-    teacher = agent.teacher_logits(seen, taken(batch.teacher_costs)) if kl_coef else None
+    kind = kind_of(seen["vector"])
+    # Weights by road user.
+    kl_coefs = torch.full(kind.shape, kl_coef, device=agent.device)
+    for name in settings.kl_kept:
+        kl_coefs[kind == TYPE_NAMES.index(name)] = settings.kl_coef
+    teacher = agent.teacher_logits(seen, taken(batch.teacher_costs)) if bool(kl_coefs.any()) else None
     prior = agent.prior_logits(seen) if settings.prior_coef and not teacher_only else None
     b_advantages, b_returns = taken(advantages), taken(returns)
     if settings.norm_adv:
-        b_advantages = normalised(b_advantages, kind_of(seen["vector"]))
+        b_advantages = normalised(b_advantages, kind)
     size = len(b_returns)
     minibatch = math.ceil(size / settings.num_minibatches)
     sums: dict[str, float] = {}
@@ -122,8 +130,9 @@ def update(
             if not teacher_only:
                 loss = pg_loss - settings.ent_coef * entropy + loss
             if teacher is not None:
-                kl_teacher = (teacher[mb].exp() * (teacher[mb] - logits)).sum(-1).mean()
-                loss = loss + kl_coef * kl_teacher
+                divergence = (teacher[mb].exp() * (teacher[mb] - logits)).sum(-1)
+                kl_teacher = divergence.mean()
+                loss = loss + (kl_coefs[mb] * divergence).mean()
             if prior is not None:
                 kl_prior = (logits.exp() * (logits - prior[mb])).sum(-1).mean()
                 loss = loss + settings.prior_coef * kl_prior

@@ -66,7 +66,7 @@ RANGES = {
 }
 """Lowest and highest values that would otherwise fail in the middle of a training."""
 
-NAMES = {("policy", "preset"): PRESETS, ("ppo", "only"): TYPE_NAMES}
+NAMES = {("policy", "preset"): PRESETS, ("ppo", "only"): TYPE_NAMES, ("ppo", "kl_kept"): TYPE_NAMES}
 """The names that settings take which are no numbers."""
 
 

@@ -40,10 +40,16 @@ TURNING = 0.02
 MOVING_DISTANCE = 2.4
 """m in the 4.8 s of a window above which a road user is in motion: 0.5 m/s, as in the paper's r3."""
 
+STANDING = 0.1
+"""m/s; what was no faster, and is not afterwards, tells nothing of the bounds."""
 CORNERING = 10.0
 """m/s below which the curvature of vehicles' turns is measured."""
 FREE_TURNING = 0.5
 """m/s above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
+
+HARDEST = 0.2
+"""Percentile of the recorded accelerations of moving road users with which the type brakes in need. The 1st, which
+bounds the models, is a walk that slows down: pedestrians of whom one halves its speed in 0.4 s are rarer than that."""
 
 TOP_SPEED = {"paths": 99.9}
 """Percentile of the recorded speeds that is the top speed of the models, where it is not the 99th. Joggers among SDD's
@@ -242,7 +248,7 @@ def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[Road
     after = before + train.acceleration * DECISION_INTERVAL
     for t in types:
         rows = train.type == t
-        moving = rows & (np.maximum(before, after) > 0.1)
+        moving = rows & (np.maximum(before, after) > STANDING)
         rows = moving if moving.any() else rows
         # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
         turning = rows & (np.abs(train.yaw_rate) > TURNING)
@@ -261,6 +267,13 @@ def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[Road
         elif steering.any():
             models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[steering]) / after[steering], 99.7))
         models.max_speed[t] = float(np.percentile(before[train.type == t], TOP_SPEED.get(modes, 99.0)))
+
+
+def _hardest_braking(train: Windows) -> float:
+    """m/s² with which the road users of one type brake in need, not positive."""
+    before = train.vector[:, SPEED].astype(np.float64)
+    moving = np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING
+    return min(float(np.percentile(train.acceleration[moving], HARDEST)), 0.0) if moving.any() else 0.0
 
 
 def _set_normalisation(networks: StackedNetworks, train: Windows, types: Sequence[RoadUserType]) -> None:
@@ -334,6 +347,7 @@ def _measured(
         "speed_percentiles_mps": np.percentile(train.vector[:, SPEED], (1, 99)).tolist(),
         "within_20_m_percentiles": np.percentile(train.vector[:, WITHIN_20].sum(1), (1, 99)).tolist(),
         "acceleration_percentiles_mps2": np.percentile(train.acceleration, (1, 99)).tolist(),
+        "hardest_braking_mps2": _hardest_braking(train),
         "acceleration_bounds_mps2": models.acceleration_bounds[t].tolist(),
         "yaw_rate_bounds_radps": models.yaw_rate_bounds[t].tolist(),
         "max_curvature_per_m": float(models.max_curvature[t]),

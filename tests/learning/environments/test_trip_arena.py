@@ -158,3 +158,26 @@ def test_a_scenario_without_demand_is_refused(tmp_path: Path, bundle: ModelBundl
         with pytest.raises(SumoError, match="no road users that can be learned"):
             env.reset(seed=1)
         env.close()
+
+
+def test_one_that_stands_is_in_contact_without_fault(arena: TripArena) -> None:
+    """Its episode goes on, but its trip is not clean."""
+    for _ in range(20):
+        arena.step(by_rule(arena))
+    users = arena.simulation.population.world
+    placed, a, b = put_head_on(users)
+    placed.speed[b] = 0.0
+    placed.x[b], placed.y[b] = (0.9 * values[b] + 0.1 * values[a] for values in (placed.x, placed.y))
+    others = arena.simulation.world.take(np.arange(len(users), len(arena.simulation.world)))
+    arena.simulation.population.world = placed
+    arena.simulation.world = placed.join(others)
+    arena._look()
+    assert arena.situation is not None
+    assert arena.situation.rollouts is not None
+    modes = arena.situation.rollouts.acceleration.argmax(axis=1)
+    modes[b] = arena.situation.rollouts.acceleration[b].argmin()
+    outcome = arena.step(modes)
+    assert outcome.contact[[a, b]].all()
+    assert outcome.terms["contact"][[a, b]].tolist() == [-1.0, 0.0]
+    assert outcome.terminated[[a, b]].tolist() == [True, False]
+    assert {users.ids[a], users.ids[b]} <= arena._unclean

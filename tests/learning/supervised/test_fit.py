@@ -63,6 +63,11 @@ def test_record_is_what_the_recordings_hold(learned: ModelBundle, traffic: list[
     car = learned.training["types"]["car"]
     assert car["acceleration_bounds_mps2"] == pytest.approx([-2.25, 1.575], abs=0.01)
     assert car["max_curvature_per_m"] == pytest.approx(0.08, rel=0.05)
+    for t in RoadUserType:
+        moving = (every.type == t) & (every.vector[:, SPEED] > 0.2)
+        hardest = learned.training["types"][TYPE_NAMES[t]]["hardest_braking_mps2"]
+        assert every.acceleration[moving].min() - 0.01 <= hardest < learned.usual_braking[t] + 0.1
+        assert learned.hardest_braking[t] <= learned.usual_braking[t]
 
 
 def test_modes_turn_and_hurry_as_their_destinations_say(learned: ModelBundle) -> None:
