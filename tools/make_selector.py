@@ -11,7 +11,7 @@ how much on routes that are expected along the lanes. The recipe ends with an er
 D3, or of SUMO's traffic in the shipped scenarios, has a higher mean error than the prior's, for any type, and where it
 is not lower on expected routes for two; with --calibrate it does only that, with the selector that the bundle has. The
 bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
-logs lie in --work; --resume goes on from there. `intersection` takes an hour on two free cores, the others ten
+logs lie in --work; --resume goes on from there. `intersection` takes 25 minutes on two free cores, the others ten
 minutes each.
 """
 
@@ -56,7 +56,7 @@ class Traffic:
 
 TRAININGS = {
     # Pedestrians meet red lights and crowds in `signals`.
-    "intersection": Training("town,signals,random,roundabout,motorway,signals,shared-space", 20_000_000, seed=21),
+    "intersection": Training("town,signals,random,roundabout,motorway,signals,shared-space", 8_000_000, seed=21),
     "shared-space": Training("shared-space", 1_000_000),
     "intersection-paper": Training("intersection,random", 1_500_000),
     "shared-space-paper": Training("shared-space", 1_500_000),

@@ -14,6 +14,7 @@ from slrl_sumo.scene.geometry import Box, Floats
 from slrl_sumo.scene.kernels import apart, clearance, overlap
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
 
 REACH = 30.0
 """m within which other road users count."""
@@ -28,6 +29,9 @@ DEEPER = 0.05
 PAST_STANDING = 0.3
 """m by which they may come closer to one that stands, as SUMO's vehicles do whose lanes pass each other with less than
 their width."""
+WAITING = 0.5
+"""What a collision counts for a pedestrian that stands by then. With 1, two that came towards each other had no better
+mode than to walk on where none avoids the other, although it was enough that both stop."""
 SLACK = 1e-6
 """m by which circles are larger than the boxes in them."""
 
@@ -43,9 +47,32 @@ class Others(NamedTuple):
     """Which of them wait."""
 
 
+class Blame(NamedTuple):
+    """For what n road users are to blame, (n,) each."""
+
+    in_front: NDArray[np.bool_]
+    """Only for a collision with what is in front: not where the other one comes from behind, or is beside the rear."""
+    standing: Floats
+    """What a collision counts for one that stands by then, from 0 to 1."""
+    touch: Floats
+    """m of clearance, less the margins, to which one that is not so near yet may come to one that stands; inf: any."""
+
+
+def blame_of(kind: NDArray[np.int8], follows: NDArray[np.bool_], routed: NDArray[np.bool_]) -> Blame:
+    """Of road users of the types `kind` that have a route (`routed`), and vehicles that follow it, (n,) each.
+
+    A vehicle that stands is hit by the other one, and could not avoid that by driving on; a pedestrian might step
+    aside. In contact vehicles may drive on beside one that stands, as SUMO's lanes lead them; pedestrians must not come
+    into contact with it.
+    """
+    walks = routed & (kind == RoadUserType.PEDESTRIAN)
+    standing = np.where(follows, 0.0, np.where(walks, WAITING, 1.0))
+    return Blame(follows, standing, np.where(walks, -0.5 * MARGIN[RoadUserType.PEDESTRIAN], np.inf))
+
+
 def collision_scores(
     paths: ModePaths,
-    excused: NDArray[np.bool_],
+    blame: Blame,
     others: Others,
     world: WorldState,
     rows: NDArray[np.intp],
@@ -54,12 +81,11 @@ def collision_scores(
     """How soon each mode collides: 0 where it does not within STEPS, up to 1 where it does at once, (n, modes).
 
     `paths`: of the n road users `rows` of `world`; `others`: all its road users, of which those within REACH count.
-    An `excused` road user, (n,), is not to blame where it stands by then, or where the other one comes from behind or
-    is beside its rear. Boxes on different `levels` do not collide.
+    Boxes on different `levels` do not collide.
     """
     return _collision_scores(
         paths,
-        excused,
+        blame,
         rows,
         others.boxes,
         others.yielding,
@@ -83,7 +109,7 @@ class _Now(NamedTuple):
 @compiled
 def _collision_scores(
     paths: ModePaths,
-    excused: NDArray[np.bool_],
+    blame: Blame,
     rows: NDArray[np.intp],
     boxes: Boxes,
     yielding: Boxes,
@@ -99,7 +125,7 @@ def _collision_scores(
     n, steps, modes = x.shape
     m = len(order)
     scores = np.zeros((n, modes))
-    first = np.empty(modes, np.int64)
+    first, counts = np.empty(modes, np.int64), np.empty(modes)
     # Pairs that may touch are found by axis-aligned bounds, ever smaller ones: of a whole path, then of the places of
     # all modes after one interval; then by circles round the boxes. Few boxes remain to be compared.
     bounds = _bounds(x, y)
@@ -127,7 +153,7 @@ def _collision_scores(
                 continue
             if not candidates:
                 candidates = True
-                first[:] = steps
+                first[:], counts[:] = steps, 1.0
                 x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
                 for step in range(steps):
                     x0, x1 = min(x0, bounds[i, step, 0]), max(x1, bounds[i, step, 1])
@@ -155,6 +181,8 @@ def _collision_scores(
             contact = least < 0.0
             stands = their_x[other, steps - 1] == now_x[other] and their_y[other, steps - 1] == now_y[other]
             deepest = least - (PAST_STANDING if stands else DEEPER)
+            if least > blame.touch[i]:
+                deepest = max(deepest, blame.touch[i])
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
                 dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)
@@ -166,21 +194,20 @@ def _collision_scores(
                     if not _near(dx, dy, touching) or first[mode] <= step:
                         continue
                     c, s = cos[i, step, mode], sin[i, step, mode]
-                    # A vehicle that stands by then is hit by the other one, and could not avoid that by driving on.
-                    # Nor can it avoid one that comes from behind, or one beside its rear, which swings out in a turn.
-                    if excused[i]:
-                        if speed[i, step, mode] <= STANDING:
+                    stood = speed[i, step, mode] <= STANDING
+                    if stood and blame.standing[i] == 0.0:
+                        continue
+                    # One that comes from behind cannot be avoided, nor one beside the rear, which swings out in a turn.
+                    if blame.in_front[i] and c * dx + s * dy <= 0.0:
+                        # Ahead an interval before, it is driven through: at 12 m/s intervals are 5 m long.
+                        if step == 0:
+                            before = now_cos[me] * (now_x[other] - now_x[me])
+                            before += now_sin[me] * (now_y[other] - now_y[me])
+                        else:
+                            before = cos[i, step - 1, mode] * (their_x[other, step - 1] - x[i, step - 1, mode])
+                            before += sin[i, step - 1, mode] * (their_y[other, step - 1] - y[i, step - 1, mode])
+                        if before <= 0.0:
                             continue
-                        if c * dx + s * dy <= 0.0:
-                            # Ahead an interval before, it is driven through: at 12 m/s intervals are 5 m long.
-                            if step == 0:
-                                before = now_cos[me] * (now_x[other] - now_x[me])
-                                before += now_sin[me] * (now_y[other] - now_y[me])
-                            else:
-                                before = cos[i, step - 1, mode] * (their_x[other, step - 1] - x[i, step - 1, mode])
-                                before += sin[i, step - 1, mode] * (their_y[other, step - 1] - y[i, step - 1, mode])
-                            if before <= 0.0:
-                                continue
                     mine = Box(c, s, size[me, 0], size[me, 1])
                     there_c, there_s = their_cos[other, step], their_sin[other, step]
                     theirs = Box(there_c, there_s, size[other, 0], size[other, 1])
@@ -191,10 +218,10 @@ def _collision_scores(
                             levels, x[i, step, mode], y[i, step, mode], c, s, there_x, there_y, there_c, there_s
                         )
                     ):
-                        first[mode] = step
+                        first[mode], counts[mode] = step, blame.standing[i] if stood else 1.0
         if candidates:
             for mode in range(modes):
-                scores[i, mode] = 1.0 - first[mode] / steps
+                scores[i, mode] = counts[mode] * (1.0 - first[mode] / steps)
     return scores
 
 

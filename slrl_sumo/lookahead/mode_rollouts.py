@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.braking import braking_residual
-from slrl_sumo.lookahead.collision import MARGIN, STANDING, Others, collision_scores
+from slrl_sumo.lookahead.collision import MARGIN, STANDING, Others, blame_of, collision_scores
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
@@ -175,15 +175,17 @@ def _judged(
         paths = mode_paths(users, acceleration, yaw_rate, top, on_route=True)
     route = None if context is None else context.route
     outside = off_surface(paths, users.type, scene.road_map, rows, route)
-    fit, excused = None, np.zeros(len(users), np.bool_)
+    fit, follows, routed = None, np.zeros(len(users), np.bool_), np.zeros(len(users), np.bool_)
     following, others = expected
     if context is not None and capability is not None:
-        fit, excused = route_fit(context, capability, users, rows, paths, yaw_rate), following.follows[rows]
+        fit = route_fit(context, capability, users, rows, paths, yaw_rate)
+        follows, routed = following.follows[rows], context.route.known[rows]
+    blame = blame_of(users.type, follows, routed)
     levels = scene.road_map.shapes.levels
-    direct = collision_scores(paths, excused, others, world, rows, levels) if off_route else None
+    direct = collision_scores(paths, blame, others, world, rows, levels) if off_route else None
     if context is not None:
         bring_to_paths(paths, following, rows)
-    collision = collision_scores(paths, excused, others, world, rows, levels)
+    collision = collision_scores(paths, blame, others, world, rows, levels)
     return ModeRollouts(
         acceleration=acceleration,
         yaw_rate=yaw_rate,

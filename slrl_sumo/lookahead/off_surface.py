@@ -15,10 +15,10 @@ from slrl_sumo.scene.types import RoadUserType
 NEAR = 3
 """Intervals, 1.2 s, in which a road user with a route must not leave its surface: later it turns with its path."""
 WALK = len(OWN_SURFACE)
-"""Row of OWN for pedestrians with a route: roads and cycleways belong to them only where their path leads over them.
-Otherwise they would pass a crowd on the carriageway."""
+"""Row of OWN for pedestrians with a route: roads, cycleways and crossings belong to them only where their path leads
+over them. Otherwise they would pass a crowd on the carriageway, or on a crossing whose signal is red."""
 OWN = np.append(OWN_SURFACE, OWN_SURFACE[[RoadUserType.PEDESTRIAN]], axis=0)
-OWN[WALK, [Surface.ROAD, Surface.CYCLEWAY]] = False
+OWN[WALK, [Surface.ROAD, Surface.CYCLEWAY, Surface.CROSSING]] = False
 
 
 def off_surface(

@@ -17,8 +17,11 @@ from slrl_sumo.scene.route import on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 
-STEERED = 2
-"""Intervals after which a mode is compared with the path."""
+STEERED, PACED = 1, 2
+"""Intervals after which the heading of a mode, and its speed, are compared with those of the path. With a heading after
+2, cars cut tight turns by 0.4 m; with a speed after 1, they are twice as jerky."""
+TURNING = 1.0
+"""m/s from which a heading error counts in full: one that stops is not on a wrong way."""
 RETURN = 1.0
 """1/s, and m/s, rad: beside its path a road user aims back to it with atan(RETURN * offset / (speed + SLOW)), at most
 AIM (as in S. Thrun et al. 2006, Stanley, https://doi.org/10.1002/rob.20147)."""
@@ -39,11 +42,12 @@ class RouteFit(NamedTuple):
     """How the modes of n road users fit their routes, (n, modes) each; zeros for road users without a route."""
 
     heading_error: Floats
-    """rad between the heading after STEERED intervals and the heading that leads back to the path, not negative."""
+    """rad between the heading after STEERED intervals and the heading that leads back to the path, not negative; less
+    below TURNING, 0 at a stand."""
     lateral_offset: Floats
     """m to the left of the path then, within +-MAX_OFFSET."""
     speed_error: Floats
-    """Speed after STEERED intervals relative to the desired speed, or to the speed from which the road user still stops
+    """Speed after PACED intervals relative to the desired speed, or to the speed from which the road user still stops
     where it must, if that is lower: -1 at a stand, 1 at twice that speed or more."""
     stop_ratio: Floats
     """After one interval, stopping distance over distance to where it must stop: from 1 on it is too late. At most
@@ -150,9 +154,9 @@ def _route_fit(
         fast = slow = 0 * i  # not just 0: see _allowed_speed
         alike, _ = _interpolated(ahead, STOPPING, ways, 0 * i)
         for mode in range(modes):
-            first, speed = speeds[i, 0, mode], speeds[i, STEERED - 1, mode]
-            off = heading[i, mode] - direction[i, mode] + aim(offset[i, mode], speed)
-            heading_error[i, mode] = abs(wrapped(off))
+            first, turned, speed = speeds[i, 0, mode], speeds[i, STEERED - 1, mode], speeds[i, PACED - 1, mode]
+            off = heading[i, mode] - direction[i, mode] + aim(offset[i, mode], turned)
+            heading_error[i, mode] = abs(wrapped(off)) * min(turned / TURNING, 1.0)
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             left = here.stop[i] - first * dt

@@ -106,10 +106,19 @@ def test_a_road_user_that_hardly_moves_need_not_steer() -> None:
 def test_pedestrians_mind_their_path_and_their_pavement_less() -> None:
     weights = replace(NOTHING, heading_error=10.0, off_surface=10.0)
     for speed in (0.0, 1.3):
-        assert _on_route(weights, STEER, 1.0, kind=PEDESTRIAN, speed=speed) == pytest.approx(3.3)
+        slow = replace(weights, speed=5.0)
+        assert _on_route(slow, STEER, 1.0, kind=PEDESTRIAN, speed=speed) == pytest.approx(3.3)
     assert _on_route(weights, OFF, 1.0, kind=PEDESTRIAN) == pytest.approx(4.0)
     assert _on_route(weights, OFF, 1.0, kind=BICYCLE) == pytest.approx(10.0)
     assert _on_route(weights, STEER, 1.0, kind=BICYCLE) == pytest.approx(10.0)
+
+
+def test_a_pedestrian_rather_walks_around_than_stands() -> None:
+    weights = CostWeights()
+    stands = _on_route(weights, PACE, -1.0, kind=PEDESTRIAN, speed=1.3)
+    assert _on_route(weights, STEER, 0.8, kind=PEDESTRIAN, speed=1.3) < stands
+    assert _on_route(weights, STEER, 1.2, kind=PEDESTRIAN, speed=1.3) > stands
+    assert _on_route(weights, STEER, 0.3, kind=BICYCLE, speed=1.3) > stands
 
 
 def test_each_road_user_is_judged_alone() -> None:

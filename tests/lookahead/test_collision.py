@@ -7,14 +7,26 @@ import pytest
 from builders import make_crowd, make_levels, make_world
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import DEEPER, MARGIN, PAST_STANDING, REACH, STANDING, Others, collision_scores
+from slrl_sumo.lookahead.collision import (
+    DEEPER,
+    MARGIN,
+    PAST_STANDING,
+    REACH,
+    STANDING,
+    WAITING,
+    Blame,
+    Others,
+    blame_of,
+    collision_scores,
+)
 from slrl_sumo.lookahead.forecast import Boxes, path_following, sizes
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths, mode_paths
 from slrl_sumo.lookahead.precedence import precedence
 from slrl_sumo.scene.geometry import Box, Floats, boxes_overlap, clearance
 from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-MODES = 6
+MODES, PEDESTRIAN = 6, RoadUserType.PEDESTRIAN
 
 
 def drawn_paths(users: WorldState, seed: int) -> ModePaths:
@@ -32,11 +44,14 @@ def expected(boxes: Boxes, world: WorldState) -> Others:
     return Others(boxes, boxes, precedence(None, path_following(None, world), len(world)))
 
 
-def every_box(
-    mine: ModePaths, excused: NDArray[np.bool_], theirs: Boxes, world: WorldState, rows: NDArray[np.intp]
-) -> Floats:
+def blamed(n: int) -> Blame:
+    """To blame for everything."""
+    return Blame(np.zeros(n, np.bool_), np.ones(n), np.full(n, np.inf))
+
+
+def every_box(mine: ModePaths, blame: Blame, theirs: Boxes, world: WorldState, rows: NDArray[np.intp]) -> Floats:
     """What `collision_scores` says, by a look at every pair, interval and mode."""
-    met = np.zeros((len(rows), MODES))
+    hits = np.zeros((len(rows), STEPS, MODES), np.bool_)
     for e, me in enumerate(rows):
         for other in range(len(world)):
             if other == me or np.hypot(world.x[other] - world.x[me], world.y[other] - world.y[me]) > REACH:
@@ -56,14 +71,16 @@ def every_box(
                         for m in range(MODES)
                     ]
                     stands = (theirs.x[other, -1], theirs.y[other, -1]) == (world.x[other], world.y[other])
-                    hit &= np.array(shapes) <= now - (PAST_STANDING if stands else DEEPER)
-                if excused[e]:
+                    nearest = now - (PAST_STANDING if stands else DEEPER)
+                    hit &= np.array(shapes) <= (max(nearest, blame.touch[e]) if now > blame.touch[e] else nearest)
+                if blame.in_front[e]:
                     ahead = c * (there_x - x) + s * (there_y - y) > 0.0
-                    hit &= (mine.speed[e, step] > STANDING) & (
-                        ahead | _was_ahead(world, mine, theirs, e, me, other, step)
-                    )
-                met[e] = np.maximum(met[e], hit * (1.0 - step / STEPS))
-    return met
+                    hit &= ahead | _was_ahead(world, mine, theirs, e, me, other, step)
+                hits[e, step] |= hit & ((mine.speed[e, step] > STANDING) | (blame.standing[e] > 0.0))
+    counts = np.where(mine.speed > STANDING, 1.0, blame.standing[:, None, None])
+    scores = counts * (1.0 - np.arange(STEPS)[:, None] / STEPS)
+    first = hits.argmax(axis=1)[:, None]
+    return np.where(hits.any(axis=1), np.take_along_axis(scores, first, axis=1)[:, 0], 0.0)
 
 
 def _box(cos: float, sin: float, size: Floats) -> Box:
@@ -96,16 +113,17 @@ def test_circles_leave_out_no_road_user_that_is_hit(extent: float) -> None:
     on = drawn_paths(world, 4)
     theirs = along_a_mode(world, on)
     mine = ModePaths(*(column[rows] for column in (on.x, on.y, on.cos, on.sin, on.speed, on.distance)))
-    excused = rows % 3 == 0
-    found = collision_scores(mine, excused, expected(theirs, world), world, rows)
-    np.testing.assert_array_equal(found, every_box(mine, excused, theirs, world, rows))
+    follows = (rows % 3 == 0) & (world.type[rows] != PEDESTRIAN)
+    blame = blame_of(world.type[rows], follows, rows % 2 == 0)
+    found = collision_scores(mine, blame, expected(theirs, world), world, rows)
+    np.testing.assert_array_equal(found, every_box(mine, blame, theirs, world, rows))
     # Some are hit at once, some later, and some modes hit nothing.
     assert len(np.unique(found)) > 4
     assert (found == 0.0).any()
     # Whom one may drive into without blame makes a difference.
-    unexcused = collision_scores(mine, np.zeros(17, np.bool_), expected(theirs, world), world, rows)
-    assert (unexcused >= found).all()
-    assert (unexcused > found).any()
+    strictly = collision_scores(mine, blamed(17)._replace(touch=blame.touch), expected(theirs, world), world, rows)
+    assert (strictly >= found).all()
+    assert (strictly > found).any()
 
 
 def test_a_road_user_excused_at_first_may_be_to_blame_later() -> None:
@@ -118,13 +136,10 @@ def test_a_road_user_excused_at_first_may_be_to_blame_later() -> None:
     mine = ModePaths(*(column[:1, :, None].copy() for column in (x, zero, one, zero, 3.75 * one, x)))
     rows = np.zeros(1, np.intp)
     # 5.4 m long with the margin: those behind touch all the time, those ahead from 6.6 m on.
-    assert collision_scores(mine, np.ones(1, np.bool_), expected(theirs, world), world, rows).tolist() == [
-        [1.0 - 4 / STEPS]
-    ]
+    excused = blame_of(world.type[:1], np.ones(1, np.bool_), np.ones(1, np.bool_))
+    assert collision_scores(mine, excused, expected(theirs, world), world, rows).tolist() == [[1.0 - 4 / STEPS]]
     # The one behind is in contact now: that it stays so is no collision, that it comes closer would be.
-    assert collision_scores(mine, np.zeros(1, np.bool_), expected(theirs, world), world, rows).tolist() == [
-        [1.0 - 4 / STEPS]
-    ]
+    assert collision_scores(mine, blamed(1), expected(theirs, world), world, rows).tolist() == [[1.0 - 4 / STEPS]]
 
 
 def test_without_others_nothing_is_hit() -> None:
@@ -132,7 +147,7 @@ def test_without_others_nothing_is_hit() -> None:
     far = replace(world, x=np.array([0.0, 200.0, 400.0]))
     for some, n in ((far, 3), (world.take(np.array([1])), 1), (make_crowd(0, 1, 1.0), 0)):
         on = drawn_paths(some, 6)
-        alone = collision_scores(on, np.zeros(n, np.bool_), expected(along_a_mode(some, on), some), some, np.arange(n))
+        alone = collision_scores(on, blamed(n), expected(along_a_mode(some, on), some), some, np.arange(n))
         assert not alone.any()
         assert alone.shape == (n, MODES)
 
@@ -144,12 +159,49 @@ def test_boxes_on_two_levels_do_not_collide() -> None:
     columns = np.stack([way, zero]), np.stack([zero, way]), np.stack([one, zero]), np.stack([zero, one])
     theirs = Boxes(*columns, sizes(world, MARGIN[world.type]))
     mine = ModePaths(*(column[:1, :, None].copy() for column in (*columns, 10.0 * np.ones((2, STEPS)), columns[0])))
-    rows, blamed = np.zeros(1, np.intp), np.zeros(1, np.bool_)
+    rows, blame = np.zeros(1, np.intp), blamed(1)
     # Boxes of 5 m meet after the third interval, at the crossing.
-    assert collision_scores(mine, blamed, expected(theirs, world), world, rows).item() == 1.0 - 2 / STEPS
-    assert collision_scores(mine, blamed, expected(theirs, world), world, rows, make_levels()).item() == 0.0
+    assert collision_scores(mine, blame, expected(theirs, world), world, rows).item() == 1.0 - 2 / STEPS
+    assert collision_scores(mine, blame, expected(theirs, world), world, rows, make_levels()).item() == 0.0
     behind = theirs._replace(x=columns[0][[0, 0]] + 3.0, y=np.stack([zero, zero]), cos=np.stack([one, one]))
     behind = behind._replace(sin=np.stack([zero, zero]))
     same = world.take(np.array([0, 0]))
     same = replace(same, x=np.array([-12.0, -6.0]))
-    assert collision_scores(mine, blamed, expected(behind, same), same, rows, make_levels()).item() > 0.0
+    assert collision_scores(mine, blame, expected(behind, same), same, rows, make_levels()).item() > 0.0
+
+
+def _towards(x: float, speeds: list[float], other: float, pace: float) -> Floats:
+    """Scores of modes with steady `speeds` of a pedestrian at `x` m, towards another one at `other` m that comes nearer
+    at `pace`."""
+    world = make_world([x, other], heading=[0.0, np.pi], speed=[1.0, pace], type=PEDESTRIAN, length=0.5, width=0.5)
+    seconds, one, zero = DECISION_INTERVAL * np.arange(1, STEPS + 1), np.ones((2, STEPS)), np.zeros((2, STEPS))
+    theirs = Boxes(
+        np.stack([x + seconds, other - pace * seconds]), zero, np.stack([one[0], -one[1]]), zero,
+        sizes(world, np.where(world.speed < STANDING, 0.0, MARGIN[PEDESTRIAN])),
+    )  # fmt: skip
+    columns = (x + seconds[:, None] * speeds, 0.0, 1.0, 0.0, np.array(speeds), seconds[:, None] * speeds)
+    shape = (1, STEPS, len(speeds))
+    mine = ModePaths(*(np.broadcast_to(column, shape).astype(np.float64) for column in columns))
+    yes = np.ones(1, np.bool_)
+    return collision_scores(mine, blame_of(world.type[:1], ~yes, yes), expected(theirs, world), world, np.zeros(1, int))
+
+
+def test_a_pedestrian_that_stands_is_walked_into_with_half_the_blame() -> None:
+    """With all of it, two that came towards each other walked on: no mode avoided the other one."""
+    stands, walks = _towards(0.0, [0.0, 1.0], 1.1, 1.0)[0]
+    assert walks == 1.0
+    # It is there after two intervals instead of one.
+    assert stands == WAITING * (1.0 - 1 / STEPS)
+
+
+@pytest.mark.parametrize(
+    ("other", "step", "passes"),
+    [
+        # Within the margin of one that stands, but not in contact: it may come nearer, not into contact.
+        (0.56, 0.03, False),
+        # In contact already, it may go by.
+        (0.41, 0.03, True),
+    ],
+)
+def test_a_pedestrian_does_not_walk_into_contact_with_one_that_stands(other: float, step: float, passes: bool) -> None:
+    assert (_towards(0.0, [step / DECISION_INTERVAL], other, 0.0)[0, 0] == 0.0) == passes

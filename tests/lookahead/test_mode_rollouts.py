@@ -201,7 +201,7 @@ def test_the_best_mode_leads_back_to_the_path(shipped_bundle: ModelBundle, besid
     else:
         assert abs(ahead.turn[0, best]) < 0.05
         assert abs(fits.lateral_offset[0, best]) < 0.05
-    states = _after(shipped_bundle, world, 2)
+    states = _after(shipped_bundle, world, 1)
     aside, heading = (np.array([getattr(s, name)[0] for s in states]) for name in ("y", "heading"))
     assert fits.lateral_offset[0] == pytest.approx(aside, abs=1e-6)
     aim = np.clip(np.arctan(RETURN * aside / (_speeds(states) + SLOW)), -AIM, AIM)

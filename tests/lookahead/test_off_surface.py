@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from builders import ALONG, make_crowd, make_routes
+from builders import ALONG, make_crowd, make_routes, make_world
 
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
@@ -13,9 +13,9 @@ from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-GROUND = RoadMap(
-    SurfaceShapes((Area(Surface.ROAD, 30.0 * SQUARE), Area(Surface.SIDEWALK, 30.0 * SQUARE + np.array([30.0, 0.0]))))
-)
+ROAD, SIDEWALK = Area(Surface.ROAD, 30.0 * SQUARE), Area(Surface.SIDEWALK, 30.0 * SQUARE + np.array([30.0, 0.0]))
+CROSSING = Area(Surface.CROSSING, 30.0 * SQUARE + np.array([0.0, 30.0]))
+GROUND = RoadMap(SurfaceShapes((ROAD, SIDEWALK, CROSSING)))
 
 
 def test_places_off_the_own_surface_are_counted() -> None:
@@ -62,3 +62,12 @@ def test_paths_that_are_nan_are_off_the_surface_without_a_route() -> None:
     path[:, -1] = -15.0
     route = make_routes(path, path, known=known)
     assert off_surface(free, users.type, GROUND, np.arange(4), route).tolist() == [[0.0] * 2] * 3 + [[1.0] * 2]
+
+
+def test_a_crossing_belongs_to_pedestrians_whose_path_leads_over_it() -> None:
+    world = make_world([15.0, 15.0], [31.0, 31.0], speed=1.0, type=RoadUserType.PEDESTRIAN)
+    still = np.zeros((2, 1))
+    free = mode_paths(world, still, still, np.full(2, 2.0), on_route=True)
+    # That of the second one leads along the sidewalk.
+    route = make_routes(np.array([[15.0], [45.0]]), np.array([[40.0], [20.0]]))
+    assert off_surface(free, world.type, GROUND, np.arange(2), route).tolist() == [[0.0], [1.0]]

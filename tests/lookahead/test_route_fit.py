@@ -114,3 +114,16 @@ def test_ratios_are_those_of_stopping_distances() -> None:
         np.testing.assert_allclose(fits.speed_error[i], pace, atol=1e-12)
     assert (fits.stop_ratio == MAX_RATIO).any()
     assert (fits.stop_ratio == 0.0).any()
+
+
+def test_a_mode_that_stops_is_on_no_wrong_way() -> None:
+    users, rows = replace(make_crowd(30, 3, 100.0), speed=np.ones(30)), np.arange(30)
+    _, capability = drawn_context(users)
+    straight = straight_routes(*zip(users.x, users.y, users.heading, strict=True), desired=1.5)
+    speeds, yaw_rate = np.array([0.0, 0.7, 1.0]), np.full((30, 3), 0.5)
+    acceleration = np.tile((speeds - 1.0) / DECISION_INTERVAL, (30, 1))
+    free = mode_paths(users, acceleration, yaw_rate, np.full(30, 45.0), on_route=True)
+    error = route_fit(route_context(straight, users), capability, users, rows, free, yaw_rate).heading_error
+    assert (error[:, 0] == 0.0).all()
+    # All turn by the same angle; the share of it counts, and what leads back to the path.
+    assert error[:, 1:] == pytest.approx(np.tile(0.2 * speeds[1:], (30, 1)), rel=0.25)

@@ -51,7 +51,7 @@ class Transition:
     """All road users after it."""
     decision: Decision
     hit: NDArray[np.bool_]
-    """In contact anew, (n,)."""
+    """In contact anew by own fault, (n,)."""
     lost: NDArray[np.bool_]
     """Off the ground, or off its route, (n,)."""
     reached: NDArray[np.bool_] | None = None
@@ -120,8 +120,8 @@ class Transition:
         return np.where(self._known, self._allowed, learned.speed)
 
     def _off_surface(self) -> Floats:
-        """Carriageways and cycleways belong to pedestrians only where their path leads over them, as in the lookahead:
-        at a tenth of the penalty (paper, r2) they waited for their signal on the carriageway, where cars turn."""
+        """Carriageways, cycleways and crossings belong to pedestrians only where their path leads over them, as in the
+        lookahead: at a tenth of the penalty (paper, r2) they waited for their signal where cars turn."""
         surface, context = self.decision.surface, self.before.context
         if context is not None:
             route, (covered, _) = context.route, self._on_path
