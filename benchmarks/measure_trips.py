@@ -69,8 +69,8 @@ RATES = (
     ("faster", "steps", 1.0),
 )
 """Figures of each group: a sum, the sum that it is divided by, and a factor. `contacts`: all; `at_fault`: those that it
-moved into (learning.rewards.fault); `faster`: m/s that the chosen mode is
-faster than that of `rule` would be, 2 s later."""
+moved into (learning.rewards.fault); `faster`: m/s that the chosen mode is faster than that of `rule` would be, 2 s
+later."""
 NEAR, AHEAD, OFFSET = 15.0, 40.0, 0.4
 """m."""
 

@@ -8,8 +8,7 @@ from collections.abc import Set
 
 import numpy as np
 
-from slrl_sumo.scene.contacts import COLLISION_DISTANCE
-from slrl_sumo.scene.geometry import Floats, boxes_overlap
+from slrl_sumo.scene.contacts import contact_pairs
 from slrl_sumo.scene.state import WorldState
 
 
@@ -19,24 +18,20 @@ def at_fault(pairs: Set[tuple[str, str]], before: WorldState, after: WorldState)
 
     Road users that were not there before are not at fault.
     """
-    then, now = ({name: row for row, name in enumerate(world.ids)} for world in (before, after))
     found = set()
     for pair in pairs:
         for mine, other in (pair, pair[::-1]):
-            if mine not in then:
+            if mine not in before.ids:
                 continue
-            needed = not _in_contact(_box(before, then[mine]), _box(after, now[other]))
-            if needed or (other in then and _in_contact(_box(after, now[mine]), _box(before, then[other]))):
+            needed = not _in_contact(_alone(before, mine), _alone(after, other))
+            if needed or (other in before.ids and _in_contact(_alone(after, mine), _alone(before, other))):
                 found.add(mine)
     return found
 
 
-def _box(world: WorldState, row: int) -> Floats:
-    columns = (world.x, world.y, world.heading, world.length, world.width)
-    return np.array([[column[row] for column in columns]])
+def _alone(world: WorldState, name: str) -> WorldState:
+    return world.take(np.array([world.ids.index(name)]))
 
 
-def _in_contact(a: Floats, b: Floats) -> bool:
-    """As contacts are counted: boxes that overlap, or centres closer than 0.5 m."""
-    apart = np.hypot(*(a - b)[0, :2])
-    return bool(apart < COLLISION_DISTANCE or boxes_overlap(a, b)[0])
+def _in_contact(a: WorldState, b: WorldState) -> bool:
+    return any(len(pairs) for pairs in contact_pairs(a.join(b)))

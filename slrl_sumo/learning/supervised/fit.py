@@ -246,9 +246,10 @@ def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[Road
     """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
     before = train.vector[:, SPEED].astype(np.float64)
     after = before + train.acceleration * DECISION_INTERVAL
+    in_motion = _in_motion(train)
     for t in types:
         rows = train.type == t
-        moving = rows & (np.maximum(before, after) > STANDING)
+        moving = rows & in_motion
         rows = moving if moving.any() else rows
         # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
         turning = rows & (np.abs(train.yaw_rate) > TURNING)
@@ -269,10 +270,15 @@ def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[Road
         models.max_speed[t] = float(np.percentile(before[train.type == t], TOP_SPEED.get(modes, 99.0)))
 
 
+def _in_motion(train: Windows) -> NDArray[np.bool_]:
+    """Which windows are of road users that move, before or after the first interval, (N,)."""
+    before = train.vector[:, SPEED].astype(np.float64)
+    return np.asarray(np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING)
+
+
 def _hardest_braking(train: Windows) -> float:
     """m/s² with which the road users of one type brake in need, not positive."""
-    before = train.vector[:, SPEED].astype(np.float64)
-    moving = np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING
+    moving = _in_motion(train)
     return min(float(np.percentile(train.acceleration[moving], HARDEST)), 0.0) if moving.any() else 0.0
 
 

@@ -28,7 +28,6 @@ OBSERVED = {
 
 LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
 """Part of the windows that the models learn, where it is not all of them."""
-IN_NEED = " With the constraint `braking_residual` the mode that brakes hardest does so with the 0.2nd percentile."
 TOP_SPEED = {"paths": "99.9th"}
 """Percentile of the recorded speeds that is the top speed, where it is not the 99th (see fit.TOP_SPEED)."""
 ALONE = {"accelerations": " (others only the prior, not the displacement models)"}
@@ -64,14 +63,14 @@ def model_card(name: str, training: dict[str, Any]) -> str:
         for kind in names
     ]
     bounds = []
-    in_need = all("hardest_braking_mps2" in kinds[kind] for kind in names)
     for kind in names:
         brake, gas = kinds[kind]["acceleration_bounds_mps2"]
         right, left = kinds[kind]["yaw_rate_bounds_radps"]
-        hardest = f" | {kinds[kind]['hardest_braking_mps2']:.2f}" if in_need else ""
+        need = kinds[kind].get("hardest_braking_mps2")
+        hardest = "not measured" if need is None else f"{need:.2f}"
         curvature = f"{kinds[kind]['max_curvature_per_m']:.3f}"
         bounds.append(
-            f"| {kind} | {brake:.2f} to {gas:.2f}{hardest} | {right:.2f} to {left:.2f} | {curvature} "
+            f"| {kind} | {brake:.2f} to {gas:.2f} | {hardest} | {right:.2f} to {left:.2f} | {curvature} "
             f"| {kinds[kind]['max_speed_mps']:.1f} |"
         )
     ranges = []
@@ -137,11 +136,11 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "The output of the models is bounded by the recorded range: accelerations by the 1st and 99th percentile "
             "of moving road users, yaw rates by those of turning road users, the top speed by the "
             f"{TOP_SPEED.get(training['modes_by'], '99th')} percentile of all. The curvature of a path is bounded as "
-            f"well.{IN_NEED if in_need else ''}",
+            "well. With the constraint `braking_residual` the mode that brakes hardest does so with the "
+            "0.2nd percentile, where that was measured.",
             "",
-            f"| type | acceleration (m/s²) |{' hardest braking |' if in_need else ''} yaw rate (rad/s) "
-            "| curvature (1/m) | top speed (m/s) |",
-            f"|---|---|---|---|---|{'---|' if in_need else ''}",
+            "| type | acceleration (m/s²) | hardest braking | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
+            "|---|---|---|---|---|---|",
             *bounds,
             "",
             "Speeds and numbers of other road users within 20 m that they were learned from, 1st to 99th percentile; "

@@ -16,6 +16,7 @@ from slrl_sumo.learning.environments.trip_arena import TripArena, TripOutcome
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.netgen.families import generate
+from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from tests.builders import put_head_on
 
@@ -47,6 +48,14 @@ def by_rule(arena: TripArena) -> np.ndarray:
     return RuleSelector().choose(situation.observation, situation.rollouts, None, list(situation.masks.values()))[-1]
 
 
+def put(arena: TripArena, placed: WorldState) -> None:
+    """Move the learned road users to where they are `placed`."""
+    others = arena.simulation.world.take(np.arange(len(placed), len(arena.simulation.world)))
+    arena.simulation.population.world = placed
+    arena.simulation.world = placed.join(others)
+    arena._look()
+
+
 def test_a_road_user_keeps_its_slot_until_its_destination(arena: TripArena) -> None:
     slot_of: dict[str, int] = {}
     reached = 0
@@ -75,10 +84,7 @@ def test_a_contact_ends_the_episode_and_the_road_user_goes_on_from_there(arena: 
         arena.step(by_rule(arena))
     users = arena.simulation.population.world
     placed, a, _ = put_head_on(users)
-    others = arena.simulation.world.take(np.arange(len(users), len(arena.simulation.world)))
-    arena.simulation.population.world = placed
-    arena.simulation.world = placed.join(others)
-    arena._look()
+    put(arena, placed)
     outcome = arena.step(np.zeros(len(users), np.int64))
     assert outcome.terminated[a]
     assert outcome.terms["contact"][a] == -1
@@ -168,10 +174,7 @@ def test_one_that_stands_is_in_contact_without_fault(arena: TripArena) -> None:
     placed, a, b = put_head_on(users)
     placed.speed[b] = 0.0
     placed.x[b], placed.y[b] = (0.9 * values[b] + 0.1 * values[a] for values in (placed.x, placed.y))
-    others = arena.simulation.world.take(np.arange(len(users), len(arena.simulation.world)))
-    arena.simulation.population.world = placed
-    arena.simulation.world = placed.join(others)
-    arena._look()
+    put(arena, placed)
     assert arena.situation is not None
     assert arena.situation.rollouts is not None
     modes = arena.situation.rollouts.acceleration.argmax(axis=1)

@@ -1,10 +1,9 @@
 """Which road users moved into a contact."""
 
-import numpy as np
 import pytest
 
+from slrl_sumo.learning.environments.arena import touching
 from slrl_sumo.learning.rewards.fault import at_fault
-from slrl_sumo.scene.contacts import contact_pairs, ids_of
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from tests.builders import make_world
@@ -14,8 +13,8 @@ CAR, PEDESTRIAN = RoadUserType.CAR, RoadUserType.PEDESTRIAN
 
 def blamed(before: WorldState, after: WorldState) -> list[bool]:
     """Which of two road users are at fault; they must be in contact only `after`."""
-    assert not ids_of(np.concatenate(contact_pairs(before)), before)
-    pairs = ids_of(np.concatenate(contact_pairs(after)), after)
+    assert not touching(before)
+    pairs = touching(after)
     assert len(pairs) == 1
     found = at_fault(pairs, before, after)
     return [name in found for name in after.ids]
