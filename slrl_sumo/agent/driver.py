@@ -109,9 +109,13 @@ class ModelDriver:
 
     def scene(self, world: WorldState, n: int, road_map: RoadMap, rows: NDArray[np.intp] | None = None) -> Scene:
         """The scene of the first `n` road users of `world`, or `rows` of them, with their routes as they are now."""
-        route = None if self._routes is None else self._routes.ahead(world, n)
         past = None if self._past is None else self._past.of(world, n)
-        return Scene(world, np.arange(n) if rows is None else rows, road_map, route, past=past)
+        rows = np.arange(n) if rows is None else rows
+        if self._routes is None:
+            return Scene(world, rows, road_map, past=past)
+        expected = self._routes.at_kerb(world, n)
+        places = None if expected is world else (world.x, world.y)
+        return Scene(expected, rows, road_map, self._routes.ahead(expected, n), past=past, places=places)
 
     def consider(self, world: WorldState, n: int, road_map: RoadMap) -> Situation:
         """Look ahead of time at what the next `drive` decides from, if `world` is its world."""

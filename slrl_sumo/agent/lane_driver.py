@@ -20,6 +20,7 @@ from slrl_sumo.routing.routes import is_near_end
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
+from slrl_sumo.routing.waiting_persons import WaitingPersons
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
@@ -52,6 +53,7 @@ class LaneDriver:
         self._vehicles = VehicleTracker(api, network, self._graph)
         self._speed_limits = SpeedLimits(api, self._graph, self._vehicles, RightOfWay(api, self._graph))
         self._pedestrians = PedestrianTracker(api, network)
+        self._waiting = WaitingPersons(api, network)
 
     def drive(self, learned: WorldState, dt: float, others: WorldState | None = None) -> WorldState:
         """The state of n road users `dt` s later.
@@ -66,7 +68,7 @@ class LaneDriver:
         for i in np.flatnonzero(walking).tolist():
             with self.refusals.of(learned.ids[i]):
                 x[i], y[i], heading[i] = self._pedestrians.step(learned.ids[i], x[i], y[i], heading[i], dt)
-        world = learned if others is None else learned.join(others)
+        world = learned if others is None else self._waiting.at_kerb(learned.join(others), len(learned))
         tracks: dict[int, VehicleTrack] = {}
         for i in np.flatnonzero(~walking).tolist():
             with self.refusals.of(learned.ids[i]):

@@ -86,7 +86,7 @@ def run(
     where others are left. `without`: names of constraints to switch off (see agent.constraints).
     `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the
     scenario's end, or, where it has none, until its road users have left.
-    `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles brake for learned road users.
+    `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles and persons stop for learned ones.
     `threads`: over which the road users of a decision are distributed; the results are the same for any number.
     `sumo_outputs`: whether the scenario writes its own outputs. `sumo_options`: options for SUMO itself.
     `gui`: whether SUMO opens the window of sumo-gui.

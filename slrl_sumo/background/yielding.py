@@ -1,4 +1,5 @@
-"""Background vehicles brake for all learned road users on their paths, also for those that SUMO does not detect.
+"""Background vehicles brake for all learned road users on their paths, also for those that SUMO does not detect, and
+background persons stop before them.
 
 A vehicle in SUMO detects road users that SUMO has mapped to its lane. A road user that is moved from outside is often
 mapped elsewhere or not at all: partly on the lane, inside a junction, on a crossing, off its route. Before each SUMO
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.background.forecast import HORIZON, STANDING, forecast
 from slrl_sumo.background.lane_paths import SPACING, Paths
+from slrl_sumo.background.persons import YieldingPersons
 from slrl_sumo.background.safe_speed import STOP_SHORT, safe_speeds
 from slrl_sumo.background.swept_boxes import sweep
 from slrl_sumo.background.swept_conflicts import approaching, conflicts, speed_along
@@ -26,7 +28,7 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters, vehicle_route
-from slrl_sumo.sumo.speed_control import SpeedControl
+from slrl_sumo.sumo.speed_control import SpeedControl, WalkControl
 
 MARGIN = 0.3
 """m beside its box within which a vehicle slows down for standing road users ..."""
@@ -41,10 +43,10 @@ vehicles touch others that wait beside their lane. By then learned road users th
 
 
 class Yielding:
-    """Holds back the background vehicles of a simulation for learned road users.
+    """Holds back the background vehicles and persons of a simulation for learned road users.
 
-    `step_length`: SUMO's step in s. Call `apply` before each SUMO step. `interventions` counts how often the speed of a
-    vehicle began to be held; `refusals`: vehicles for which SUMO has refused a call.
+    `step_length`: SUMO's step in s. Call `apply` before each SUMO step. `interventions` counts how often one began to
+    be held; `refusals`: road users for which SUMO has refused a call.
     """
 
     def __init__(self, api: SumoApi, network: Network, step_length: float) -> None:
@@ -53,6 +55,7 @@ class Yielding:
         self._paths, self._levels = Paths(api, network), network.levels
         self._control = SpeedControl(api)
         self.refusals = self._control.refusals
+        self._persons, self._walks = YieldingPersons(step_length), WalkControl(api, self.refusals)
         self._types: dict[str, TypeParameters] = {}
         self._path_of: dict[str, tuple[str, str, int]] = {}
         self._stood: dict[str, float] = {}
@@ -63,17 +66,17 @@ class Yielding:
 
     @property
     def held(self) -> frozenset[str]:
-        """Ids of the vehicles that are held now."""
-        return self._control.held
+        """Ids of the road users that are held now."""
+        return self._control.held | self._walks.held
 
     def apply(self, snapshot: Snapshot, learned: WorldState, context: RouteContext | None = None) -> None:
-        """Hold or release the vehicles of `snapshot` (SUMO's last step), given the state of `learned` after the next.
+        """Hold or release the road users of `snapshot` (SUMO's last step), given the state of `learned` after the next.
 
         `context`: the routes of `learned` at the last decision, where they are known. Learned road users in the
         snapshot are left unchanged.
         """
         own = frozenset(learned.ids)
-        self._control.forget(own & (self.held | self._control.passing))
+        self._control.forget(own & (self._control.held | self._control.passing))
         rows = np.array(
             [
                 i
@@ -85,7 +88,7 @@ class Yielding:
         speeds: dict[str, tuple[float, bool]] = {}
         if len(rows) and len(learned):
             speeds = self._speeds(snapshot, rows, learned, context)
-        held = self.held
+        held = self._control.held
         self._control.release(held - speeds.keys())
         self._stood = {vehicle: self._stood.get(vehicle, 0.0) for vehicle in speeds}
         for row in rows[snapshot.speed[rows] < STANDING].tolist():
@@ -95,11 +98,16 @@ class Yielding:
         for vehicle, (speed, hard) in speeds.items():
             self._control.hold(vehicle, speed, hard)
         self._control.let_pass(self._passing(snapshot, rows, learned))
+        stopping, stopped = self._persons.stopping(snapshot, learned), self._walks.held
+        self._walks.release(stopped - stopping)
+        self._walks.hold(stopping - stopped)
+        self.interventions += len(stopping - stopped)
 
-    def release(self, vehicles: Collection[str] | None = None) -> None:
-        """Let SUMO choose the speeds of vehicles (None: of all held ones), with their former speed modes."""
-        self._control.release(self.held if vehicles is None else vehicles)
-        self._control.let_pass(() if vehicles is None else self._control.passing.difference(vehicles))
+    def release(self, road_users: Collection[str] | None = None) -> None:
+        """Let SUMO choose the speeds of road users (None: of all held ones), with their former speed modes."""
+        self._control.release(self._control.held if road_users is None else road_users)
+        self._control.let_pass(() if road_users is None else self._control.passing.difference(road_users))
+        self._walks.release(self._walks.held if road_users is None else road_users)
 
     def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
         """Of the vehicles `rows`, those that have stood for PATIENCE in a junction near one of `learned`.

@@ -72,7 +72,7 @@ def run(
         typer.Option(help="Trajectories, .npz, that the report compares with. [default: SUMO's own road users]"),
     ] = None,
     background_yields: Annotated[
-        bool, typer.Option("--yield/--no-yield", help="Whether background vehicles brake for learned road users.")
+        bool, typer.Option("--yield/--no-yield", help="Whether background traffic yields to learned road users.")
     ] = True,
     threads: Annotated[
         int, typer.Option(help="Threads of each decision, for many road users on free cores; results are the same.")

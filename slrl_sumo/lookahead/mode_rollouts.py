@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.braking import braking_residual
-from slrl_sumo.lookahead.collision import MARGIN, STANDING, Others, blame_of, collision_scores
+from slrl_sumo.lookahead.collision import MARGIN, STANDING, Blame, Others, blame_of, collision_scores
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
-from slrl_sumo.lookahead.mode_paths import HELD, mode_paths
+from slrl_sumo.lookahead.mode_paths import HELD, ModePaths, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
 from slrl_sumo.lookahead.precedence import precedence
 from slrl_sumo.lookahead.route_fit import RouteFit, route_fit
@@ -94,6 +94,9 @@ def mode_rollouts(
             speed[places], turn[places] = one.speed, one.turn
         return ModeRollouts(acceleration, yaw_rate, collision, outside, speed, turn)
     expected = _expected(scene.world, context)
+    if scene.places is not None:
+        x, y = scene.places
+        expected = expected._replace(on_foot=_expected(replace(scene.world, x=x, y=y), context))
 
     def judged(some: slice) -> ModeRollouts:
         motions = bundle.motions(observation.vector[some], observation.type[some])
@@ -120,8 +123,22 @@ def joined(parts: list[ModeRollouts]) -> ModeRollouts:
 class _Expected(NamedTuple):
     """What is expected of all road users of a world, whatever is judged."""
 
+    world: WorldState
     following: PathFollowing
     others: Others
+    on_foot: "_Expected | None" = None
+    """What pedestrians expect, where that is something else."""
+
+    def collisions(self, paths: ModePaths, blame: Blame, users: WorldState, scene: Scene) -> Floats:
+        """How soon each mode of the deciding road users of a scene collides, (n, modes)."""
+        rows, levels = scene.rows, scene.road_map.shapes.levels
+        if self.on_foot is None:
+            return collision_scores(paths, blame, self.others, self.world, rows, levels)
+        walks, scores = users.type == RoadUserType.PEDESTRIAN, np.empty(paths.x[:, 0].shape)
+        for some, expected in ((~walks, self), (walks, self.on_foot)):
+            of_some = ModePaths(*(values[some] for values in paths)), Blame(*(values[some] for values in blame))
+            scores[some] = collision_scores(*of_some, expected.others, expected.world, rows[some], levels)
+        return scores
 
 
 def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
@@ -136,7 +153,7 @@ def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
     going = forecast_boxes(world, following, margin)
     # Without routes there is no order, and none waits.
     yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
-    return _Expected(following, Others(going, yielding, precedence(context, following, len(world))))
+    return _Expected(world, following, Others(going, yielding, precedence(context, following, len(world))))
 
 
 def _with_persons_as_expected(world: WorldState) -> WorldState:
@@ -176,16 +193,15 @@ def _judged(
     route = None if context is None else context.route
     outside = off_surface(paths, users.type, scene.road_map, rows, route)
     fit, follows, routed = None, np.zeros(len(users), np.bool_), np.zeros(len(users), np.bool_)
-    following, others = expected
+    following = expected.following
     if context is not None and capability is not None:
         fit = route_fit(context, capability, users, rows, paths, yaw_rate)
         follows, routed = following.follows[rows], context.route.known[rows]
     blame = blame_of(users.type, follows, routed)
-    levels = scene.road_map.shapes.levels
-    direct = collision_scores(paths, blame, others, world, rows, levels) if off_route else None
+    direct = expected.collisions(paths, blame, users, scene) if off_route else None
     if context is not None:
         bring_to_paths(paths, following, rows)
-    collision = collision_scores(paths, blame, others, world, rows, levels)
+    collision = expected.collisions(paths, blame, users, scene)
     return ModeRollouts(
         acceleration=acceleration,
         yaw_rate=yaw_rate,

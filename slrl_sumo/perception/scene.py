@@ -33,6 +33,10 @@ class Scene:
     """Motion of the first len(past) road users of `world`, `rows` among them, in the last 2 s, (n, PAST, 2) (see
     slrl_sumo.perception.past_motion); None where the models do not read it."""
 
+    places: tuple[Floats, Floats] | None = None
+    """Where the m road users of `world` are, m, (m,) each, if not all are where vehicles expect them: persons that wait
+    at a kerb (see slrl_sumo.routing.waiting_persons). Pedestrians avoid them here."""
+
     def __len__(self) -> int:
         return len(self.rows)
 

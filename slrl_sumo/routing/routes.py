@@ -20,6 +20,7 @@ from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.speed_limits import SpeedLimits
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
+from slrl_sumo.routing.waiting_persons import WaitingPersons
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -52,6 +53,7 @@ class Routes:
         self._speed_limits = SpeedLimits(api, graph, self._vehicles, right_of_way)
         self._reservations = JunctionReservations(api, graph, self._vehicles.get, right_of_way)
         self._pedestrians = PedestrianTracker(api, network)
+        self._waiting = WaitingPersons(api, network)
         self._off_route: set[str] = set()
         self._near_end: set[str] = set()
 
@@ -70,6 +72,11 @@ class Routes:
                     self._add_vehicle(route, world, i, wishes)
         route.desired[:] = np.minimum(route.desired, cooperative_speeds(world, n, wishes, self._levels))
         return route
+
+    def at_kerb(self, world: WorldState, n: int) -> WorldState:
+        """`world` as vehicles expect it, with SUMO's persons that wait to cross a street at the kerb; the first `n`
+        road users are the learned ones."""
+        return self._waiting.at_kerb(world, n)
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
         """Which of n road users are so near their destination that SUMO should finish the trip, as of `ahead`, (n,)."""

@@ -47,7 +47,7 @@ def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
         order = np.argsort(world.x)
         x, reach_of_both = world.x[order], 0.5 * (reach[long] + reach.max()) + 0.01
         begin, end = (np.searchsorted(x, world.x[long] + side * reach_of_both) for side in (-1, 1))
-        extra = _listed(begin, end)
+        extra = listed_ranges(begin, end)
         extra = np.stack([long[extra[:, 0]], order[extra[:, 1]]], axis=1)
         extra = np.sort(extra[extra[:, 0] != extra[:, 1]], axis=1)
         pairs = np.unique(np.concatenate([pairs, extra]), axis=0)
@@ -81,15 +81,15 @@ def _near(x: Floats, y: Floats, distance: float) -> Pairs:
     place = strip * length + (x - x.min())
     order = np.argsort(place)
     place = place[order]
-    beside = _listed(np.arange(1, len(x) + 1), np.searchsorted(place, place + 1.01 * distance))
-    above = _listed(
+    beside = listed_ranges(np.arange(1, len(x) + 1), np.searchsorted(place, place + 1.01 * distance))
+    above = listed_ranges(
         np.searchsorted(place, place + length - 1.01 * distance),
         np.searchsorted(place, place + length + 1.01 * distance),
     )
     return np.asarray(order[np.concatenate([beside, above])])
 
 
-def _listed(begin: NDArray[np.intp], end: NDArray[np.intp]) -> Pairs:
+def listed_ranges(begin: NDArray[np.intp], end: NDArray[np.intp]) -> Pairs:
     """The integers of ranges, (p, 2): index of the range, and the integer."""
     count = np.maximum(end - begin, 0)
     which = np.repeat(np.arange(len(count)), count)

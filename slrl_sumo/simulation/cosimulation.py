@@ -19,7 +19,6 @@ from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speeds
 from slrl_sumo.simulation.takeover import Handover, Takeover
-from slrl_sumo.simulation.waiting_persons import WaitingPersons
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
@@ -89,7 +88,7 @@ class CoSimulation:
         )
         self.points = starting_points(simulation.network)
         self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
-        self._differences, self._waiting = Differences(), WaitingPersons(simulation.network)
+        self._differences = Differences()
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._taken_at_start: tuple[str, ...] = ()
@@ -264,10 +263,9 @@ class CoSimulation:
         self._assemble(present)
 
     def _assemble(self, users: WorldState) -> None:
-        """Set `world`: the learned road users first, then all other `users`, as the learned ones see them."""
+        """Set `world`: the learned road users first, then all other `users`."""
         others = np.array([i for i, user in enumerate(users.ids) if user not in self.population.ids], np.intp)
-        assert self._snapshot is not None
-        self.world = self.population.world.join(self._waiting.at_kerb(users.take(others), self._snapshot))
+        self.world = self.population.world.join(users.take(others))
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:

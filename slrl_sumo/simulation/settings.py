@@ -52,7 +52,7 @@ class LearnedSettings:
     seed: int = 1
     """Of the places, the draw of the takeover and the choices, 0 to 2147483647."""
     background_yields: bool = True
-    """Whether SUMO's vehicles brake for learned road users."""
+    """Whether SUMO's vehicles and persons stop for learned ones."""
     threads: int = 1
     """Over which the road users of a decision are distributed; the results are the same for any number."""
 

@@ -1,4 +1,4 @@
-"""Vehicles that SUMO drives, but not faster than set from outside, or past others that wait inside a junction."""
+"""Road users of SUMO that are held back from outside, and vehicles that pass others waiting inside a junction."""
 
 from collections.abc import Iterable
 
@@ -91,3 +91,38 @@ class SpeedControl:
         self._set[vehicle] = mode
         if vehicle not in self._hard and vehicle not in self._passing:
             self.forget((vehicle,))
+
+
+class WalkControl:
+    """Stops persons and lets them walk on at their own pace; `refusals`: persons for which SUMO has refused a call.
+
+    By their speed factor: unlike the speed of a walk, it can be read, and so be restored. A walk with a `speed` of its
+    own in the scenario does not heed it.
+    """
+
+    def __init__(self, api: SumoApi, refusals: Refusals) -> None:
+        self._api, self._refusals = api, refusals
+        self._factor: dict[str, float] = {}
+        """Speed factors before, of the persons that are held."""
+
+    @property
+    def held(self) -> frozenset[str]:
+        """Ids of the persons that are held."""
+        return frozenset(self._factor)
+
+    def hold(self, persons: Iterable[str]) -> None:
+        """Stop these persons from the next step on."""
+        for person in sorted(set(persons) - self._factor.keys()):
+            with self._refusals.of(person):
+                self._factor[person] = self._api.person.getSpeedFactor(person)
+                self._api.person.setSpeedFactor(person, 0.0)
+
+    def release(self, persons: Iterable[str]) -> None:
+        """Let those of `persons` that are held walk on."""
+        releasing = self._factor.keys() & set(persons)
+        present = frozenset(self._api.person.getIDList()) if releasing else frozenset()
+        for person in sorted(releasing):
+            factor = self._factor.pop(person)
+            if person in present:
+                with self._refusals.of(person):
+                    self._api.person.setSpeedFactor(person, factor)

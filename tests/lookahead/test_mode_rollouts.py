@@ -93,6 +93,26 @@ def test_a_standing_leader_is_hit_unless_the_mode_brakes_enough(shipped_bundle: 
     assert (after.collision[0, straight & (ahead.speed[0] < 9.0)] == 0).all()
 
 
+def test_pedestrians_meet_others_where_they_are_and_vehicles_where_they_expect_them(
+    shipped_bundle: ModelBundle,
+) -> None:
+    """The third road user waits beside the path of the first one, and is expected beside that of the second one."""
+    kinds = [RoadUserType.PEDESTRIAN, RoadUserType.CAR, RoadUserType.PEDESTRIAN]
+    world = make_world([0.0, 0.0, 6.0], [0.0, 40.0, 40.0], speed=[1.3, 5.0, 0.0], type=kinds)
+    scene = Scene(world, np.arange(2), ROAD)
+    told = replace(scene, places=(np.array([0.0, 0.0, 2.0]), np.array([0.0, 40.0, 0.0])))
+    seen = observe(scene, with_image=False)
+    for direct in (False, True):
+        before, after = (mode_rollouts(shipped_bundle, seen, one, off_route=direct) for one in (scene, told))
+        assert before.collision[0].max() == 0.0
+        assert after.collision[0].max() > 0.0
+        assert before.collision[1].max() > 0.0
+        np.testing.assert_array_equal(after.collision[1], before.collision[1])
+    assert before.collision_off_route is not None
+    assert after.collision_off_route is not None
+    np.testing.assert_array_equal(after.collision_off_route, after.collision)
+
+
 def test_turning_off_the_road_counts_and_straight_on_does_not(shipped_bundle: ModelBundle) -> None:
     world, rows = _cars([0.0], [0.0], [8.0]), np.array([0])
     ahead = _rolled_out(shipped_bundle, world, rows)

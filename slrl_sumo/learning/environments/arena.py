@@ -215,14 +215,14 @@ class Arena(OpenedSimulation):
 
     def step(self, modes: NDArray[np.int64]) -> Outcome:
         """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
-        before = self.situation
+        before, begin = self.situation, self.simulation.world
         self._modes.modes = modes
         decision = self.simulation.decide()
         n = len(modes)
         self._steps += 1
         in_contact = touching(self.simulation.world)
         hit = np.zeros(n, np.bool_)
-        blamed = at_fault(in_contact - self._touching, before.scene.world, self.simulation.world)
+        blamed = at_fault(in_contact - self._touching, begin, self.simulation.world)
         hit[[self._row[user] for user in blamed if user in self._row]] = True
         learned = self.simulation.population.world
         lost = decision.lost | (decision.wrapped_around & self._was_off)

@@ -112,7 +112,7 @@ class TripArena(OpenedSimulation):
 
     def step(self, modes: NDArray[np.int64]) -> TripOutcome:
         """One decision: `modes` (n,) in 0..modes-1 for the road users in `slots`, in that order."""
-        before, slots, n = self.situation, self.slots, len(self.slots)
+        before, begin, slots, n = self.situation, self.simulation.world, self.slots, len(self.slots)
         self._modes.modes = modes
         ids = self.simulation.population.world.ids
         near_end = self.driver.near_end(ids)
@@ -125,9 +125,9 @@ class TripArena(OpenedSimulation):
             self._look()
             return _nothing(self._wanted, world)
         # SUMO inserts persons without a look at who is there.
-        present = set(before.scene.world.ids)
+        present = set(begin.ids)
         contact = _among(ids, {user for pair in anew if present.issuperset(pair) for user in pair})
-        hit = _among(ids, at_fault(anew, before.scene.world, world))
+        hit = _among(ids, at_fault(anew, begin, world))
         lost = decision.lost | _among(ids, set(decision.returned_to_route))
         gone = ~_among(ids, self.simulation.population.ids)
         reached = gone & ~lost & (near_end | _among(ids, set(decision.arrived)))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from builders import make_crossroads
 
+from slrl_sumo.routing.waiting_persons import WaitingPersons
 from slrl_sumo.routing.walking_area import BACK, distance_to
 from slrl_sumo.simulation.background_state import background_world
-from slrl_sumo.simulation.waiting_persons import WaitingPersons
 from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -29,12 +29,12 @@ def scenario(tmp_path: Path) -> Path:
 def test_persons_that_wait_are_seen_behind_the_kerb(scenario: Path) -> None:
     with SumoSession(find_scenario(str(scenario))) as session:
         areas = {lane.edge: lane.shape for lane in session.network.lanes if is_walking_area(lane.id)}
-        persons, off, behind, elsewhere = WaitingPersons(session.network), [], [], []
+        persons, off, behind, elsewhere = WaitingPersons(session.api, session.network), [], [], []
         for _ in range(300):
             session.step()
             snapshot = session.reader.read()
             world = background_world(snapshot, session.time, frozenset())
-            seen = persons.at_kerb(world, snapshot)
+            seen = persons.at_kerb(world, 0)
             for row in range(len(world)):
                 places = np.array([[world.x[row], world.y[row]], [seen.x[row], seen.y[row]]])
                 if (area := areas.get(snapshot.lane[row])) is not None and snapshot.speed[row] < 0.1:

@@ -1,0 +1,61 @@
+"""Where vehicles expect SUMO's persons that wait to cross a street: real ones wait at the kerb.
+
+SUMO leads persons across a walking area to their stripe of the crossing, which ends beyond the kerb where the corner is
+round: in a network of netgenerate they wait up to 1.6 m out on the carriageway, on the way of those that turn right.
+SUMO's vehicles do not see them there, and drive through. A learned one would wait for them, and they for it. Learned
+pedestrians avoid them where they are.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from slrl_sumo.routing.walking_area import back_from
+from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.network import Network, is_walking_area
+from slrl_sumo.sumo.refusals import Refusals
+
+STANDING = 0.1
+"""m/s: slower is waiting."""
+
+_Place = tuple[float, float]
+
+
+class WaitingPersons:
+    """Persons that wait on the walking areas of a network."""
+
+    def __init__(self, api: SumoApi, network: Network) -> None:
+        self._api = api
+        # SUMO names the edge of a person.
+        self._areas = {lane.edge: lane.shape for lane in network.lanes if is_walking_area(lane.id)}
+        self._known: dict[str, tuple[_Place, _Place | None]] = {}
+        """Where persons have waited since the last call, and their place at the kerb."""
+
+    def at_kerb(self, world: WorldState, n: int) -> WorldState:
+        """`world` with the persons behind its first `n` road users that SUMO has waiting beside their walking area, or
+        at its edge, on it; itself without such persons."""
+        waiting = n + np.flatnonzero((world.type[n:] == RoadUserType.PEDESTRIAN) & (world.speed[n:] < STANDING))
+        known, self._known = self._known, {}
+        moved: dict[int, _Place] = {}
+        for row in waiting.tolist():
+            name, here = world.ids[row], (world.x.item(row), world.y.item(row))
+            there, place = known.get(name, (None, None))
+            if there != here:
+                place = self._place(name, *here)
+            self._known[name] = here, place
+            if place is not None:
+                moved[row] = place
+        if not moved:
+            return world
+        x, y, rows = world.x.copy(), world.y.copy(), list(moved)
+        x[rows], y[rows] = np.array(list(moved.values())).T
+        return replace(world, x=x, y=y)
+
+    def _place(self, person: str, x: float, y: float) -> _Place | None:
+        area = None
+        # Refused where a script has removed the person since the last step.
+        with Refusals().of(person):
+            area = self._areas.get(self._api.person.getRoadID(person))
+        return None if area is None else back_from(area, x, y)
