@@ -62,8 +62,10 @@ def cost_on_route(rollouts: ModeRollouts, weights: CostWeights, kind: NDArray[np
     cost += np.where(walking, 0.4, 1.0) * weights.off_surface * rollouts.off_surface
     turned = weights.heading_error * fit.heading_error**2 * moving
     # Of a pedestrian no more than the velocity differs from that along the path, so that it walks around what is in its
-    # way: with the square it stood still before it, and crowds at corners jammed.
-    turned = np.where(walking, np.minimum(turned, weights.speed * fit.heading_error), turned)
+    # way: with the square it stood still before it, and crowds at corners jammed. Nothing where it stops: one that
+    # cannot turn at its pace stops to turn, as it must with the straight modes of `shared-space` at a sharp corner.
+    most = weights.speed * fit.heading_error * np.clip(1.0 + fit.speed_error, 0.0, 1.0)
+    turned = np.where(walking, np.minimum(turned, most), turned)
     cost += turned + weights.speed * np.abs(fit.speed_error)
     # What the leader's braking gives is not shortened: at 33 m/s that would make 1.1 s of headway 1.9 s.
     behind = fit.follow_ratio - (1.0 - EASY) * fit.leader_ratio

@@ -30,8 +30,8 @@ PAST_STANDING = 0.3
 """m by which they may come closer to one that stands, as SUMO's vehicles do whose lanes pass each other with less than
 their width."""
 WAITING = 0.5
-"""What a collision counts for a pedestrian that stands by then. With 1, two that came towards each other had no better
-mode than to walk on where none avoids the other, although it was enough that both stop."""
+"""What a collision with one that moves counts for a pedestrian that stands by then. With 1, two that came towards each
+other had no better mode than to walk on where none avoids the other, although it was enough that both stop."""
 SLACK = 1e-6
 """m by which circles are larger than the boxes in them."""
 
@@ -53,7 +53,7 @@ class Blame(NamedTuple):
     in_front: NDArray[np.bool_]
     """Only for a collision with what is in front: not where the other one comes from behind, or is beside the rear."""
     standing: Floats
-    """What a collision counts for one that stands by then, from 0 to 1."""
+    """What a collision counts for one that stands by then, from 0 to 1, if the other one does not stand."""
     touch: Floats
     """m of clearance, less the margins, to which one that is not so near yet may come to one that stands; inf: any."""
 
@@ -90,7 +90,7 @@ def collision_scores(
         others.boxes,
         others.yielding,
         others.order,
-        _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading)),
+        _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading), world.speed < STANDING),
         np.argsort(world.x),
         levels,
     )
@@ -104,6 +104,7 @@ class _Now(NamedTuple):
     cos: Floats
     """Of the heading."""
     sin: Floats
+    stands: NDArray[np.bool_]
 
 
 @compiled
@@ -218,7 +219,7 @@ def _collision_scores(
                             levels, x[i, step, mode], y[i, step, mode], c, s, there_x, there_y, there_c, there_s
                         )
                     ):
-                        first[mode], counts[mode] = step, blame.standing[i] if stood else 1.0
+                        first[mode], counts[mode] = step, blame.standing[i] if stood and not now.stands[other] else 1.0
         if candidates:
             for mode in range(modes):
                 scores[i, mode] = counts[mode] * (1.0 - first[mode] / steps)

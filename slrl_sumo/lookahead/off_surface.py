@@ -36,12 +36,14 @@ def off_surface(
     surface = road_map.surface_at(*_places(paths.x, paths.y, checked))
     outside = _outside(surface, checked, ground, paths.x.shape[2])
     if route is not None:
-        # Paths lead off the ground where the network ends: a road user that follows its path there is right.
+        # Paths lead off the ground where the network ends, and over ground that is not the own: a road user that
+        # follows its path there is right. A path over the carriageway leads off no ground.
         place, user, x, y = _on_route(
             outside, checked, paths.distance, route.known, rows, route.x, route.y, route.spacing
         )
         if len(place):
-            outside[place] = OWN[ground[user], road_map.surface_at(x, y)]
+            path = road_map.surface_at(x, y)
+            outside[place] = OWN[ground[user], path] | ((surface[place] == Surface.NONE) & (path != Surface.NONE))
     return _share(outside, checked, paths.x.shape[2])
 
 

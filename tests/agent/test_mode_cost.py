@@ -121,6 +121,20 @@ def test_a_pedestrian_rather_walks_around_than_stands() -> None:
     assert _on_route(weights, STEER, 0.3, kind=BICYCLE, speed=1.3) > stands
 
 
+def test_a_pedestrian_that_cannot_turn_at_its_pace_stops_to_turn() -> None:
+    """The first mode walks on beside its path, the second one brakes to a stop with the same heading."""
+    ahead = np.zeros((1, 2, 10))
+    ahead[0, :, STEER] = 1.3, 0.85
+    ahead[0, 1, PACE] = -1.0
+    kind, speed = np.array([PEDESTRIAN], np.int8), np.array([1.3])
+    walks_on, stops = cost_on_route(_rollouts(ahead), CostWeights(), kind, speed)[0]
+    assert stops < walks_on
+    # A small turn is walked.
+    ahead[0, :, STEER] = 0.5, 0.3
+    walks_on, stops = cost_on_route(_rollouts(ahead), CostWeights(), kind, speed)[0]
+    assert walks_on < stops
+
+
 def test_each_road_user_is_judged_alone() -> None:
     random = np.random.default_rng(1)
     ahead, kind, speed = random.random((6, 4, 10)), np.array([0, 1, 2, 0, 1, 2], np.int8), random.random(6) * 4

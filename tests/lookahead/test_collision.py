@@ -192,6 +192,8 @@ def test_a_pedestrian_that_stands_is_walked_into_with_half_the_blame() -> None:
     assert walks == 1.0
     # It is there after two intervals instead of one.
     assert stands == WAITING * (1.0 - 1 / STEPS)
+    # Not where the other one stands: it has walked into that one, at less than STANDING in the end.
+    assert _towards(0.0, [0.15], 0.8, 0.0).item() == 1.0 - 3 / STEPS
 
 
 @pytest.mark.parametrize(

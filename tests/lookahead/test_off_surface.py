@@ -35,7 +35,9 @@ def test_places_off_the_own_surface_are_counted() -> None:
                 off = ~own[GROUND.surface_at(free.x[i, :, mode], free.y[i, :, mode])]
                 if known[row]:
                     point = np.minimum(HERE + np.rint(free.distance[i, :, mode] / SPACING).astype(np.intp), POINTS - 1)
-                    right = ~own[GROUND.surface_at(route.x[row, point], route.y[row, point])]
+                    path = GROUND.surface_at(route.x[row, point], route.y[row, point])
+                    on_some = GROUND.surface_at(free.x[i, :, mode], free.y[i, :, mode]) != Surface.NONE
+                    right = ~own[path] & (on_some | (path == Surface.NONE))
                     excused += int((off & right)[:NEAR].sum())
                     off = (off & ~right)[:NEAR]
                 assert found[i, mode] == off.mean()
@@ -70,4 +72,13 @@ def test_a_crossing_belongs_to_pedestrians_whose_path_leads_over_it() -> None:
     free = mode_paths(world, still, still, np.full(2, 2.0), on_route=True)
     # That of the second one leads along the sidewalk.
     route = make_routes(np.array([[15.0], [45.0]]), np.array([[40.0], [20.0]]))
+    assert off_surface(free, world.type, GROUND, np.arange(2), route).tolist() == [[0.0], [1.0]]
+
+
+def test_a_path_over_the_carriageway_leads_off_no_ground() -> None:
+    """The first pedestrian walks on the carriageway beside its path, the second one at the rim of the world."""
+    world = make_world([10.0, -2.0], 10.0, speed=1.0, type=RoadUserType.PEDESTRIAN)
+    still = np.zeros((2, 1))
+    free = mode_paths(world, still, still, np.full(2, 2.0), on_route=True)
+    route = make_routes(5.0, np.array([[12.0], [12.0]]))
     assert off_surface(free, world.type, GROUND, np.arange(2), route).tolist() == [[0.0], [1.0]]

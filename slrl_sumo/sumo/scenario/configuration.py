@@ -44,11 +44,14 @@ def shipped_scenarios() -> list[str]:
 def find_scenario(text: str) -> Scenario:
     """The scenario that `text` names: a shipped name, a folder with one .sumocfg, or a .sumocfg file.
 
+    A folder without any does not hide the shipped scenario of its name: outputs lie in such folders.
     Raises InputError when there is none or the file is not a SUMO configuration.
     """
     path = Path(text)
     if path.is_dir():
         configs = sorted(path.glob("*.sumocfg"))
+        if not configs and text in shipped_scenarios():
+            return _shipped(text)
         if len(configs) != 1:
             found = "no .sumocfg" if not configs else f"{len(configs)} .sumocfg files"
             raise InputError(f"{path}: {found} in this folder; give the path of the .sumocfg to run")
@@ -56,13 +59,17 @@ def find_scenario(text: str) -> Scenario:
     if path.is_file():
         return read_scenario(path)
     if text in shipped_scenarios():
-        folder = Path(str(files("slrl_sumo.scenarios"))) / text
-        return read_scenario(next(folder.glob("*.sumocfg")), name=text)
+        return _shipped(text)
     near = difflib.get_close_matches(text, shipped_scenarios(), n=1)
     raise InputError(
         f"{text}: no such file, folder or shipped scenario; {f'is it {near[0]}? ' if near else ''}"
         f"give a .sumocfg, or one of: {', '.join(shipped_scenarios())}"
     )
+
+
+def _shipped(name: str) -> Scenario:
+    folder = Path(str(files("slrl_sumo.scenarios"))) / name
+    return read_scenario(next(folder.glob("*.sumocfg")), name=name)
 
 
 def read_scenario(config: Path, name: str | None = None) -> Scenario:

@@ -38,8 +38,10 @@ def test_a_config_of_another_name_is_found_by_its_path(tmp_path: Path) -> None:
 
 def test_a_folder_wins_over_a_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "intersection").mkdir()
-    mine = write(tmp_path / "intersection", "", "mine.sumocfg")
     monkeypatch.chdir(tmp_path)
+    # Without a scenario in it, as a folder of outputs, it does not.
+    assert find_scenario("intersection").options["net-file"] == "intersection.net.xml"
+    mine = write(tmp_path / "intersection", "", "mine.sumocfg")
     assert find_scenario("intersection").config.resolve() == mine.resolve()
 
 
