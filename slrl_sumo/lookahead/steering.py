@@ -1,7 +1,8 @@
-"""Constraint `steering_residual`: inside a mode, vehicles correct their steering towards their path, within bounds.
+"""Constraint `steering_residual`: inside a mode, road users correct their direction towards their path, within bounds.
 
 The regressed mean of a mode steers by one amount at a speed; with 20 modes, neighbouring ones are some 0.1 rad/s apart
-at 13 m/s. A lane is kept with finer steering than that.
+at 13 m/s. A lane is kept with finer steering than that. Where pedestrians were recorded on a straight street, no mode
+turns them around a corner.
 """
 
 import math
@@ -35,6 +36,11 @@ would turn so sharply that the paths through junctions needed a crawl."""
 TIGHTER = 0.2
 """Share by which steering may exceed the curvature of a tight turn, to return to the path in it."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
+FREE = 0.5
+"""rad from the direction back to the path within which the modes of pedestrians are not corrected, so that these may
+walk around others."""
+SHARP = 0.4
+"""rad/s: pedestrians with a mode that turns as sharply, to either side, are not corrected."""
 
 
 def steering_residual(
@@ -45,7 +51,7 @@ def steering_residual(
     yaw_rate: Floats,
     max_curvature: Floats,
 ) -> Floats:
-    """What each mode's yaw rate is corrected by, rad/s, (n, modes): zeros for pedestrians, and without a route.
+    """What each mode's yaw rate is corrected by, rad/s, (n, modes): zeros without a route.
 
     `rows`: the n road users among those of `context`; `users`: their states; `paths`: of their modes with `yaw_rate`,
     rad/s, (n, modes); `max_curvature`: 1/m per type, (3,), which the corrected modes do not exceed either.
@@ -53,10 +59,12 @@ def steering_residual(
     route, then = context.route, CORRECTED - 1
     x, y = np.ascontiguousarray(paths.x[:, then]), np.ascontiguousarray(paths.y[:, then])
     _, offset, direction = on_path(route, x, y, rows)
-    follows = route.known[rows] & (users.type != PEDESTRIAN)
+    walks = users.type == PEDESTRIAN
     speed = np.ascontiguousarray(paths.speed[:, then])
     most = np.maximum(max_curvature[users.type], (1.0 + TIGHTER) * route.tight[rows])
-    return _residual(follows, users.heading, yaw_rate, offset, direction, speed, most, route.tight[rows])
+    return _residual(
+        route.known[rows], walks, users.heading, yaw_rate, offset, direction, speed, most, route.tight[rows]
+    )
 
 
 def with_steering(capability: Capability, bundle: ModelBundle) -> Capability:
@@ -73,6 +81,7 @@ def with_steering(capability: Capability, bundle: ModelBundle) -> Capability:
 @compiled
 def _residual(
     follows: NDArray[np.bool_],
+    walks: NDArray[np.bool_],
     heading: Floats,
     yaw_rate: Floats,
     offset: Floats,
@@ -88,12 +97,20 @@ def _residual(
     for i in range(n):
         if not follows[i]:
             continue
+        if walks[i]:
+            left = right = 0.0
+            for mode in range(modes):
+                left, right = max(left, yaw_rate[i, mode]), max(right, -yaw_rate[i, mode])
+            if min(left, right) >= SHARP:
+                continue
         for mode in range(modes):
             now = speed[i, mode]
             off = wrapped(heading[i] + time * yaw_rate[i, mode] - direction[i, mode] + aim(offset[i, mode], now))
-            bound = min(MOST, LATERAL / max(now, 1.0)) + tight[i] * now
+            if walks[i]:
+                off -= min(max(off, -FREE), FREE)
+            bound = np.inf if walks[i] else min(MOST, LATERAL / max(now, 1.0)) + tight[i] * now
             corrected = yaw_rate[i, mode] + min(max(-off / time, -bound), bound)
-            # Vehicles turn by the metre: not at all while they stand.
+            # All turn by the metre: not at all while they stand.
             most = curvature[i] * now
             residual[i, mode] = min(max(corrected, -most), most) - yaw_rate[i, mode]
             if math.fabs(yaw_rate[i, mode]) > most:

@@ -7,7 +7,7 @@ import pytest
 from builders import make_world, straight_routes
 
 from slrl_sumo.lookahead.mode_paths import mode_paths
-from slrl_sumo.lookahead.steering import LATERAL, MOST, SHARE, TIGHTER, TURNING, steering_residual, with_steering
+from slrl_sumo.lookahead.steering import LATERAL, MOST, SHARE, SHARP, TIGHTER, TURNING, steering_residual, with_steering
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.perception.route_context import route_context
@@ -42,14 +42,28 @@ def test_modes_are_corrected_towards_the_path_within_bounds() -> None:
     assert on[2] < YAW[0, 2]
 
 
-def test_at_a_stand_without_a_route_and_for_pedestrians_nothing_changes() -> None:
+def test_pedestrians_whose_modes_do_not_turn_turn_towards_their_path() -> None:
+    def turning(heading: float, yaw: float) -> Floats:
+        user = make_world([0.0], [0.0], heading=[heading], speed=[1.3], type=[RoadUserType.PEDESTRIAN])
+        context, modes = route_context(straight_routes((0.0, 0.0, 0.0)), user), np.array([[-yaw, 0.0, yaw]])
+        paths = mode_paths(user, np.zeros((1, 3)), modes, np.full(1, 2.0), on_route=True)
+        residual = steering_residual(context, user, np.array([0]), paths, modes, CURVATURE)
+        return np.asarray(modes + residual)[0]
+
+    # By the metre, as recorded.
+    assert turning(1.5, 0.1) == pytest.approx(np.full(3, -0.2 * 1.3))
+    # Beside the path they may walk around others.
+    assert turning(0.3, 0.1).tolist() == [-0.1, 0.0, 0.1]
+    # Where a mode turns, it is chosen.
+    assert turning(1.5, SHARP).tolist() == [-SHARP, 0.0, SHARP]
+
+
+def test_at_a_stand_and_without_a_route_nothing_changes() -> None:
     standing = make_world([0.0], [0.4], speed=[0.0])
     context = route_context(straight_routes((0.0, 0.0, 0.0)), standing)
     paths = mode_paths(standing, np.zeros((1, 3)), np.zeros((1, 3)), np.full(1, 20.0), on_route=True)
     assert not steering_residual(context, standing, np.array([0]), paths, np.zeros((1, 3)), CURVATURE).any()
     assert corrected(make_world([0.0], [0.4], speed=[5.0]), known=False).tolist() == YAW[0].tolist()
-    walks = make_world([0.0], [0.4], speed=[1.3], type=[RoadUserType.PEDESTRIAN])
-    assert corrected(walks).tolist() == YAW[0].tolist()
 
 
 def test_in_a_tight_turn_vehicles_steer_as_sharply_as_the_turn_is() -> None:

@@ -8,10 +8,11 @@ import libsumo
 import numpy as np
 import pytest
 
+from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.netgen.scenario import write_scenario
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.routing.polyline import line_through
-from slrl_sumo.routing.walk_graph import ASIDE, CLEARANCE, WalkGraph
+from slrl_sumo.routing.walk_graph import ASIDE, CLEARANCE, OFF_VEHICLES, WalkGraph
 from slrl_sumo.studies.flow.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -54,6 +55,18 @@ def test_persons_walk_beside_each_other_where_there_is_room(tmp_path: Path, side
         lane, _ = line_through(graph._lane_of["mw"].points)
         place = middle.line.at(middle.crossings[0].s - 20.0)[:2]
         assert lane.nearest(*place)[1] == pytest.approx(ASIDE, abs=0.01)
+
+
+def test_persons_keep_off_the_middle_of_lanes_of_vehicles() -> None:
+    with SumoSession(find_scenario("shared-space")) as session:
+        graph = WalkGraph(libsumo, session.network)
+        lane = next(one for one in graph._lane_of.values() if one.surface == Surface.ROAD)
+        middle, _ = line_through(lane.points)
+        x, y, _ = middle.at(0.5 * middle.end)
+        for side, aside in ((0.0, OFF_VEHICLES), (-1.0, 0.5 * lane.width - CLEARANCE)):
+            path = graph.path((lane.edge,), lane.length, side, x, y)
+            assert path is not None
+            assert -middle.nearest(*path.line.at(0.5 * path.line.end)[:2])[1] == pytest.approx(aside, abs=0.01)
 
 
 def test_no_path_returns_over_a_crossing() -> None:
