@@ -180,8 +180,7 @@ def _collision_scores(
                 Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1]),
             )
             contact = least < 0.0
-            stands = their_x[other, steps - 1] == now_x[other] and their_y[other, steps - 1] == now_y[other]
-            deepest = least - (PAST_STANDING if stands else DEEPER)
+            deepest = least - (PAST_STANDING if now.stands[other] else DEEPER)
             if least > blame.touch[i]:
                 deepest = max(deepest, blame.touch[i])
             for step in range(steps):

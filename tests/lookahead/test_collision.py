@@ -207,3 +207,17 @@ def test_a_pedestrian_that_stands_is_walked_into_with_half_the_blame() -> None:
 )
 def test_a_pedestrian_does_not_walk_into_contact_with_one_that_stands(other: float, step: float, passes: bool) -> None:
     assert (_towards(0.0, [step / DECISION_INTERVAL], other, 0.0)[0, 0] == 0.0) == passes
+
+
+def test_in_contact_a_vehicle_goes_by_one_that_stands_beside_its_path() -> None:
+    """The other one is expected a little aside, on its path, but stands."""
+    world = make_world([0.0, 4.9], 0.0, speed=[0.5, 0.0])
+    one, zero = np.ones((2, STEPS)), np.zeros((2, STEPS))
+    theirs = Boxes(one * [[0.0], [4.9]], one * [[0.0], [0.01]], one, zero, sizes(world, np.zeros(2)))
+    columns = (np.full((STEPS, 1), 0.2), 0.0, 1.0, 0.0, 0.5, 0.2)
+    mine = ModePaths(*(np.broadcast_to(column, (1, STEPS, 1)).astype(np.float64) for column in columns))
+    yes, row = np.ones(1, np.bool_), np.zeros(1, int)
+    blame = blame_of(world.type[:1], yes, yes)
+    assert collision_scores(mine, blame, expected(theirs, world), world, row).item() == 0.0
+    drives = replace(world, speed=np.array([0.5, 1.0]))
+    assert collision_scores(mine, blame, expected(theirs, drives), drives, row).item() == 1.0
