@@ -16,6 +16,7 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.refusals import Refusals
+from slrl_sumo.sumo.road_users import person_edge
 
 STANDING = 0.1
 """m/s: slower is waiting."""
@@ -57,5 +58,5 @@ class WaitingPersons:
         area = None
         # Refused where a script has removed the person since the last step.
         with Refusals().of(person):
-            area = self._areas.get(self._api.person.getRoadID(person))
+            area = self._areas.get(person_edge(self._api, person))
         return None if area is None else back_from(area, x, y)

@@ -157,6 +157,11 @@ def leader_of(api: SumoApi, vehicle: str, distance: float) -> tuple[str, float] 
     return leader if leader and leader[0] else None
 
 
+def person_edge(api: SumoApi, person: str) -> str:
+    """The edge, walking area or crossing under a person; '' where SUMO has it on none."""
+    return api.person.getRoadID(person)
+
+
 def walk_of(api: SumoApi, person: str) -> tuple[tuple[str, ...], float]:
     """The remaining edges of a person's walk, the present one first, and m along the last one where the walk ends."""
     return tuple(api.person.getEdges(person, 0)), api.person.getStage(person, 0).arrivalPos
