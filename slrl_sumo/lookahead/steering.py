@@ -80,7 +80,7 @@ def with_steering(capability: Capability, bundle: ModelBundle) -> Capability:
 
 @compiled
 def _residual(
-    follows: NDArray[np.bool_],
+    known: NDArray[np.bool_],
     walks: NDArray[np.bool_],
     heading: Floats,
     yaw_rate: Floats,
@@ -95,7 +95,7 @@ def _residual(
     time = CORRECTED * DECISION_INTERVAL
     residual = np.zeros((n, modes))
     for i in range(n):
-        if not follows[i]:
+        if not known[i]:
             continue
         if walks[i]:
             left = right = 0.0

@@ -51,6 +51,17 @@ def _nearest(places: list[tuple[float, float]], learned: WorldState) -> float:
     return min(math.dist(place, (learned.x.item(0), learned.y.item(0))) for place in places)
 
 
+def _held(session: SumoSession) -> tuple[Yielding, WorldState]:
+    """What holds the person, and the learned pedestrian before which it is held."""
+    learned = _ahead(session, 1.0, type=RoadUserType.PEDESTRIAN)
+    yielding = Yielding(session.api, session.network, STEP)
+    for _ in range(3):
+        yielding.apply(session.reader.read(), learned)
+        session.step()
+    assert yielding.held == {PERSON}
+    return yielding, learned
+
+
 def test_a_person_stops_before_one_that_stands_and_walks_on_after_a_while(session: SumoSession) -> None:
     factor = session.api.person.getSpeedFactor(PERSON)
     learned = _ahead(session, 4.0, type=RoadUserType.PEDESTRIAN)
@@ -101,12 +112,7 @@ def test_a_person_stops_before_a_car_that_moves(session: SumoSession) -> None:
 
 def test_release_lets_it_walk_on(session: SumoSession) -> None:
     factor = session.api.person.getSpeedFactor(PERSON)
-    learned = _ahead(session, 1.0, type=RoadUserType.PEDESTRIAN)
-    yielding = Yielding(session.api, session.network, STEP)
-    for _ in range(3):
-        yielding.apply(session.reader.read(), learned)
-        session.step()
-    assert yielding.held == {PERSON}
+    yielding, learned = _held(session)
     assert session.api.person.getSpeedFactor(PERSON) == 0.0
     yielding.release((PERSON,))
     assert yielding.held == frozenset()
@@ -117,12 +123,7 @@ def test_release_lets_it_walk_on(session: SumoSession) -> None:
 
 
 def test_a_held_person_that_has_gone_is_forgotten(session: SumoSession) -> None:
-    learned = _ahead(session, 1.0, type=RoadUserType.PEDESTRIAN)
-    yielding = Yielding(session.api, session.network, STEP)
-    for _ in range(3):
-        yielding.apply(session.reader.read(), learned)
-        session.step()
-    assert yielding.held == {PERSON}
+    yielding, learned = _held(session)
     session.api.person.remove(PERSON)
     session.step()
     yielding.apply(session.reader.read(), learned)
