@@ -93,6 +93,11 @@ class SpeedControl:
             self.forget((vehicle,))
 
 
+HELD = 0.001
+"""Speed factor of persons that are held. With 0, SUMO 1.28 moves one that stands on a walking area over the whole next
+edge in one step, as far as 115 m."""
+
+
 class WalkControl:
     """Stops persons and lets them walk on at their own pace; `refusals`: persons for which SUMO has refused a call.
 
@@ -115,7 +120,7 @@ class WalkControl:
         for person in sorted(set(persons) - self._factor.keys()):
             with self._refusals.of(person):
                 self._factor[person] = self._api.person.getSpeedFactor(person)
-                self._api.person.setSpeedFactor(person, 0.0)
+                self._api.person.setSpeedFactor(person, HELD)
 
     def release(self, persons: Iterable[str]) -> None:
         """Let those of `persons` that are held walk on."""
