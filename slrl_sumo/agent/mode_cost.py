@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.off_surface import JUST_OFF
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 
@@ -23,6 +24,7 @@ class CostWeights:
     collision: float = 50.0
     """Of a collision, the higher the sooner it comes."""
     off_surface: float = 10.0
+    """Of being off the own surface; with a route of being just off it, by 1 m four times as much."""
     speed: float = 8.0
     """Of the difference to the desired speed, relative to it."""
     lane: float = 2.0
@@ -59,7 +61,7 @@ def cost_on_route(rollouts: ModeRollouts, weights: CostWeights, kind: NDArray[np
     walking = (kind == RoadUserType.PEDESTRIAN)[:, None]
     moving = np.where(walking, 0.33, np.clip(speed[:, None] / TURNING, LEAST, 1.0))
     cost = weights.collision * rollouts.collision
-    cost += np.where(walking, 0.4, 1.0) * weights.off_surface * rollouts.off_surface
+    cost += weights.off_surface / JUST_OFF * rollouts.off_surface
     turned = weights.heading_error * fit.heading_error**2 * moving
     # Of a pedestrian no more than the velocity differs from that along the path, so that it walks around what is in its
     # way: with the square it stood still before it, and crowds at corners jammed. Nothing where it stops: one that

@@ -65,7 +65,7 @@ def _text(stage: str, figures: Figures) -> str:
             return f"{text}  completed {figures['episode/completed']:.0%}"
         contacts, off = (-1000.0 * figures.get(f"reward/{name}", 0.0) for name in ("contact", "off_surface"))
         reached = f"{figures['trips/reached']:.0%} reached  {figures['trips/clean']:.1%} of them clean"
-        return f"{text}  {reached}  contacts {contacts:.2f}  off surface {off:.1f} per 1,000 steps"
+        return f"{text}  {reached}  contacts {contacts:.2f}  off-surface penalty {off:.1f} per 1,000 steps"
     if stage == "imitation":
         right, by_prior = figures["imitation/accuracy"], figures["imitation/prior_accuracy"]
         return f"{right:.0%} of modes predicted, {by_prior:.0%} by the prior"

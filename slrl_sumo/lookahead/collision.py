@@ -27,8 +27,10 @@ STANDING = 0.2
 DEEPER = 0.05
 """m by which road users in contact may come closer."""
 PAST_STANDING = 0.3
-"""m by which they may come closer to one that stands, as SUMO's vehicles do whose lanes pass each other with less than
-their width."""
+"""m by which vehicles may come closer to one that stands, as SUMO's do whose lanes pass each other with less than their
+width."""
+TOUCH = -0.5 * float(MARGIN[RoadUserType.PEDESTRIAN])
+"""m of clearance, less the margins, to which pedestrians that are not so near yet may come to one that stands."""
 WAITING = 0.5
 """What a collision with one that moves counts for a pedestrian that stands by then. With 1, two that came towards each
 other had no better mode than to walk on where none avoids the other, although it was enough that both stop."""
@@ -54,8 +56,9 @@ class Blame(NamedTuple):
     """Only for a collision with what is in front: not where the other one comes from behind, or is beside the rear."""
     standing: Floats
     """What a collision counts for one that stands by then, from 0 to 1, if the other one does not stand."""
-    touch: Floats
-    """m of clearance, less the margins, to which one that is not so near yet may come to one that stands; inf: any."""
+    walks: NDArray[np.bool_]
+    """Pedestrians with a route, which may come no nearer to one that stands than TOUCH, nor to where a person is now,
+    which may stop."""
 
 
 def blame_of(kind: NDArray[np.int8], follows: NDArray[np.bool_], routed: NDArray[np.bool_]) -> Blame:
@@ -66,8 +69,7 @@ def blame_of(kind: NDArray[np.int8], follows: NDArray[np.bool_], routed: NDArray
     into contact with it.
     """
     walks = routed & (kind == RoadUserType.PEDESTRIAN)
-    standing = np.where(follows, 0.0, np.where(walks, WAITING, 1.0))
-    return Blame(follows, standing, np.where(walks, -0.5 * MARGIN[RoadUserType.PEDESTRIAN], np.inf))
+    return Blame(follows, np.where(follows, 0.0, np.where(walks, WAITING, 1.0)), walks)
 
 
 def collision_scores(
@@ -83,6 +85,8 @@ def collision_scores(
     `paths`: of the n road users `rows` of `world`; `others`: all its road users, of which those within REACH count.
     Boxes on different `levels` do not collide.
     """
+    stands = world.speed < STANDING
+    walks = ~stands & (world.type == RoadUserType.PEDESTRIAN)
     return _collision_scores(
         paths,
         blame,
@@ -90,7 +94,7 @@ def collision_scores(
         others.boxes,
         others.yielding,
         others.order,
-        _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading), world.speed < STANDING),
+        _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading), stands, walks),
         np.argsort(world.x),
         levels,
     )
@@ -105,6 +109,8 @@ class _Now(NamedTuple):
     """Of the heading."""
     sin: Floats
     stands: NDArray[np.bool_]
+    walks: NDArray[np.bool_]
+    """Persons that do not stand."""
 
 
 @compiled
@@ -180,9 +186,20 @@ def _collision_scores(
                 Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1]),
             )
             contact = least < 0.0
-            deepest = least - (PAST_STANDING if now.stands[other] else DEEPER)
-            if least > blame.touch[i]:
-                deepest = max(deepest, blame.touch[i])
+            deepest = least - (PAST_STANDING if now.stands[other] and not blame.walks[i] else DEEPER)
+            if blame.walks[i] and least > TOUCH:
+                deepest = max(deepest, TOUCH)
+            if blame.walks[i] and now.walks[other]:
+                there_x, there_y = now_x[other], now_y[other]
+                theirs = Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1])
+                near_by = min(deepest, TOUCH)
+                for mode in range(modes):
+                    dx, dy = there_x - x[i, 0, mode], there_y - y[i, 0, mode]
+                    if speed[i, 0, mode] <= STANDING or not _near(dx, dy, touching):
+                        continue
+                    mine = Box(cos[i, 0, mode], sin[i, 0, mode], size[me, 0], size[me, 1])
+                    if overlap(dx, dy, mine, theirs) and clearance(dx, dy, mine, theirs) <= near_by:
+                        first[mode], counts[mode] = 0, 1.0
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
                 dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)

@@ -1,4 +1,4 @@
-"""Which mode paths leave the ground that belongs to a road user."""
+"""Which mode paths leave the ground that belongs to a road user, and how far."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,21 @@ WALK = len(OWN_SURFACE)
 over them. Otherwise they would pass a crowd on the carriageway, or on a crossing whose signal is red."""
 OWN = np.append(OWN_SURFACE, OWN_SURFACE[[RoadUserType.PEDESTRIAN]], axis=0)
 OWN[WALK, [Surface.ROAD, Surface.CYCLEWAY, Surface.CROSSING]] = False
+JUST_OFF, FOREIGN = 0.25, 0.1
+"""What a place just off the own surface counts for road users with a route, and such ground for them. Farther off, a
+place counts a quarter more at each of DISTANCES, and in full from 1 m on, which no clean trip may reach: while all
+places counted alike, nothing led those back that a crowd had pushed off the ground."""
+DISTANCES = 0.25, 0.5, 0.75
+"""m."""
+AROUND = np.arange(8) * (0.25 * np.pi)
+"""rad: directions in which the own ground is looked for."""
 
 
 def off_surface(
     paths: ModePaths, kind: NDArray[np.int8], road_map: RoadMap, rows: NDArray[np.intp], route: RouteAhead | None
 ) -> Floats:
     """Share of the intervals in which each mode is off the own surface, (n, modes); of the first NEAR intervals for
-    road users with a route.
+    road users with a route, for which places count by how far off they are (`distance_off`).
 
     `paths`: of n road users of the types `kind`, the `rows` of those of `route`.
     """
@@ -33,18 +41,39 @@ def off_surface(
     ground = kind
     if route is not None:
         ground = np.where((kind == RoadUserType.PEDESTRIAN) & route.known[rows], WALK, kind).astype(np.int8)
-    surface = road_map.surface_at(*_places(paths.x, paths.y, checked))
+    x, y = _places(paths.x, paths.y, checked)
+    surface = road_map.surface_at(x, y)
     outside = _outside(surface, checked, ground, paths.x.shape[2])
-    if route is not None:
-        # Paths lead off the ground where the network ends, and over ground that is not the own: a road user that
-        # follows its path there is right. A path over the carriageway leads off no ground.
-        place, user, x, y = _on_route(
-            outside, checked, paths.distance, route.known, rows, route.x, route.y, route.spacing
-        )
-        if len(place):
-            path = road_map.surface_at(x, y)
-            outside[place] = OWN[ground[user], path] | ((surface[place] == Surface.NONE) & (path != Surface.NONE))
-    return _share(outside, checked, paths.x.shape[2])
+    if route is None:
+        return _share(outside.astype(np.float64), checked, paths.x.shape[2])
+    # Paths lead off the ground where the network ends, and over ground that is not the own: a road user that follows
+    # its path there is right. A path over the carriageway leads off no ground.
+    place, user, path_x, path_y = _on_route(
+        outside, checked, paths.distance, route.known, rows, route.x, route.y, route.spacing
+    )
+    if len(place):
+        path = road_map.surface_at(path_x, path_y)
+        still = OWN[ground[user], path] | ((surface[place] == Surface.NONE) & (path != Surface.NONE))
+        outside[place] = still
+        place, user = place[still], user[still]
+    counts = outside.astype(np.float64)
+    counts[place] = FOREIGN
+    off = ~OWN_SURFACE[kind[user], surface[place]]
+    place, user = place[off], user[off]
+    counts[place] = distance_off(road_map, kind[user], x[place], y[place])
+    return _share(counts, checked, paths.x.shape[2])
+
+
+def distance_off(road_map: RoadMap, kind: NDArray[np.int8], x: Floats, y: Floats) -> Floats:
+    """What places (m) off the own surfaces of road users of the types `kind` count, from JUST_OFF to 1, all (n,)."""
+    counts = np.full(len(kind), JUST_OFF)
+    far = np.arange(len(kind))
+    for distance in DISTANCES:
+        around = x[far, None] + distance * np.cos(AROUND), y[far, None] + distance * np.sin(AROUND)
+        found = road_map.surface_at(*(places.ravel() for places in around)).reshape(-1, len(AROUND))
+        far = far[~OWN_SURFACE[kind[far, None], found].any(axis=1)]
+        counts[far] += 0.25
+    return counts
 
 
 @compiled
@@ -107,8 +136,8 @@ def _on_route(
 
 
 @compiled
-def _share(outside: NDArray[np.bool_], checked: NDArray[np.intp], modes: int) -> Floats:
-    """The share of the places of each mode that is `outside`, (n, modes)."""
+def _share(outside: Floats, checked: NDArray[np.intp], modes: int) -> Floats:
+    """The mean of `outside` over the places of each mode, (n, modes)."""
     share, k = np.zeros((len(checked), modes)), 0
     for i in range(len(checked)):
         for _ in range(checked[i]):

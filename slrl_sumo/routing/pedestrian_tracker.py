@@ -12,7 +12,7 @@ from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.links import ShownLinks
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.road_users import walk_of, walking_speed
+from slrl_sumo.sumo.road_users import person_edge, walk_of, walking_speed
 
 AIM = 1.0
 """m along the path to the point that a person heads for."""
@@ -120,7 +120,8 @@ class PedestrianTracker:
             path, speed = self._random_path(person, x, y, heading), SPAWNED_SPEED
         else:
             # Read before the walk is cut to the edge under the person (see `TakenOverControl.move`).
-            path = self._graph.path(*walk_of(self._api, person), _side(person), x, y)
+            here = person_edge(self._api, person)
+            path = self._graph.path(*walk_of(self._api, person), _side(person), x, y, here)
             speed = walking_speed(self._api, person)
         if path is None:
             return PedestrianTrack(None, 0.0, speed, x, y)

@@ -1,5 +1,6 @@
 """Paths of persons along the edges of their walks: sidewalks, walking areas and crossings as one line."""
 
+import heapq
 import math
 import random
 from collections import deque
@@ -90,9 +91,12 @@ class WalkGraph:
                     self._entered_from[target] = lane_id
         self._junctions: dict[str, tuple[str, str]] = {}
 
-    def path(self, edges: tuple[str, ...], arrival: float, side: float, x: float, y: float) -> WalkPath | None:
+    def path(
+        self, edges: tuple[str, ...], arrival: float, side: float, x: float, y: float, here: str = ""
+    ) -> WalkPath | None:
         """The path along `edges` to `arrival` (m from the begin of the last edge), for a person at a position (m); None
         where an edge is not walkable. `side`: where on each lane, from -1, its right edge, to 0, beside its middle.
+        `here`: the edge, walking area or crossing under the person, which the path leads over.
 
         The direction on each edge follows from the junction that it shares with the next one. From an edge to the
         opposite one the path goes by the nearer of the two junctions, as SUMO's walks do.
@@ -103,13 +107,18 @@ class WalkGraph:
         if len(edges) > 1 and set(self._junctions_of(edges[0])) == set(self._junctions_of(edges[1])):
             ways.append(self._directed(edges, backward=True))
             ways = [steps for steps in ways if self._leads_on(*steps[:2])] or ways[:1]
-        paths = [self._joined(steps, arrival, side) for steps in ways]
+            ways = [steps for steps in ways if here.startswith(f":{self._left_by(*steps[0])}_")] or ways
+        paths = [self._joined(steps, arrival, side, f"{here}_0") for steps in ways]
         return min(paths, key=lambda one: one.line.end - one.line.nearest(x, y, end=one.second_edge_end)[0])
 
     def _leads_on(self, step: tuple[str, bool], following: tuple[str, bool]) -> bool:
         """Whether walking areas and crossings lead from an edge to the following one."""
         begin, end = self._lane_of[step[0]].id, self._lane_of[following[0]].id
-        return end in self._reached(begin, self._junctions_of(step[0])[1 if step[1] else 0], end)
+        return bool(self._shortest(begin, end, self._left_by(*step)))
+
+    def _left_by(self, edge: str, forward: bool) -> str:
+        """The junction at the end of an edge."""
+        return self._junctions_of(edge)[1 if forward else 0]
 
     def random_path(self, edge: str, forward: bool, side: float, rng: random.Random) -> WalkPath | None:
         """A path that begins along `edge` and continues at random, at dead ends back; `side` as in `path`."""
@@ -118,7 +127,7 @@ class WalkGraph:
         steps = [(edge, forward)]
         while len(steps) < RANDOM_EDGES:
             here, forward = steps[-1]
-            junction = self._junctions_of(here)[1 if forward else 0]
+            junction = self._left_by(here, forward)
             reached = self._reached(self._lane_of[here].id, junction)
             choices = sorted(e for lane in reached if (e := self._edge_of.get(lane, here)) != here)
             if not choices:
@@ -142,7 +151,8 @@ class WalkGraph:
         steps.append((edges[-1], entered != self._junctions_of(edges[-1])[1]))
         return steps
 
-    def _joined(self, steps: list[tuple[str, bool]], arrival: float | None, side: float) -> WalkPath:
+    def _joined(self, steps: list[tuple[str, bool]], arrival: float | None, side: float, here: str = "") -> WalkPath:
+        """The path along directed edges; through the first junction by the lane `here`, if that is in it."""
         points: list[tuple[float, float]] = []
         crossings: list[tuple[int, Lane | None, str, str]] = []
         second_edge_end = last_edge_end = 0
@@ -164,9 +174,10 @@ class WalkGraph:
                 second_edge_end = len(points) - 1
             if i == len(steps) - 1:
                 break
-            junction = self._junctions_of(edge)[1 if forward else 0]
             area = None
-            for before, inside in pairwise(self._through(lane.id, self._lane_of[steps[i + 1][0]].id, junction)):
+            following = self._lane_of[steps[i + 1][0]].id
+            lanes = self._through(lane.id, following, self._left_by(edge, forward), here if i == 0 else "")
+            for before, inside in pairwise(lanes):
                 if inside not in self._internal:
                     continue
                 if is_walking_area(inside):
@@ -195,30 +206,50 @@ class WalkGraph:
             along[last_edge_end],
         )
 
-    def _through(self, begin: str, end: str, junction: str) -> list[str]:
-        """Lanes from `begin` to `end` over the walking areas and crossings of a junction, or only these two."""
-        previous = self._reached(begin, junction, end)
-        if end not in previous:
-            return [begin, end]
-        chain = [end]
-        while chain[-1] != begin:
-            chain.append(previous[chain[-1]])
-        return chain[::-1]
+    def _through(self, begin: str, end: str, junction: str, here: str) -> list[str]:
+        """Lanes from `begin` to `end` over the walking areas and crossings of a junction, or only these two; by `here`
+        if that is one of these: a person that SUMO has led to a crossing would cut across to another one."""
+        if here in self._internal and here.startswith(f":{junction}_"):
+            begun = self._shortest(begin, here, junction)
+            rest = self._shortest(here, end, junction, frozenset(begun[:-1]))
+            if begun and rest:
+                return begun + rest[1:]
+        return self._shortest(begin, end, junction) or [begin, end]
 
-    def _reached(self, begin: str, junction: str, end: str = "") -> dict[str, str]:
-        """The lanes reached inside a junction and on its edges, each with the lane before it."""
-        previous = {begin: begin}
-        todo = deque([begin])
-        while todo and end not in previous:
+    def _shortest(self, begin: str, end: str, junction: str, without: frozenset[str] = frozenset()) -> list[str]:
+        """Lanes of the shortest way between two of them over others of a junction, both included; [] without a way.
+
+        As SUMO's persons go; these mind red lights, too.
+        """
+        todo, done = [(0.0, [begin])], set(without)
+        while todo:
+            length, lanes = heapq.heappop(todo)
+            if lanes[-1] == end:
+                return lanes
+            if lanes[-1] in done:
+                continue
+            done.add(lanes[-1])
+            for lane in self._neighbours[lanes[-1]]:
+                if lane == end or lane.startswith(f":{junction}_"):
+                    heapq.heappush(todo, (length + self._length(lane), [*lanes, lane]))
+        return []
+
+    def _length(self, lane: str) -> float:
+        return self._internal[lane].length if lane in self._internal else 0.0
+
+    def _reached(self, begin: str, junction: str) -> set[str]:
+        """The lanes reached from one inside a junction and on its edges."""
+        reached, todo = {begin}, deque([begin])
+        while todo:
             here = todo.popleft()
             for lane in self._neighbours[here]:
                 # Into the junction and out of it, but not along an edge.
                 inside = lane.startswith(f":{junction}_")
-                if lane not in previous and (inside or here.startswith(":")):
-                    previous[lane] = here
+                if lane not in reached and (inside or here.startswith(":")):
+                    reached.add(lane)
                     if inside:
                         todo.append(lane)
-        return previous
+        return reached
 
     def _junctions_of(self, edge: str) -> tuple[str, str]:
         ends = self._junctions.get(edge)

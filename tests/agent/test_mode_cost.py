@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.mode_cost import EASY, LEAST, CostWeights, cost_on_route, cost_without_route
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
+from slrl_sumo.lookahead.off_surface import JUST_OFF
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.scene.types import RoadUserType
 
@@ -69,7 +70,7 @@ def _on_route(weights: CostWeights, column: int, value: float, kind: int = CAR, 
 def test_with_a_route_every_part_counts_by_its_weight() -> None:
     every = CostWeights(collision=2.0, off_surface=3.0, speed=4.0, lane=5.0, heading_error=6.0, braking=7.0)
     assert _on_route(every, COLLISION, 0.5) == pytest.approx(1.0)
-    assert _on_route(every, OFF, 0.5) == pytest.approx(1.5)
+    assert _on_route(every, OFF, 0.5) == pytest.approx(3.0 * 0.5 / JUST_OFF)
     assert _on_route(every, STEER, 0.5) == pytest.approx(1.5)
     assert _on_route(every, PACE, -0.5) == _on_route(every, PACE, 0.5) == pytest.approx(2.0)
     for column in (BRAKE, FOLLOW):
@@ -103,14 +104,21 @@ def test_a_road_user_that_hardly_moves_need_not_steer() -> None:
     )
 
 
-def test_pedestrians_mind_their_path_and_their_pavement_less() -> None:
-    weights = replace(NOTHING, heading_error=10.0, off_surface=10.0)
+def test_pedestrians_mind_their_path_less() -> None:
+    weights = replace(NOTHING, heading_error=10.0)
     for speed in (0.0, 1.3):
         slow = replace(weights, speed=5.0)
         assert _on_route(slow, STEER, 1.0, kind=PEDESTRIAN, speed=speed) == pytest.approx(3.3)
-    assert _on_route(weights, OFF, 1.0, kind=PEDESTRIAN) == pytest.approx(4.0)
-    assert _on_route(weights, OFF, 1.0, kind=BICYCLE) == pytest.approx(10.0)
     assert _on_route(weights, STEER, 1.0, kind=BICYCLE) == pytest.approx(10.0)
+
+
+def test_leaving_the_surface_by_a_metre_costs_four_times_as_much_as_just_leaving_it() -> None:
+    weights = replace(NOTHING, off_surface=10.0)
+    for kind in (PEDESTRIAN, BICYCLE):
+        assert [_on_route(weights, OFF, off, kind=kind) for off in (0.0, JUST_OFF, 1.0)] == pytest.approx([0, 10, 40])
+    # A pedestrian rather stands.
+    off = _on_route(CostWeights(), OFF, 0.5, kind=PEDESTRIAN, speed=1.3)
+    assert off > _on_route(CostWeights(), PACE, -1.0, kind=PEDESTRIAN, speed=1.3)
 
 
 def test_a_pedestrian_rather_walks_around_than_stands() -> None:

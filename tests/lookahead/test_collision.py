@@ -13,6 +13,7 @@ from slrl_sumo.lookahead.collision import (
     PAST_STANDING,
     REACH,
     STANDING,
+    TOUCH,
     WAITING,
     Blame,
     Others,
@@ -46,7 +47,7 @@ def expected(boxes: Boxes, world: WorldState) -> Others:
 
 def blamed(n: int) -> Blame:
     """To blame for everything."""
-    return Blame(np.zeros(n, np.bool_), np.ones(n), np.full(n, np.inf))
+    return Blame(np.zeros(n, np.bool_), np.ones(n), np.zeros(n, np.bool_))
 
 
 def every_box(mine: ModePaths, blame: Blame, theirs: Boxes, world: WorldState, rows: NDArray[np.intp]) -> Floats:
@@ -71,16 +72,34 @@ def every_box(mine: ModePaths, blame: Blame, theirs: Boxes, world: WorldState, r
                         for m in range(MODES)
                     ]
                     stands = (theirs.x[other, -1], theirs.y[other, -1]) == (world.x[other], world.y[other])
-                    nearest = now - (PAST_STANDING if stands else DEEPER)
-                    hit &= np.array(shapes) <= (max(nearest, blame.touch[e]) if now > blame.touch[e] else nearest)
+                    nearest = now - (PAST_STANDING if stands and not blame.walks[e] else DEEPER)
+                    hit &= np.array(shapes) <= (max(nearest, TOUCH) if blame.walks[e] and now > TOUCH else nearest)
                 if blame.in_front[e]:
                     ahead = c * (there_x - x) + s * (there_y - y) > 0.0
                     hit &= ahead | _was_ahead(world, mine, theirs, e, me, other, step)
                 hits[e, step] |= hit & ((mine.speed[e, step] > STANDING) | (blame.standing[e] > 0.0))
+            if blame.walks[e] and world.type[other] == PEDESTRIAN and world.speed[other] >= STANDING:
+                hits[e, 0] |= _into(world, mine, theirs, e, me, other) & (mine.speed[e, 0] > STANDING)
     counts = np.where(mine.speed > STANDING, 1.0, blame.standing[:, None, None])
     scores = counts * (1.0 - np.arange(STEPS)[:, None] / STEPS)
     first = hits.argmax(axis=1)[:, None]
     return np.where(hits.any(axis=1), np.take_along_axis(scores, first, axis=1)[:, 0], 0.0)
+
+
+def _into(world: WorldState, mine: ModePaths, theirs: Boxes, e: int, me: int, other: int) -> NDArray[np.bool_]:
+    """Which modes lead a pedestrian after one interval to where a person is now."""
+    nearest = min(_clearance(world, theirs, me, other) - DEEPER, TOUCH)
+    there = _box(np.cos(world.heading[other]), np.sin(world.heading[other]), theirs.size[other])
+    apart = [
+        clearance(
+            float(world.x[other] - mine.x[e, 0, m]),
+            float(world.y[other] - mine.y[e, 0, m]),
+            _box(mine.cos[e, 0, m], mine.sin[e, 0, m], theirs.size[me]),
+            there,
+        )
+        for m in range(MODES)
+    ]
+    return np.array(apart) <= nearest
 
 
 def _box(cos: float, sin: float, size: Floats) -> Box:
@@ -121,7 +140,7 @@ def test_circles_leave_out_no_road_user_that_is_hit(extent: float) -> None:
     assert len(np.unique(found)) > 4
     assert (found == 0.0).any()
     # Whom one may drive into without blame makes a difference.
-    strictly = collision_scores(mine, blamed(17)._replace(touch=blame.touch), expected(theirs, world), world, rows)
+    strictly = collision_scores(mine, blamed(17)._replace(walks=blame.walks), expected(theirs, world), world, rows)
     assert (strictly >= found).all()
     assert (strictly > found).any()
 
@@ -173,7 +192,7 @@ def test_boxes_on_two_levels_do_not_collide() -> None:
 def _towards(x: float, speeds: list[float], other: float, pace: float) -> Floats:
     """Scores of modes with steady `speeds` of a pedestrian at `x` m, towards another one at `other` m that comes nearer
     at `pace`."""
-    world = make_world([x, other], heading=[0.0, np.pi], speed=[1.0, pace], type=PEDESTRIAN, length=0.5, width=0.5)
+    world = make_world([x, other], heading=[0.0, np.pi], speed=[1.0, abs(pace)], type=PEDESTRIAN, length=0.5, width=0.5)
     seconds, one, zero = DECISION_INTERVAL * np.arange(1, STEPS + 1), np.ones((2, STEPS)), np.zeros((2, STEPS))
     theirs = Boxes(
         np.stack([x + seconds, other - pace * seconds]), zero, np.stack([one[0], -one[1]]), zero,
@@ -201,12 +220,21 @@ def test_a_pedestrian_that_stands_is_walked_into_with_half_the_blame() -> None:
     [
         # Within the margin of one that stands, but not in contact: it may come nearer, not into contact.
         (0.56, 0.03, False),
-        # In contact already, it may go by.
-        (0.41, 0.03, True),
+        # Nor farther than it is in contact already, or near to it.
+        (0.54, 0.03, False),
+        (0.41, 0.03, False),
+        (-0.41, 0.03, True),
     ],
 )
 def test_a_pedestrian_does_not_walk_into_contact_with_one_that_stands(other: float, step: float, passes: bool) -> None:
     assert (_towards(0.0, [step / DECISION_INTERVAL], other, 0.0)[0, 0] == 0.0) == passes
+
+
+def test_a_pedestrian_does_not_walk_to_where_one_that_walks_ahead_is_now() -> None:
+    """It walks away as fast, but may stop."""
+    assert _towards(0.0, [1.0, 0.4], 0.8, -1.0).tolist() == [[1.0, 0.0]]
+    # One that stands is judged where it stands, and one farther ahead not at all.
+    assert _towards(0.0, [1.0, 0.4], 1.2, -1.0).tolist() == [[0.0, 0.0]]
 
 
 def test_in_contact_a_vehicle_goes_by_one_that_stands_beside_its_path() -> None:

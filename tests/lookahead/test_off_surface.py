@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from builders import ALONG, make_crowd, make_routes, make_world
 
 from slrl_sumo.ground.road_map import RoadMap
-from slrl_sumo.ground.surfaces import Area, Surface, SurfaceShapes
+from slrl_sumo.ground.surfaces import OWN_SURFACE, Area, Surface, SurfaceShapes
 from slrl_sumo.lookahead.mode_paths import STEPS, mode_paths
-from slrl_sumo.lookahead.off_surface import NEAR, OWN, WALK, off_surface
+from slrl_sumo.lookahead.off_surface import FOREIGN, NEAR, OWN, WALK, distance_off, off_surface
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 
@@ -40,7 +41,12 @@ def test_places_off_the_own_surface_are_counted() -> None:
                     right = ~own[path] & (on_some | (path == Surface.NONE))
                     excused += int((off & right)[:NEAR].sum())
                     off = (off & ~right)[:NEAR]
-                assert found[i, mode] == off.mean()
+                counts = off.astype(np.float64)
+                if known[row]:
+                    places = free.x[i, :NEAR, mode][off], free.y[i, :NEAR, mode][off]
+                    foreign = OWN_SURFACE[me.type[i], GROUND.surface_at(*places)]
+                    counts[off] = np.where(foreign, FOREIGN, distance_off(GROUND, me.type[[i] * off.sum()], *places))
+                assert found[i, mode] == pytest.approx(counts.mean())
         assert 0.05 < (found > 0.0).mean() < 0.95
         assert len(np.unique(found)) >= NEAR
         assert bool(excused) == (given is not None)
@@ -72,7 +78,27 @@ def test_a_crossing_belongs_to_pedestrians_whose_path_leads_over_it() -> None:
     free = mode_paths(world, still, still, np.full(2, 2.0), on_route=True)
     # That of the second one leads along the sidewalk.
     route = make_routes(np.array([[15.0], [45.0]]), np.array([[40.0], [20.0]]))
-    assert off_surface(free, world.type, GROUND, np.arange(2), route).tolist() == [[0.0], [1.0]]
+    assert off_surface(free, world.type, GROUND, np.arange(2), route) == pytest.approx(np.array([[0.0], [FOREIGN]]))
+
+
+def test_places_count_the_more_the_farther_they_are_off() -> None:
+    away = np.array([0.1, 0.4, 0.6, 0.9, 1.5, 5.0])
+    for kind in (RoadUserType.PEDESTRIAN, RoadUserType.BICYCLE, RoadUserType.CAR):
+        counts = distance_off(GROUND, np.full(6, kind, np.int8), -away, np.full(6, 15.0))
+        assert counts.tolist() == [0.25, 0.5, 0.75, 1.0, 1.0, 1.0]
+    # Sidewalks are no ground of cars, and on the own ground nothing is off.
+    on_sidewalk = distance_off(GROUND, np.zeros(1, np.int8), np.array([30.4]), np.array([15.0]))
+    assert on_sidewalk.tolist() == [0.5]
+
+
+def test_a_pedestrian_off_the_ground_is_led_back_by_modes_that_come_nearer() -> None:
+    """It is 0.9 m west of the carriageway on which its path leads; the modes go west, stand, and go east."""
+    world = make_world(-0.9, 10.0, speed=1.2, heading=0.5 * np.pi, type=RoadUserType.PEDESTRIAN)
+    still = np.zeros((1, 3))
+    free = mode_paths(world, still, np.array([[1.5, 0.0, -1.5]]), np.full(1, 2.0), on_route=True)
+    route = make_routes(5.0, np.array([[12.0]]))
+    west, ahead, east = off_surface(free, world.type, GROUND, np.arange(1), route)[0]
+    assert west >= ahead > east > 0.0
 
 
 def test_a_path_over_the_carriageway_leads_off_no_ground() -> None:

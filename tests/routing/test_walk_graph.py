@@ -83,6 +83,27 @@ def test_no_path_returns_over_a_crossing() -> None:
             assert turns.min() > -0.9, edge
 
 
+def test_a_person_on_a_crossing_goes_on_over_it() -> None:
+    """To the opposite street both ways around the junction are as long; SUMO has chosen one."""
+    with SumoSession(find_scenario("intersection"), seed=1) as session:
+        graph = WalkGraph(libsumo, session.network)
+        crossings = [f":centre_c{number}" for number in range(4)]
+        begin, end = "in0", "in2"
+        for here in crossings:
+            x, y = graph._internal[f"{here}_0"].shape.mean(axis=0).tolist()
+            path = graph.path((begin, end), 5.0, -0.5, x, y, here)
+            assert path is not None
+            over = [entry.crossing for entry in path.crossings]
+            assert len(over) == 2
+            assert f"{here}_0" in over
+            _, _, distance = path.line.place(x, y, 0.0, path.line.end)
+            assert distance < 3.0
+        # On an edge, the shorter way: one crossing to the street beside.
+        path = graph.path((begin, "in1"), 5.0, -0.5, *graph._lane_of[begin].points[0], begin)
+        assert path is not None
+        assert len(path.crossings) == 1
+
+
 def test_from_crossing_to_crossing_no_path_lies_on_itself(tmp_path: Path) -> None:
     """At round corners two crossings end beyond the kerb, at the inner side of the corner in one place."""
     spec = IntersectionSpec(control="traffic_light", arms=4, lanes=1, arm_length=60.0, angle_spread=0.0)

@@ -212,9 +212,10 @@ def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
     return -np.where(known, np.clip((np.abs(aside) - PATH) / (2.0 * PATH), 0.0, 1.0), 0.0)
 
 
-def passed(covered: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for road users that crossed a `closed` line, (n,) each; m covered on the path, m from front to line."""
-    return -(closed & (line > 0.0) & (covered > line)).astype(np.float64)
+def passed(before: Floats, after: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
+    """Minus 1 for road users that crossed a `closed` line, (n,) each: m along the path `before` and `after` the
+    decision, and m along it at which the front is on the line."""
+    return -(closed & (line > np.maximum(before, 0.0)) & (after > line)).astype(np.float64)
 
 
 def arrival(reached: NDArray[np.bool_] | None, n: int) -> Floats:

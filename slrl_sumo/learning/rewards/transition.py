@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
-from slrl_sumo.ground.surfaces import Surface
+from slrl_sumo.ground.surfaces import OWN_SURFACE, Surface
 from slrl_sumo.learning.rewards import terms as rewards
 from slrl_sumo.learning.rewards.terms import TERMS
-from slrl_sumo.lookahead.off_surface import OWN, WALK
+from slrl_sumo.lookahead.off_surface import JUST_OFF, OWN, WALK, distance_off
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.capability import Capability
@@ -120,26 +120,40 @@ class Transition:
         return np.where(self._known, self._allowed, learned.speed)
 
     def _off_surface(self) -> Floats:
-        """Carriageways, cycleways and crossings belong to pedestrians only where their path leads over them, as in the
-        lookahead: at a tenth of the penalty (paper, r2) they waited for their signal where cars turn."""
-        surface, context = self.decision.surface, self.before.context
-        if context is not None:
-            route, (covered, _) = context.route, self._on_path
-            on_foot = self._known & (self.users.type == RoadUserType.PEDESTRIAN)
-            rows = np.flatnonzero(on_foot & ~OWN[WALK, surface])
-            points = np.clip(HERE + np.rint(covered[rows] / route.spacing[rows]).astype(np.intp), 0, POINTS - 1)
-            there = self.before.scene.road_map.surface_at(route.x[rows, points], route.y[rows, points])
-            surface = surface.copy()
-            surface[rows[OWN[WALK, there]]] = Surface.NONE
-        return rewards.off_surface(self.users.type, surface)
+        """With a route the penalty grows with the distance, as the cost in the lookahead does, and carriageways,
+        cycleways and crossings belong to pedestrians only where their path leads over them: at a tenth of the penalty
+        (paper, r2) they waited for their signal where cars turn."""
+        surface, context, users = self.decision.surface, self.before.context, self.users
+        if context is None:
+            return rewards.off_surface(users.type, surface)
+        route, road_map, (along, _) = context.route, self.before.scene.road_map, self._on_path
+        on_foot = self._known & (users.type == RoadUserType.PEDESTRIAN)
+        rows = np.flatnonzero(on_foot & ~OWN[WALK, surface])
+        points = np.clip(HERE + np.rint(along[rows] / route.spacing[rows]).astype(np.intp), 0, POINTS - 1)
+        there = road_map.surface_at(route.x[rows, points], route.y[rows, points])
+        foreign = surface.copy()
+        foreign[rows[OWN[WALK, there]]] = Surface.NONE
+        penalty = rewards.off_surface(users.type, foreign)
+        off = np.flatnonzero(self._known & ~OWN_SURFACE[users.type, surface])
+        penalty[off] *= distance_off(road_map, users.type[off], users.x[off], users.y[off]) / JUST_OFF
+        return penalty
 
     @cached_property
     def _on_path(self) -> tuple[Floats, Floats]:
-        """m covered along the path, and m to its left, (n,) each; there are routes."""
+        """m along the path, and m to its left, (n,) each; there are routes."""
         context, learned = self.before.context, self.users
         assert context is not None
-        covered, aside, _ = on_path(context.route, learned.x[:, None], learned.y[:, None])
-        return covered[:, 0], aside[:, 0]
+        along, aside, _ = on_path(context.route, learned.x[:, None], learned.y[:, None])
+        return along[:, 0], aside[:, 0]
+
+    @cached_property
+    def _begun(self) -> Floats:
+        """m along the path before the decision, (n,): inside of a corner, its begin need not be the nearest place. One
+        that stood there was paid for the difference in every decision, or paid for a red light."""
+        context, scene = self.before.context, self.before.scene
+        assert context is not None
+        along, _, _ = on_path(context.route, scene.world.x[scene.rows, None], scene.world.y[scene.rows, None])
+        return along[:, 0]
 
     @cached_property
     def _along(self) -> dict[str, Floats]:
@@ -148,15 +162,16 @@ class Transition:
         if context is None:
             return {name: np.zeros(len(learned)) for name in ("progress", "excess", "off_path", "red", "priority")}
         route, known = context.route, self._known
-        covered, aside = self._on_path
+        after, aside = self._on_path
+        covered = after - self._begun
         wanted = self._allowed * DECISION_INTERVAL
         gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
         return {
             "progress": rewards.progress(covered, wanted, known),
             "excess": rewards.excess(covered, wanted, known),
             "off_path": rewards.off_path(aside, known),
-            "red": rewards.passed(covered, route.line, known & route.closed),
-            "priority": rewards.passed(covered, route.line, gives_way),
+            "red": rewards.passed(self._begun, after, route.line, known & route.closed),
+            "priority": rewards.passed(self._begun, after, route.line, gives_way),
         }
 
 

@@ -119,10 +119,12 @@ def test_a_path_has_a_quarter_of_a_metre_of_room_on_both_sides() -> None:
 
 
 def test_only_crossing_a_closed_line_is_passing_it() -> None:
-    covered = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 0.0])
-    line = np.array([2.0, 2.0, 4.0, -0.2, np.inf, 0.1])
-    closed = np.array([True, False, True, True, True, True])
-    np.testing.assert_array_equal(rewards.passed(covered, line, closed), [-1, 0, 0, 0, 0, 0])
+    # The last one was beyond it already: its path begins a little behind it.
+    before = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.5])
+    after = np.array([3.0, 3.0, 3.0, 3.0, 3.0, 0.0, 3.0])
+    line = np.array([2.0, 2.0, 4.0, -0.2, np.inf, 0.1, 2.0])
+    closed = np.array([True, False, True, True, True, True, True])
+    np.testing.assert_array_equal(rewards.passed(before, after, line, closed), [-1, 0, 0, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("name", TERMS)
