@@ -230,7 +230,7 @@ class WalkGraph:
                 continue
             done.add(lanes[-1])
             for lane in self._neighbours[lanes[-1]]:
-                if lane == end or lane.startswith(f":{junction}_"):
+                if lane.startswith(f":{junction}_") or (lane == end and lanes[-1].startswith(":")):
                     heapq.heappush(todo, (length + self._length(lane), [*lanes, lane]))
         return []
 

@@ -83,6 +83,13 @@ def test_no_path_returns_over_a_crossing() -> None:
             assert turns.min() > -0.9, edge
 
 
+def test_persons_turn_on_the_walking_area_where_vehicles_may_turn_directly() -> None:
+    with SumoSession(find_scenario("shared-space"), seed=1) as session:
+        graph = WalkGraph(libsumo, session.network)
+        lanes = graph._through("in0_0", "out1_0", graph._left_by("in0", True), "")
+        assert lanes == ["in0_0", ":centre_w0_0", "out1_0"]
+
+
 def test_a_person_on_a_crossing_goes_on_over_it() -> None:
     """To the opposite street both ways around the junction are as long; SUMO has chosen one."""
     with SumoSession(find_scenario("intersection"), seed=1) as session:
