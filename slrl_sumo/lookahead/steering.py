@@ -2,7 +2,7 @@
 
 The regressed mean of a mode steers by one amount at a speed; with 20 modes, neighbouring ones are some 0.1 rad/s apart
 at 13 m/s. A lane is kept with finer steering than that. Where pedestrians were recorded on a straight street, no mode
-turns them around a corner.
+turns them around a corner, or past a car: theirs turn farther.
 """
 
 import math
@@ -36,11 +36,12 @@ would turn so sharply that the paths through junctions needed a crawl."""
 TIGHTER = 0.2
 """Share by which steering may exceed the curvature of a tight turn, to return to the path in it."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
-FREE = 0.5
-"""rad from the direction back to the path within which the modes of pedestrians are not corrected, so that these may
-walk around others."""
-SHARP = 0.4
-"""rad/s: pedestrians with a mode that turns as sharply, to either side, are not corrected."""
+SHARP, TURNS = 0.4, 1.0
+"""rad/s: pedestrians none of whose modes turns by SHARP, to either side, turn by TURNS in the sharpest one, and in the
+others in proportion, standing ones included. Otherwise those before a car could not step aside, and both waited for
+minutes."""
+TURNED = 0.01
+"""rad/s below which a mode does not turn."""
 
 
 def steering_residual(
@@ -101,14 +102,15 @@ def _residual(
             left = right = 0.0
             for mode in range(modes):
                 left, right = max(left, yaw_rate[i, mode]), max(right, -yaw_rate[i, mode])
-            if min(left, right) >= SHARP:
-                continue
+            if min(left, right) < SHARP:
+                for mode in range(modes):
+                    sharpest = left if yaw_rate[i, mode] > 0.0 else right
+                    residual[i, mode] = yaw_rate[i, mode] * max(TURNS / max(sharpest, TURNED) - 1.0, 0.0)
+            continue
         for mode in range(modes):
             now = speed[i, mode]
             off = wrapped(heading[i] + time * yaw_rate[i, mode] - direction[i, mode] + aim(offset[i, mode], now))
-            if walks[i]:
-                off -= min(max(off, -FREE), FREE)
-            bound = np.inf if walks[i] else min(MOST, LATERAL / max(now, 1.0)) + tight[i] * now
+            bound = min(MOST, LATERAL / max(now, 1.0)) + tight[i] * now
             corrected = yaw_rate[i, mode] + min(max(-off / time, -bound), bound)
             # All turn by the metre: not at all while they stand.
             most = curvature[i] * now

@@ -7,7 +7,17 @@ import pytest
 from builders import make_world, straight_routes
 
 from slrl_sumo.lookahead.mode_paths import mode_paths
-from slrl_sumo.lookahead.steering import LATERAL, MOST, SHARE, SHARP, TIGHTER, TURNING, steering_residual, with_steering
+from slrl_sumo.lookahead.steering import (
+    LATERAL,
+    MOST,
+    SHARE,
+    SHARP,
+    TIGHTER,
+    TURNING,
+    TURNS,
+    steering_residual,
+    with_steering,
+)
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.perception.route_context import route_context
@@ -42,20 +52,24 @@ def test_modes_are_corrected_towards_the_path_within_bounds() -> None:
     assert on[2] < YAW[0, 2]
 
 
-def test_pedestrians_whose_modes_do_not_turn_turn_towards_their_path() -> None:
-    def turning(heading: float, yaw: float) -> Floats:
-        user = make_world([0.0], [0.0], heading=[heading], speed=[1.3], type=[RoadUserType.PEDESTRIAN])
-        context, modes = route_context(straight_routes((0.0, 0.0, 0.0)), user), np.array([[-yaw, 0.0, yaw]])
-        paths = mode_paths(user, np.zeros((1, 3)), modes, np.full(1, 2.0), on_route=True)
+def test_modes_of_pedestrians_that_hardly_turn_turn_further() -> None:
+    def turning(*yaw: float, speed: float = 1.3) -> list[float]:
+        user = make_world([0.0], [0.0], heading=[1.5], speed=[speed], type=[RoadUserType.PEDESTRIAN])
+        context, modes = route_context(straight_routes((0.0, 0.0, 0.0)), user), np.array([yaw])
+        paths = mode_paths(user, np.zeros((1, len(yaw))), modes, np.full(1, 2.0), on_route=True)
         residual = steering_residual(context, user, np.array([0]), paths, modes, CURVATURE)
-        return np.asarray(modes + residual)[0]
+        return (modes + residual)[0].tolist()
 
-    # By the metre, as recorded.
-    assert turning(1.5, 0.1) == pytest.approx(np.full(3, -0.2 * 1.3))
-    # Beside the path they may walk around others.
-    assert turning(0.3, 0.1).tolist() == [-0.1, 0.0, 0.1]
-    # Where a mode turns, it is chosen.
-    assert turning(1.5, SHARP).tolist() == [-SHARP, 0.0, SHARP]
+    # To either side in proportion, also at a stand.
+    for speed in (0.0, 1.3):
+        assert turning(-0.2, -0.1, 0.0, 0.05, 0.1, speed=speed) == pytest.approx(
+            [-TURNS, -0.5 * TURNS, 0.0, 0.5, TURNS]
+        )
+    # Modes that turn enough are left alone, and so are those of which one turns farther.
+    assert turning(-SHARP, 0.0, SHARP) == [-SHARP, 0.0, SHARP]
+    assert turning(-0.1, 0.0, 2.0) == pytest.approx([-TURNS, 0.0, 2.0])
+    # Nothing makes one turn that does not turn at all.
+    assert turning(0.0, 0.0) == [0.0, 0.0]
 
 
 def test_at_a_stand_and_without_a_route_nothing_changes() -> None:
