@@ -55,7 +55,8 @@ def steering_residual(
     """What each mode's yaw rate is corrected by, rad/s, (n, modes): zeros without a route.
 
     `rows`: the n road users among those of `context`; `users`: their states; `paths`: of their modes with `yaw_rate`,
-    rad/s, (n, modes); `max_curvature`: 1/m per type, (3,), which the corrected modes do not exceed either.
+    rad/s, (n, modes); `max_curvature`: 1/m per type, (3,), which the corrected modes of vehicles do not
+    exceed either.
     """
     route, then = context.route, CORRECTED - 1
     x, y = np.ascontiguousarray(paths.x[:, then]), np.ascontiguousarray(paths.y[:, then])
