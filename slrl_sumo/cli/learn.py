@@ -170,14 +170,18 @@ def train(
     start: Annotated[
         str | None,
         typer.Option(
-            "--from", metavar="BUNDLE", help="As --bundle, and go on from its selector instead of from a teacher."
+            "--from",
+            metavar="BUNDLE",
+            help="As --bundle, and go on from its selector with the settings of its training.",
         ),
     ] = None,
     steps: Annotated[int, typer.Option(help="Decisions of single road users in total.")] = 5_000_000,
     workers: Annotated[int, typer.Option(help="Simulations side by side, a process each.")] = 2,
     ray: RayAddress = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same selector.")] = 1,
-    config: Annotated[Path | None, typer.Option(help="Settings that differ from the defaults, .toml.")] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Settings that differ from the defaults, or from those of --from, .toml.")
+    ] = None,
     device: Annotated[str, typer.Option(help="Device of the policy update: auto, cpu or cuda.")] = "auto",
     threads: Annotated[
         int | None,
@@ -198,7 +202,8 @@ def train(
     backend = backend_of(workers, ray)
     from slrl_sumo.cli.train_display import train_with_progress
     from slrl_sumo.learning.rl.train import TrainRequest
-    from slrl_sumo.learning.rl.training_settings import read_settings
+    from slrl_sumo.learning.rl.training_settings import read_settings, recorded_settings
+    from slrl_sumo.models.bundle import load_bundle
     from slrl_sumo.models.bundle_folder import check_replaceable
     from slrl_sumo.netgen.families import Family
 
@@ -216,7 +221,8 @@ def train(
         scenarios=[name for name in scenario.split(",") if name.strip() not in get_args(Family)],
     )
     check_replaceable(out)
-    if interrupted_by := train_with_progress(request, read_settings(config), resume=resume):
+    settings = read_settings(config, None if start is None else recorded_settings(load_bundle(start)))
+    if interrupted_by := train_with_progress(request, settings, resume=resume):
         raise typer.Exit(128 + interrupted_by)
     typer.echo(f"{out}: bundle with a trained selector; charts: tensorboard --logdir {request.folder / 'tensorboard'}")
     if episodes:

@@ -67,7 +67,8 @@ class TrainRequest:
     ray: str | None = None
     """Where the simulations run: see slrl_sumo.jobs.pool.Backend. The result does not depend on it."""
     goes_on: bool = False
-    """Whether the training starts from the selector of the bundle, without imitation and teacher."""
+    """Whether the training starts from the selector of the bundle, without imitation, and without teacher but for the
+    types `kl_kept`."""
 
     def __post_init__(self) -> None:
         check_whole_number("steps", self.steps, 1, 10**12)
@@ -93,7 +94,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     bundle = load_bundle(request.bundle)
     check_vector(bundle)
     if request.goes_on:
-        settings = _going_on(settings, bundle)
+        settings = going_on(settings, bundle)
     folder = request.folder
     rollout_size = request.workers * settings.arena.agents * settings.ppo.num_steps
     total = max(1, round(request.steps / rollout_size))
@@ -169,11 +170,12 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     return trained
 
 
-def _going_on(settings: TrainSettings, bundle: ModelBundle) -> TrainSettings:
-    """Settings of a training that starts from the selector of `bundle`: its shapes, no imitation and no teacher."""
+def going_on(settings: TrainSettings, bundle: ModelBundle) -> TrainSettings:
+    """Settings of a training that starts from the selector of `bundle`: its shapes, no imitation, and a teacher for the
+    types alone that keep it."""
     if bundle.policy is None:
         raise InputError(f"bundle {bundle.name}: it has no trained selector to go on from; give it as `bundle`")
-    ppo = replace(settings.ppo, kl_coef=0.0, kl_coef_last=0.0, teacher_first=0)
+    ppo = replace(settings.ppo, kl_coef_last=0.0, kl_until=0.0, teacher_first=0)
     return replace(settings, policy=bundle.policy.config, ppo=ppo, imitation=replace(settings.imitation, epochs=0))
 
 

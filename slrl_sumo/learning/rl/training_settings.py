@@ -12,6 +12,7 @@ from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
+from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy_network import PRESETS, PolicyConfig
 from slrl_sumo.scene.types import TYPE_NAMES
 
@@ -70,13 +71,28 @@ NAMES = {("policy", "preset"): PRESETS, ("ppo", "only"): TYPE_NAMES, ("ppo", "kl
 """The names that settings take which are no numbers."""
 
 
-def read_settings(file: Path | None) -> TrainSettings:
-    """The settings of a TOML file, with defaults for missing keys; None: all defaults.
+def recorded_settings(bundle: ModelBundle) -> TrainSettings:
+    """The settings with which the selector of a bundle was trained, as far as it records them; else the defaults.
+
+    Raises InputError for values that a TOML file could not have either.
+    """
+    settings, record = TrainSettings(), (bundle.policy_training or {}).get("settings", {})
+    for name in (f.name for f in fields(TrainSettings)):
+        section = getattr(settings, name)
+        known = get_type_hints(type(section)).keys() - NOT_FOR_USERS.get(name, set())
+        given = {key: value for key, value in record.get(name, {}).items() if key in known and value is not None}
+        where = f"the selector of bundle {bundle.name}: [{name}]"
+        settings = replace(settings, **{name: _changed(name, section, given, where)})
+    return settings
+
+
+def read_settings(file: Path | None, settings: TrainSettings | None = None) -> TrainSettings:
+    """The settings of a TOML file, with those of `settings`, or the defaults, for missing keys; None: only these.
 
     Sections are the fields of TrainSettings, keys those of their classes. Raises InputError for an unknown section or
     key, with the nearest known one, and for values of a wrong type or outside RANGES.
     """
-    settings = TrainSettings()
+    settings = settings or TrainSettings()
     if file is None:
         return settings
     try:

@@ -12,8 +12,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
-from slrl_sumo.learning.rl.train import TrainRequest, train
-from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings, read_settings
+from slrl_sumo.learning.rl.train import TrainRequest, going_on, train
+from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings, read_settings, recorded_settings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.policy_network import PolicyConfig
@@ -143,6 +143,33 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
         "shared-space": "extended",
         "shared-space-paper": "paper",
     }
+
+
+def test_the_shipped_selector_records_the_settings_of_its_recipe() -> None:
+    """So that `--from` goes on with them."""
+    bundle = load_bundle("intersection")
+    recorded = recorded_settings(bundle)
+    assert recorded == read_settings(SELECTORS / "intersection.toml")
+    assert recorded.arena.trips
+    assert recorded_settings(replace(bundle, policy_training=None)) == TrainSettings()
+
+
+def test_a_file_changes_the_settings_that_go_on(tmp_path: Path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text("[ppo]\nlearning_rate = 1e-4\n")
+    recorded = recorded_settings(load_bundle("intersection"))
+    changed = read_settings(file, recorded)
+    assert changed == replace(recorded, ppo=replace(recorded.ppo, learning_rate=1e-4))
+
+
+def test_one_that_goes_on_keeps_the_teacher_of_the_types_that_keep_it() -> None:
+    bundle = load_bundle("intersection")
+    settings = going_on(recorded_settings(bundle), bundle)
+    assert settings.imitation.epochs == settings.ppo.teacher_first == 0
+    # That of all others has no weight from the first update on.
+    assert settings.ppo.kl_until == settings.ppo.kl_coef_last == 0.0
+    assert settings.ppo.kl_kept == ("pedestrian",)
+    assert settings.ppo.kl_coef > 0.0
 
 
 def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path) -> None:
