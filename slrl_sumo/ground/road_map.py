@@ -20,7 +20,7 @@ MARGIN = 48.0
 """m painted around the core of a tile: the ego view (33.5 m) of any position in the core lies within one tile."""
 MEMORY_LIMIT = 128 * 2**20
 """Bytes: 334 tiles."""
-CIRCLE = np.arange(16) * (np.pi / 8.0)
+CIRCLE = np.arange(16.0) * (np.pi / 8.0)
 """rad; the directions in which a surface near a point is looked for."""
 NEAR = 10.0
 """m from every surface; road users farther away have left the scene."""
@@ -78,15 +78,18 @@ class RoadMap:
         """Surface under each point (m), (n,); NONE outside everything."""
         return self._tiles.at(x, y)
 
-    def beyond_own_surface(self, kind: NDArray[np.int8], x: Floats, y: Floats, margin: float) -> NDArray[np.bool_]:
+    def beyond_own_surface(
+        self, kind: NDArray[np.int8], x: Floats, y: Floats, margin: float, circle: Floats = CIRCLE
+    ) -> NDArray[np.bool_]:
         """Which points (m) are more than `margin` m off the own surfaces of road users of these types, (n,).
 
-        `kind`: RoadUserType, (n,). The own surface is looked for at the point and on a circle of that radius.
+        `kind`: RoadUserType, (n,). The own surface is looked for at the point and on a circle of that radius, in the
+        directions `circle` (rad).
         """
         beyond = ~OWN_SURFACE[kind, self.surface_at(x, y)]
         rows = np.flatnonzero(beyond)
         if len(rows):
-            around = x[rows, None] + margin * np.cos(CIRCLE), y[rows, None] + margin * np.sin(CIRCLE)
+            around = x[rows, None] + margin * np.cos(circle), y[rows, None] + margin * np.sin(circle)
             found = self.surface_at(*(places.ravel() for places in around)).reshape(len(rows), -1)
             beyond[rows] = ~OWN_SURFACE[kind[rows, None], found].any(axis=1)
         return beyond

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.ground.road_map import RoadMap
+from slrl_sumo.ground.road_map import CIRCLE, RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE, Surface
 from slrl_sumo.ground.tiles import Ids
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths
@@ -25,8 +25,8 @@ place counts a quarter more at each of DISTANCES, and in full from 1 m on, which
 places counted alike, nothing led those back that a crowd had pushed off the ground."""
 DISTANCES = 0.25, 0.5, 0.75
 """m."""
-AROUND = np.arange(8) * (0.25 * np.pi)
-"""rad: directions in which the own ground is looked for."""
+AROUND = CIRCLE[::2]
+"""rad: directions in which the own surface is looked for; a place is looked at for each mode."""
 
 
 def off_surface(
@@ -69,10 +69,8 @@ def distance_off(road_map: RoadMap, kind: NDArray[np.int8], x: Floats, y: Floats
     counts = np.full(len(kind), JUST_OFF)
     far = np.arange(len(kind))
     for distance in DISTANCES:
-        around = x[far, None] + distance * np.cos(AROUND), y[far, None] + distance * np.sin(AROUND)
-        found = road_map.surface_at(*(places.ravel() for places in around)).reshape(-1, len(AROUND))
-        far = far[~OWN_SURFACE[kind[far, None], found].any(axis=1)]
-        counts[far] += 0.25
+        far = far[road_map.beyond_own_surface(kind[far], x[far], y[far], distance, AROUND)]
+        counts[far] += (1.0 - JUST_OFF) / len(DISTANCES)
     return counts
 
 

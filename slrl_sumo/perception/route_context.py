@@ -32,6 +32,8 @@ class RouteContext:
     """The routes of n learned road users, the first rows of a world; all arrays but `in_way` are (n,)."""
 
     route: RouteAhead
+    along: Floats
+    """m along the own path of the place nearest to the road user: inside of a corner that need not be its begin."""
     lateral_offset: Floats
     """m to the left of the own path."""
     direction: Floats
@@ -65,13 +67,13 @@ def route_context(
 ) -> RouteContext:
     """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
     n = len(route)
-    _, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
+    along, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
     found = leaders(route, world, lateral_offset[:, 0], threads, levels)
     stop, follow = stop_distances(route, world, found)
     queues = _queues(found.row, world.heading, direction[:, 0])
     return RouteContext(
-        route, lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, queues, stop, follow, found.stop_speed,
-        found.in_way,
+        route, along[:, 0], lateral_offset[:, 0], direction[:, 0], found.gap, found.speed, queues, stop, follow,
+        found.stop_speed, found.in_way,
     )  # fmt: skip
 
 

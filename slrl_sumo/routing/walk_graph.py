@@ -3,7 +3,6 @@
 import heapq
 import math
 import random
-from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -114,7 +113,7 @@ class WalkGraph:
     def _leads_on(self, step: tuple[str, bool], following: tuple[str, bool]) -> bool:
         """Whether walking areas and crossings lead from an edge to the following one."""
         begin, end = self._lane_of[step[0]].id, self._lane_of[following[0]].id
-        return bool(self._shortest(begin, end, self._left_by(*step)))
+        return end in self._ways(begin, self._left_by(*step))
 
     def _left_by(self, edge: str, forward: bool) -> str:
         """The junction at the end of an edge."""
@@ -128,7 +127,7 @@ class WalkGraph:
         while len(steps) < RANDOM_EDGES:
             here, forward = steps[-1]
             junction = self._left_by(here, forward)
-            reached = self._reached(self._lane_of[here].id, junction)
+            reached = self._ways(self._lane_of[here].id, junction)
             choices = sorted(e for lane in reached if (e := self._edge_of.get(lane, here)) != here)
             if not choices:
                 steps.append((here, not forward))
@@ -210,46 +209,32 @@ class WalkGraph:
         """Lanes from `begin` to `end` over the walking areas and crossings of a junction, or only these two; by `here`
         if that is one of these: a person that SUMO has led to a crossing would cut across to another one."""
         if here in self._internal and here.startswith(f":{junction}_"):
-            begun = self._shortest(begin, here, junction)
-            rest = self._shortest(here, end, junction, frozenset(begun[:-1]))
+            begun = self._ways(begin, junction).get(here)
+            rest = self._ways(here, junction, frozenset(begun[:-1])).get(end) if begun else None
             if begun and rest:
                 return begun + rest[1:]
-        return self._shortest(begin, end, junction) or [begin, end]
+        return self._ways(begin, junction).get(end, [begin, end])
 
-    def _shortest(self, begin: str, end: str, junction: str, without: frozenset[str] = frozenset()) -> list[str]:
-        """Lanes of the shortest way between two of them over others of a junction, both included; [] without a way.
-
-        As SUMO's persons go; these mind red lights, too.
-        """
-        todo, done = [(0.0, [begin])], set(without)
+    def _ways(self, begin: str, junction: str, without: frozenset[str] = frozenset()) -> dict[str, list[str]]:
+        """The shortest way from a lane to each one reached from it inside a junction and on its edges, by the lane that
+        it leads to; both are included. SUMO's persons go so; these mind red lights, too."""
+        todo: list[tuple[float, list[str]]] = [(0.0, [begin])]
+        ways: dict[str, list[str]] = {}
         while todo:
-            length, lanes = heapq.heappop(todo)
-            if lanes[-1] == end:
-                return lanes
-            if lanes[-1] in done:
+            length, way = heapq.heappop(todo)
+            here = way[-1]
+            if here in ways or here in without:
                 continue
-            done.add(lanes[-1])
-            for lane in self._neighbours[lanes[-1]]:
-                if lane.startswith(f":{junction}_") or (lane == end and lanes[-1].startswith(":")):
-                    heapq.heappush(todo, (length + self._length(lane), [*lanes, lane]))
-        return []
-
-    def _length(self, lane: str) -> float:
-        return self._internal[lane].length if lane in self._internal else 0.0
-
-    def _reached(self, begin: str, junction: str) -> set[str]:
-        """The lanes reached from one inside a junction and on its edges."""
-        reached, todo = {begin}, deque([begin])
-        while todo:
-            here = todo.popleft()
+            ways[here] = way
+            if here != begin and not here.startswith(f":{junction}_"):
+                continue
             for lane in self._neighbours[here]:
                 # Into the junction and out of it, but not along an edge.
                 inside = lane.startswith(f":{junction}_")
-                if lane not in reached and (inside or here.startswith(":")):
-                    reached.add(lane)
-                    if inside:
-                        todo.append(lane)
-        return reached
+                if inside or here.startswith(":"):
+                    further = self._internal[lane].length if inside else 0.0
+                    heapq.heappush(todo, (length + further, [*way, lane]))
+        return ways
 
     def _junctions_of(self, edge: str) -> tuple[str, str]:
         ends = self._junctions.get(edge)

@@ -182,7 +182,7 @@ def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: fl
     n = len(x)
     route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
     none, queues = np.zeros(n), np.zeros(n, np.bool_)
-    return RouteContext(route, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, none, NOBODY)
+    return RouteContext(route, none, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, none, NOBODY)
 
 
 def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[ModeRollouts, RouteFit]:

@@ -147,31 +147,23 @@ class Transition:
         return along[:, 0], aside[:, 0]
 
     @cached_property
-    def _begun(self) -> Floats:
-        """m along the path before the decision, (n,): inside of a corner, its begin need not be the nearest place. One
-        that stood there was paid for the difference in every decision, or paid for a red light."""
-        context, scene = self.before.context, self.before.scene
-        assert context is not None
-        along, _, _ = on_path(context.route, scene.world.x[scene.rows, None], scene.world.y[scene.rows, None])
-        return along[:, 0]
-
-    @cached_property
     def _along(self) -> dict[str, Floats]:
         """The terms about the route; zeros without routes."""
         context, learned = self.before.context, self.users
         if context is None:
             return {name: np.zeros(len(learned)) for name in ("progress", "excess", "off_path", "red", "priority")}
         route, known = context.route, self._known
-        after, aside = self._on_path
-        covered = after - self._begun
+        # Not from the begin of the path: one that stood inside of a corner paid for a red light in every decision.
+        before, (after, aside) = context.along, self._on_path
+        covered = after - before
         wanted = self._allowed * DECISION_INTERVAL
         gives_way = known & np.isfinite(route.stop) & (route.signal == 0)
         return {
             "progress": rewards.progress(covered, wanted, known),
             "excess": rewards.excess(covered, wanted, known),
             "off_path": rewards.off_path(aside, known),
-            "red": rewards.passed(self._begun, after, route.line, known & route.closed),
-            "priority": rewards.passed(self._begun, after, route.line, gives_way),
+            "red": rewards.passed(before, after, route.line, known & route.closed),
+            "priority": rewards.passed(before, after, route.line, gives_way),
         }
 
 

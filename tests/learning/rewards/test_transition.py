@@ -1,6 +1,7 @@
 """Terms of the reward that depend on the routes of road users."""
 
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 from builders import make_world, straight_routes
 
+from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.ground.tiles import Ids
 from slrl_sumo.learning.rewards.transition import Transition
+from slrl_sumo.perception.route_context import route_context
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.state import WorldState
@@ -24,10 +27,9 @@ def _transition(
 ) -> Transition:
     """Of road users on routes, on this ground."""
     n = len(route)
-    situation: Any = SimpleNamespace(
-        context=SimpleNamespace(route=route),
-        scene=SimpleNamespace(world=before, rows=np.arange(n), road_map=SimpleNamespace(surface_at=surface_at)),
-    )
+    road_map: Any = SimpleNamespace(surface_at=surface_at)
+    road_map.beyond_own_surface = partial(RoadMap.beyond_own_surface, road_map)
+    situation: Any = SimpleNamespace(context=route_context(route, before), scene=SimpleNamespace(road_map=road_map))
     decision: Any = SimpleNamespace(surface=surface_at(after.x, after.y), wrapped_around=np.zeros(n, np.bool_))
     none, ground = np.zeros(n, np.bool_), None
     return Transition(cast(Any, ground), situation, np.zeros(n, np.int64), after, decision, none, none)
