@@ -38,7 +38,8 @@ class ModeRollouts:
     """0 where the mode collides with no road user within STEPS, up to 1 where it does at once; along the route for
     vehicles that follow one."""
     off_surface: Floats
-    """Share of the STEPS off the own surface; of the first NEAR steps for road users with a route."""
+    """Share of the STEPS off the own surface; of the first NEAR steps for road users with a route, each counted by how
+    far off it is (see lookahead.off_surface)."""
     speed: Floats
     """m/s after HELD intervals."""
     turn: Floats
