@@ -34,7 +34,7 @@ def main() -> None:
     count: dict[tuple[str, str], int] = {}
     for modes in MODES_BY:
         for seed in arguments.seeds:
-            bundle = fit(train, name=modes, seed=seed, modes=modes, tests=tests)
+            bundle = fit(train, name=modes, seed=seed, modes=modes, preset="paper", tests=tests)
             for test in tests:
                 result = evaluate(test, bundle)
                 rows = {(row["selector"], row["type"]): row for row in result["rows"] if row["step"] == STEPS}

@@ -14,16 +14,19 @@ from pathlib import Path
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.learning.supervised.fit import fit
 from slrl_sumo.learning.supervised.goals import MODES_BY
+from slrl_sumo.perception.features import STATES
 
 
 def main() -> None:
     """Fit and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", type=Path, nargs="+", help="Trajectories files, .npz")
-    parser.add_argument("--modes", choices=MODES_BY, default=MODES_BY[0])
+    parser.add_argument("--modes", choices=MODES_BY, default="paths")
+    parser.add_argument("--preset", choices=STATES, default="history")
     arguments = parser.parse_args()
     begin = time.perf_counter()
-    bundle = fit([load_trajectories(file) for file in arguments.files], name="measured", seed=1, modes=arguments.modes)
+    recordings = [load_trajectories(file) for file in arguments.files]
+    bundle = fit(recordings, name="measured", seed=1, modes=arguments.modes, preset=arguments.preset)
     seconds = time.perf_counter() - begin
     count = sum(kind["windows"] for kind in bundle.training["types"].values())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB

@@ -57,10 +57,10 @@ def main() -> None:
     recordings = [_recording(family, seed, arguments.work, source) for family, seed in track(wanted, "recording")]
     name, seed = arguments.out.name, arguments.seed
     if arguments.paper:
-        bundle = fit(recordings, name=name, seed=seed, modes="kmeans")
+        bundle = fit(recordings, name=name, seed=seed, modes="kmeans", preset="paper")
     else:
         # Selectors that follow routes need modes that slow down, keep their speed and speed up in any turn.
-        bundle = fit(recordings, name=name, seed=seed, modes="accelerations", mirror=True, forget=0.5)
+        bundle = fit(recordings, name=name, seed=seed, modes="accelerations", preset="paper", mirror=True, forget=0.5)
     bundle.save(arguments.out)
     print((arguments.out / "MODEL_CARD.md").read_text(encoding="utf-8"))
 

@@ -103,17 +103,15 @@ def fit(
     modes: Annotated[
         str,
         typer.Option(
-            help="Modes: clusters, relative (to the own speed), kmeans (the paper's), balanced (more turning), "
-            "curved (vehicles: distance and curvature), accelerations (vehicles: relative to those at that speed); or "
-            "paths: each model learns the paths that it predicts best."
+            help="Modes: paths (each model learns the paths that it predicts best); or clusters, relative (to the own "
+            "speed), kmeans (the paper's), balanced (more turning), curved (vehicles: distance and curvature), "
+            "accelerations (vehicles: relative to those at that speed)."
         ),
-    ] = "relative",
+    ] = "paths",
     preset: Annotated[
         str,
-        typer.Option(
-            help="What models read: paper (its 12 numbers) or history (also the last 2 s, nearest road users)."
-        ),
-    ] = "paper",
+        typer.Option(help="What models read: history (the last 2 s, nearest road users) or paper (its 12 numbers)."),
+    ] = "history",
     test: Annotated[
         list[Path] | None,
         typer.Option(

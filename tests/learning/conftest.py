@@ -54,7 +54,7 @@ def traffic() -> list[Trajectories]:
 
 @pytest.fixture(scope="session")
 def learned(traffic: list[Trajectories]) -> ModelBundle:
-    return fit(traffic, name="made", seed=4, epochs=15, modes="kmeans")
+    return fit(traffic, name="made", seed=4, epochs=15, modes="kmeans", preset="paper")
 
 
 @pytest.fixture(scope="session")

@@ -55,6 +55,8 @@ class ArenaSettings:
     """Whether road users have routes and see them (preset `extended`)."""
     image: bool = True
     """Whether images are drawn."""
+    state: str = "paper"
+    """Preset of the vector, that of the bundle's models (`features.STATES`)."""
     takeover: tuple[float, float, float] | None = None
     """With trips: shares of cars, bicycles and pedestrians that are learned; None is all that the bundle has models
     for."""

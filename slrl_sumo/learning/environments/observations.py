@@ -12,11 +12,10 @@ from slrl_sumo.agent.decide import Situation
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.own_functions import called
-from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
-from slrl_sumo.perception.features import FEATURES
+from slrl_sumo.perception.features import STATES
 
 Arrays = dict[str, NDArray[Any]]
 Seen = Arrays | NDArray[Any]
@@ -28,20 +27,29 @@ ONLY = "observation"
 """Name of the array of an observation that is no dict."""
 COUNTED = 10_000
 """Upper bound of the numbers of road users within 20 m."""
-VECTOR_HIGH = np.array([100, 250, 1, 1, 1, np.pi, *[COUNTED] * 6], np.float32)
-"""No road user's FEATURES go beyond this: 100 m/s, reached or lost within one decision."""
-VECTOR_LOW = np.where([name in ("acceleration", "heading") for name in FEATURES], -VECTOR_HIGH, 0).astype(np.float32)
+VECTOR_BOUNDS = (
+    ("speed", 0.0, 100.0),
+    ("acceleration", -250.0, 250.0),
+    ("heading", -np.pi, np.pi),
+    ("yaw_rate", -2.5 * np.pi, 2.5 * np.pi),
+    ("vru_", 0.0, COUNTED),
+    ("other_", 0.0, COUNTED),
+    ("near_", -200.0, 200.0),
+)
+"""Beginnings of the names of columns of the vector, lowest and highest values; 0 and 1 for the others. 100 m/s is
+reached or lost, and half a turn made, within one decision."""
 MOST_ROLLOUT, MOST_ROUTE = 100.0, 10.0
 """Bounds of the fields of mode rollouts (speeds in m/s are the largest) and of route features (tens of metres)."""
 
 
-def check_vector(bundle: ModelBundle) -> None:
-    """Raise InputError unless the models of a bundle read the vector that environments have."""
-    if bundle.config.preset != "paper":
-        raise InputError(
-            f"bundle {bundle.name}: its models read the preset {bundle.config.preset}, environments and training have "
-            "the vector of paper; make the bundle with `slrl-sumo fit --preset paper`"
-        )
+def vector_space(state: str) -> spaces.Box:
+    """Space of the vector of one road user in a preset of `features.STATES`."""
+    bounds = [
+        next(((low, high) for begin, low, high in VECTOR_BOUNDS if name.startswith(begin)), (0.0, 1.0))
+        for name in STATES[state]
+    ]
+    low, high = np.array(bounds, np.float32).T
+    return spaces.Box(low, high)
 
 
 def observation_space(settings: ArenaSettings) -> spaces.Dict:
@@ -49,7 +57,7 @@ def observation_space(settings: ArenaSettings) -> spaces.Dict:
     config = PolicyConfig(preset="extended" if settings.extended else "paper")
     rollouts = (MODES, len(config.rollout_features))
     seen: dict[str, spaces.Space[Any]] = {
-        "vector": spaces.Box(VECTOR_LOW, VECTOR_HIGH),
+        "vector": vector_space(settings.state),
         "rollouts": spaces.Box(-MOST_ROLLOUT, MOST_ROLLOUT, rollouts, np.float32),
         "action_mask": spaces.MultiBinary(MODES),
     }

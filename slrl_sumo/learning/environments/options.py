@@ -67,6 +67,7 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
         warm_up=warm_up,
         extended=preset == "extended",
         image=image,
+        state=bundle.config.preset,
         trips=takeover is not None,
         takeover=None if takeover is None else _three(served_shares(takeover, bundle)),
     )

@@ -25,10 +25,11 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     """One learned road user, the ego, among other learned ones and SUMO's traffic: a view of SimulationVectorEnv.
 
     - Action: the mode, 0 to 19, of the next decision (0.4 s).
-    - Observation: a row of what SimulationVectorEnv gives: `vector` (12,) float32; `rollouts` (20, 9) float32, the
-      prediction for each mode; `action_mask` (20,) int8, 1 for modes that constraints allow; `route` (14,) float32,
-      columns as in perception.route_features.ROUTE_FEATURES; with `image` `image` (20, 40, 3) uint8. In the preset
-      `paper` `rollouts` have 4 columns, and there is no `route`.
+    - Observation: a row of what SimulationVectorEnv gives: `vector` float32, (12,) or, with a bundle of `fit --preset
+      history`, (33,), columns as in perception.features.STATES; `rollouts` (20, 9) float32, the prediction for each
+      mode; `action_mask` (20,) int8, 1 for modes that constraints allow; `route` (14,) float32, columns as in
+      perception.route_features.ROUTE_FEATURES; with `image` `image` (20, 40, 3) uint8. In the preset `paper` `rollouts`
+      have 4 columns, and there is no `route`.
     - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type`, `id`, `slot` (its row in the vector environment) and `action_mask`, and with `takeover`
       `reached` and `clean` (see TripOutcome). After reset it also has `scenario`.

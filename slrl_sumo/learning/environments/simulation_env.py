@@ -14,7 +14,7 @@ from slrl_sumo.agent.driver import make_selector
 from slrl_sumo.agent.selection import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena
-from slrl_sumo.learning.environments.observations import Observer, check_vector
+from slrl_sumo.learning.environments.observations import Observer
 from slrl_sumo.learning.environments.slots import SpawnedSlots, TripSlots
 from slrl_sumo.learning.environments.source import ArenaSource, found_scenario
 from slrl_sumo.learning.environments.trip_arena import TripArena
@@ -30,11 +30,12 @@ class SimulationVectorEnv(VectorEnv):
     """One simulation; every slot for a learned road user is a sub-environment. Training steps this, and RoadUserEnv and
     ParallelRoadUserEnv are views of it.
 
-    Observations are dicts of arrays `vector` (n, 12) float32, with `source.settings.image` `image` (n, 20, 40, 3)
-    uint8, and `rollouts` (n, 20, 4) float32, the rollout of each mode (lookahead.mode_rollouts), n =
-    `source.settings.agents`; in the preset `extended` 9 columns, and `route` (n, 14); `action_mask` (n, 20): 1 for
-    modes that may be chosen. With trips `active` (n,) int8 tells which slots have a road user: the observations and
-    rewards of the others are zero. `source.observation` puts an observation of one's own in their place.
+    Observations are dicts of arrays `vector` (n, columns) float32, columns as in features.STATES of
+    `source.settings.state`, with `source.settings.image` `image` (n, 20, 40, 3) uint8, and `rollouts` (n, 20, 4)
+    float32, the rollout of each mode (lookahead.mode_rollouts), n = `source.settings.agents`; in the preset `extended`
+    9 columns, and `route` (n, 14); `action_mask` (n, 20): 1 for modes that may be chosen. With trips `active`
+    (n,) int8 tells which slots have a road user: the observations and rewards of the others are zero.
+    `source.observation` puts an observation of one's own in their place.
     Actions are modes; -1 leaves a road user to the selector `source.others`, and `infos["mode"]` then has all modes.
     Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
     where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
@@ -106,7 +107,6 @@ class SimulationVectorEnv(VectorEnv):
     def _opened(self, name: str, seed: int) -> SpawnedSlots | TripSlots:
         source = self._source
         self._bundle = bundle = self._bundle or load_bundle(source.bundle)
-        check_vector(bundle)
         self._others = None if source.others is None else make_selector(source.others, bundle, seed)
         image = source.settings.image or (self._others is not None and self._others.needs_image)
         with ExitStack() as opened:

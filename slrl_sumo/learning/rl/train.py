@@ -22,7 +22,6 @@ from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.jobs.pool import MAX_WORKERS, Backend, portable_name
-from slrl_sumo.learning.environments.observations import check_vector
 from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.rl.actor import Agent
 from slrl_sumo.learning.rl.batch import Batch
@@ -92,7 +91,6 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     hold a checkpoint. Raises InputError, SumoError (a worker fails repeatedly).
     """
     bundle = load_bundle(request.bundle)
-    check_vector(bundle)
     if request.goes_on:
         settings = going_on(settings, bundle)
     folder = request.folder
@@ -129,7 +127,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
             )
         restore(agent, state, folder / "checkpoint.pt")
     extended, image = settings.policy.preset == "extended", settings.policy.image
-    arena = replace(settings.arena, weights=settings.reward, teacher=settings.teacher, extended=extended, image=image)
+    seen = replace(settings.arena, extended=extended, image=image, state=bundle.config.preset)
+    arena = replace(seen, weights=settings.reward, teacher=settings.teacher)
     source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
     log = TrainingLog(folder, rows, done, rollout_size)
     rollouts = WorkerRollouts(source, policy.config, settings.ppo.explore, Backend(request.workers, request.ray))

@@ -44,8 +44,9 @@ class TrainSettings:
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
-NOT_FOR_USERS = {"arena": {"weights", "teacher", "extended", "image", "takeover"}, "policy": {"modes"}}
-"""Fields that are set elsewhere: weights by [reward] and [teacher], routes by the preset, modes by the bundle."""
+NOT_FOR_USERS = {"arena": {"weights", "teacher", "extended", "image", "state", "takeover"}, "policy": {"modes"}}
+"""Fields that are set elsewhere: weights by [reward] and [teacher], routes by the preset, modes and the vector by the
+bundle."""
 
 RANGES = {
     ("ppo", "num_steps"): (1, 100_000),

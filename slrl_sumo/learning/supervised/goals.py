@@ -24,9 +24,9 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
 CLUSTERINGS = ("relative", "kmeans", "balanced", "curved", "accelerations")
-MODES_BY = (*CLUSTERINGS, "paths")
+MODES_BY = ("paths", *CLUSTERINGS)
 """Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
-the default because it predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
+which of the clusterings predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
 destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight (modes.balance).
 `curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so that some modes
 decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles, acceleration and

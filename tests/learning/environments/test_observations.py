@@ -1,18 +1,55 @@
-"""Training has the vector of the paper: bundles that read more are refused."""
+"""Environments and training show what the models of the bundle read."""
 
-import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pytest
 from builders import make_bundle
+from gymnasium import spaces
 
-Cli = Callable[..., "subprocess.CompletedProcess[str]"]
+from slrl_sumo.learning.environments.arena import ArenaSettings
+from slrl_sumo.learning.environments.make import vector_env
+from slrl_sumo.learning.environments.observations import vector_space
+from slrl_sumo.learning.rl.ppo import PpoSettings
+from slrl_sumo.learning.rl.train import TrainRequest, train
+from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings
+from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.perception.features import STATES
+
+N = 6
 
 
-def test_bundles_that_read_the_past_are_refused_in_one_line(cli: Cli, tmp_path: Path) -> None:
+@pytest.mark.parametrize("state", ["paper", "history"])
+def test_the_vector_has_the_columns_of_the_bundle(state: str, tmp_path: Path) -> None:
+    make_bundle(state).save(tmp_path / "bundle")
+    env = vector_env(scenario="shared-space", num_envs=N, bundle=str(tmp_path / "bundle"), warm_up=4.0)
+    space = env.single_observation_space
+    assert isinstance(space, spaces.Dict)
+    assert space["vector"] == vector_space(state)
+    before, _ = env.reset(seed=1)
+    for _ in range(4):
+        seen, _, terminated, truncated, _ = env.step(np.zeros(N, np.int64))
+        assert env.observation_space.contains(seen)
+        goes_on = ~(terminated | truncated)
+        assert goes_on.any()
+        if state == "history":
+            then, now = (STATES[state].index(name) for name in ("speed", "speed_1"))
+            assert seen["vector"][goes_on, now] == pytest.approx(before["vector"][goes_on, then])
+        before = seen
+    env.close()
+
+
+def test_a_selector_is_trained_on_models_that_read_the_past(tmp_path: Path) -> None:
     make_bundle("history").save(tmp_path / "past")
-    done = cli("train", "shared-space", "--bundle", tmp_path / "past", "--steps", 64, "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert "its models read the preset history, environments and training have the vector of paper" in done.stderr
-    assert done.stderr.count("\n") == 1
-    assert {path.name for path in tmp_path.iterdir()} == {"past"}
+    settings = TrainSettings(
+        ppo=PpoSettings(num_steps=4, num_minibatches=2, update_epochs=1),
+        arena=ArenaSettings(agents=N, warm_up=0.0, episode_steps=4),
+        policy=PolicyConfig(preset="extended", image=False, hidden=16, head=8),
+        networks=NetworkSettings(count=1, reset_every=1),
+    )
+    request = TrainRequest("shared-space", str(tmp_path / "past"), tmp_path / "out", steps=2 * 4 * N, workers=1)
+    train(request, settings, resume=False, report=lambda *_: None)
+    trained = load_bundle(tmp_path / "out")
+    assert trained.config.preset == "history"
+    assert trained.policy is not None

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ from slrl_sumo.agent.selectors import PriorSelector
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised import network_training as supervised
-from slrl_sumo.learning.supervised.fit import fit
+from slrl_sumo.learning.supervised.fit import fit as fit_bundle
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.displacement import SPEED
@@ -18,6 +19,9 @@ from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.advance import advance
 from slrl_sumo.scene.geometry import from_ego, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
+
+fit = partial(fit_bundle, modes="relative", preset="paper")
+"""Clusters, and the state of the paper; test_paths.py has the defaults."""
 
 
 def weights(bundle: ModelBundle) -> dict[str, torch.Tensor]:

@@ -33,7 +33,7 @@ def walkers() -> Trajectories:
 
 @pytest.fixture(scope="module")
 def learned(walkers: Trajectories) -> ModelBundle:
-    return fit([walkers], name="paths", seed=1, epochs=6, modes="paths", preset="history")
+    return fit([walkers], name="paths", seed=1, epochs=6)
 
 
 def test_windows_have_the_past_and_mirror_it(walkers: Trajectories) -> None:
@@ -69,7 +69,7 @@ def test_each_mode_learns_what_it_predicts_best(walkers: Trajectories, learned: 
     every = windows([walkers], 1, "history", STEPS)
     mode = mode_errors(learned.displacement, every, STEPS).argmin(-1)
     assert len(np.unique(mode)) > 5
-    clusters = fit([walkers], name="clusters", seed=1, epochs=6)
+    clusters = fit([walkers], name="clusters", seed=1, epochs=6, modes="relative", preset="paper")
 
     def best(bundle: ModelBundle) -> float:
         seen = windows([walkers], 1, bundle.config.preset, STEPS)
@@ -94,8 +94,8 @@ def test_modes_differ_in_biases_and_the_last_layer_only(learned: ModelBundle) ->
 def test_fast_road_users_need_not_slow_down(walkers: Trajectories, learned: ModelBundle) -> None:
     """A jogger is in less than 1 % of the moments; the models reach its speed, and the card says so."""
     jogger = make_recording((1.0 * np.arange(26), np.zeros(26), np.zeros(26)), type=2)
-    bundle = fit([*[walkers] * 3, jogger], name="jogger", seed=1, epochs=1, modes="paths", preset="history")
-    clusters = fit([*[walkers] * 3, jogger], name="jogger", seed=1, epochs=1)
+    bundle = fit([*[walkers] * 3, jogger], name="jogger", seed=1, epochs=1)
+    clusters = fit([*[walkers] * 3, jogger], name="jogger", seed=1, epochs=1, modes="relative", preset="paper")
     assert clusters.max_speed[2] < 1.7  # as the walkers
     assert bundle.max_speed[2] == pytest.approx(2.5, abs=0.01)
     assert "99.9th percentile" in bundle.card
