@@ -10,9 +10,10 @@ is learned from HC D1 (`shared-space`) and SUMO's traffic in generated networks 
 how much on routes that are expected along the lanes. The recipe ends with an error where the prediction of HC D2 and
 D3, or of SUMO's traffic in the shipped scenarios, has a higher mean error than the prior's, for any type, and where it
 is not lower on expected routes for two; with --calibrate it does only that, with the selector that the bundle has. The
-bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. Checkpoints and
-logs lie in --work; --resume goes on from there. `intersection` takes 25 minutes on two free cores, the others ten
-minutes each.
+bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. The training of `intersection`
+has a second part, at a lower rate (FURTHER); with --further it goes on from the selector that the bundle has, and is
+that part alone. Checkpoints and logs lie in --work; --resume goes on from there. `intersection` takes 40 minutes on two
+free cores, the others ten minutes each.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from slrl_sumo.formats.importers.hc import read_hc
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.rl.imitation import recorded_traffic
 from slrl_sumo.learning.rl.train import TrainRequest
-from slrl_sumo.learning.rl.training_settings import read_settings
+from slrl_sumo.learning.rl.training_settings import read_settings, recorded_settings
 from slrl_sumo.learning.supervised.without_route import calibrated
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.netgen.families import generate
@@ -54,13 +55,16 @@ class Traffic:
     routes: ExpectedRoutes | None = None
 
 
+FAMILIES = "town,signals,random,roundabout,motorway,signals,shared-space"
+"""Pedestrians meet red lights and crowds in `signals`."""
 TRAININGS = {
-    # Pedestrians meet red lights and crowds in `signals`.
-    "intersection": Training("town,signals,random,roundabout,motorway,signals,shared-space", 8_000_000, seed=21),
+    "intersection": Training(FAMILIES, 8_000_000, seed=21),
     "shared-space": Training("shared-space", 1_000_000),
     "intersection-paper": Training("intersection,random", 1_500_000),
     "shared-space-paper": Training("shared-space", 1_500_000),
 }
+FURTHER = {"intersection": Training(FAMILIES, 3_000_000, seed=31)}
+"""Second parts of trainings, which go on from the selector of the first; settings: NAME-further.toml."""
 WORKERS = 2
 CALIBRATED = ("intersection", "shared-space")
 NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "signalised")
@@ -83,11 +87,14 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".work/selectors"), help="where checkpoints and logs go")
     parser.add_argument("--hc", type=Path, help="folder with D1.csv to D3.csv, for shared-space and shared-space-paper")
     parser.add_argument("--calibrate", action="store_true", help="train nothing, for intersection and shared-space")
-    parser.add_argument("--steps", type=int)
-    parser.add_argument("--seed", type=int)
+    parser.add_argument("--further", action="store_true", help="only the second part, for intersection")
+    parser.add_argument("--steps", type=int, help="of the first part that is trained")
+    parser.add_argument("--seed", type=int, help="likewise")
     parser.add_argument("--resume", action="store_true")
     arguments = parser.parse_args()
     name = arguments.name
+    if arguments.further and name not in FURTHER:
+        parser.error(f"{name} has no second part; leave --further out")
     recordings: tuple[Path, ...] = ()
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         if name in ("shared-space", "shared-space-paper") and arguments.hc is None:
@@ -95,22 +102,7 @@ def main() -> None:
         if name == "shared-space-paper":
             recordings = (Path(folder) / "D1.npz",)
             read_hc(arguments.hc / "D1.csv").save(recordings[0])
-        bundle, training, out = name, TRAININGS[name], arguments.work / name
-        if not arguments.calibrate:
-            settings = read_settings(Path(__file__).parent / "selectors" / f"{name}.toml")
-            request = TrainRequest(
-                training.families,
-                name,
-                out,
-                arguments.steps or training.steps,
-                workers=WORKERS,
-                seed=training.seed if arguments.seed is None else arguments.seed,
-                recordings=recordings,
-            )
-            finished = arguments.resume and (out / "selector.json").exists()
-            if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
-                raise SystemExit(code)
-            bundle = str(out)
+        bundle = name if arguments.calibrate else trained(arguments, recordings)
     made = replace(load_bundle(bundle), name=name)
     if name in CALIBRATED:
         train, tests = hc_recordings(arguments.hc) if name == "shared-space" else sumo_recordings()
@@ -125,6 +117,33 @@ def main() -> None:
     if name in USUALLY:
         made = replace(made, policy_training={**(made.policy_training or {}), "usual_selector": USUALLY[name]})
     made.save(arguments.out)
+
+
+def trained(arguments: argparse.Namespace, recordings: tuple[Path, ...]) -> str:
+    """The folder of the bundle that the last part of the training left."""
+    bundle = name = arguments.name
+    parts = {} if arguments.further else {name: TRAININGS[name]}
+    parts |= {f"{name}-further": FURTHER[name]} if name in FURTHER else {}
+    for part, training in parts.items():
+        goes_on, first = training in FURTHER.values(), part == next(iter(parts))
+        steps, seed = (arguments.steps, arguments.seed) if first else (None, None)
+        request = TrainRequest(
+            training.families,
+            bundle,
+            arguments.work / part,
+            steps or training.steps,
+            workers=WORKERS,
+            seed=training.seed if seed is None else seed,
+            recordings=recordings,
+            goes_on=goes_on,
+        )
+        known = recorded_settings(load_bundle(bundle)) if goes_on else None
+        settings = read_settings(Path(__file__).parent / "selectors" / f"{part}.toml", known)
+        finished = arguments.resume and (request.out / "selector.json").exists()
+        if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
+            raise SystemExit(code)
+        bundle = str(request.out)
+    return bundle
 
 
 def hc_recordings(folder: Path) -> tuple[list[Traffic], list[Traffic]]:

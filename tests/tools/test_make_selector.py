@@ -1,10 +1,16 @@
-"""The recipe of the selectors compares their predictions with the prior's."""
+"""The recipe of the selectors trains them in parts, and compares their predictions with the prior's."""
 
+import argparse
+import shutil
+from pathlib import Path
 from typing import Any
 
 import pytest
 from builders import make_bundle, make_recording
 
+from slrl_sumo.learning.rl.train import TrainRequest
+from slrl_sumo.learning.rl.training_settings import TrainSettings
+from slrl_sumo.models.bundle_folder import find_bundle
 from slrl_sumo.routing.expected_routes import ExpectedRoutes
 from tools import make_selector
 
@@ -35,3 +41,29 @@ def test_errors_of_all_recordings_count_by_their_numbers(monkeypatch: pytest.Mon
         found = make_selector.relative_errors(make_bundle(), made, on_routes)
         assert found == pytest.approx({"car": 39.0 / 40.0, "pedestrian": 21.0 / 20.0})
     assert given == [None, None, routes, routes]
+
+
+@pytest.mark.parametrize("further", [False, True])
+def test_the_second_part_goes_on_from_the_first(further: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def trained(request: TrainRequest, settings: TrainSettings, *, resume: bool) -> int:
+        asked.append((request, settings))
+        shutil.copytree(find_bundle("intersection"), request.out)
+        return 0
+
+    monkeypatch.setattr(make_selector, "train_with_progress", trained)
+    arguments = argparse.Namespace(
+        name="intersection", further=further, work=tmp_path, steps=7000, seed=None, resume=False
+    )
+    last = make_selector.trained(arguments, ())
+    *first, (request, settings) = asked
+    assert last == str(request.out) == str(tmp_path / "intersection-further")
+    assert request.goes_on
+    assert settings.reward.contact == 250.0  # of the first part
+    assert settings.ppo.learning_rate == 3e-4
+    if further:
+        assert (first, request.bundle, request.steps) == ([], "intersection", 7000)
+    else:
+        assert (first[0][0].goes_on, first[0][0].steps) == (False, 7000)
+        assert (request.bundle, request.steps) == (str(first[0][0].out), make_selector.FURTHER["intersection"].steps)
