@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.walk_graph import CrossingEntry, WalkGraph, WalkPath
+from slrl_sumo.routing.walk_graph import WalkGraph
+from slrl_sumo.routing.walk_path import CrossingEntry, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
@@ -80,8 +81,13 @@ class PedestrianTracker:
         if track is not None and (path := track.path) is not None:
             s, _, distance = path.line.place(x, y, track.s - 2.0, track.s + 4.0)
             if distance > OFF_PATH:
-                # The walk of a person of the scenario is read once, when it is taken over: after that SUMO has a part.
                 s, _ = path.line.nearest(x, y, track.s - 2.0)
+                if not person.startswith(SPAWNED_PREFIX):
+                    # The walk of a person of the scenario is read once, when it is taken over: after that SUMO has a
+                    # part of it.
+                    back = self._graph.back_on(path, s, _side(person), x, y)
+                    track.path = path if back is None else back
+                    s = s if back is None else back.line.nearest(x, y, end=back.ends[0])[0]
             track.s = s
         if track is None or (
             person.startswith(SPAWNED_PREFIX) and (_is_at_end(track) or math.hypot(x - track.x, y - track.y) > OFF_PATH)

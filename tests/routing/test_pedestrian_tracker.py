@@ -5,7 +5,7 @@ import math
 import libsumo
 import pytest
 
-from slrl_sumo.routing.pedestrian_tracker import KERB, PAST, PedestrianTracker
+from slrl_sumo.routing.pedestrian_tracker import KERB, OFF_PATH, PAST, PedestrianTracker
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -50,3 +50,28 @@ def test_one_past_the_kerb_goes_on_at_red_if_it_was_green_then(seen_green: bool)
         else:
             stop, _, red = asked(beyond, "r")
             assert (stop < 0.0, red) == (True, True)
+
+
+def test_one_off_its_path_gets_another_one() -> None:
+    """Behind the corner at which it should have turned, it turns back; it would walk beside the old path otherwise."""
+    with SumoSession(find_scenario("signalised"), seed=1) as session:
+        libsumo.person.add("walker", "in0", 70.0, typeID="pedestrian1")
+        libsumo.person.appendWalkingStage("walker", ["in0", "out1"], 25.0)
+        session.step()
+        tracker = PedestrianTracker(libsumo, session.network)
+        track = tracker.observed("walker", *libsumo.person.getPosition("walker"), 0.0)
+        path = track.path
+        assert path is not None
+        left = tracker.remaining_distance("walker")
+        x, y, heading = path.line.at(path.ends[0])
+        for distance, moved in zip((OFF_PATH - 0.5, OFF_PATH + 0.5), (False, True), strict=True):
+            place = x + distance * math.sin(heading), y - distance * math.cos(heading)
+            if path.line.place(*place, 0.0, path.line.end)[2] < distance - 0.2:  # the path turns to that side
+                place = x - distance * math.sin(heading), y + distance * math.cos(heading)
+            track.s = path.ends[0]
+            assert tracker.observed("walker", *place, heading) is track
+            assert (track.path is not path) == moved
+        assert track.path is not None
+        assert track.path.line.place(*place, 0.0, track.path.line.end)[2] < 2.0
+        assert track.path.line.at(track.path.line.end) == pytest.approx(path.line.at(path.line.end))
+        assert tracker.remaining_distance("walker") < left

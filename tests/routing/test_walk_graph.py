@@ -12,7 +12,8 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.netgen.scenario import write_scenario
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.routing.polyline import line_through
-from slrl_sumo.routing.walk_graph import ASIDE, CLEARANCE, OFF_VEHICLES, WalkGraph
+from slrl_sumo.routing.walk_graph import WalkGraph
+from slrl_sumo.routing.walk_path import ASIDE, CLEARANCE, OFF_VEHICLES
 from slrl_sumo.studies.flow.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -129,3 +130,27 @@ def test_from_crossing_to_crossing_no_path_lies_on_itself(tmp_path: Path) -> Non
                 assert apart[later].min() > 0.4, (begin, end, side)
                 found += 1
         assert found > 10
+
+
+def test_a_person_off_its_path_is_led_on_from_where_it_is() -> None:
+    """From every lane of the junction: it begins there, ends where the path did, and enters no crossing but by its
+    begin."""
+    with SumoSession(find_scenario("intersection"), seed=1) as session:
+        graph, led = WalkGraph(libsumo, session.network), 0
+        path = graph.path(("in0", "in1"), 10.0, -0.5, *graph._lane_of["in0"].points[0])
+        assert path is not None
+        s, destination = path.ends[0] + 2.0, path.line.at(path.line.end)[:2]
+        for lane in graph._lanes_near("centre"):
+            x, y = lane.shape.mean(axis=0).tolist()
+            back = graph.back_on(path, s, -0.5, x, y)
+            assert back is not None, lane.id
+            assert back.line.at(back.line.end)[:2] == pytest.approx(destination, abs=0.01)
+            assert back.line.place(x, y, 0.0, back.ends[0])[2] < 0.5 * lane.width
+            assert all(lane.id != entry.crossing for entry in back.crossings)
+            assert back.steps[-1] == path.steps[-1]
+            led += lane.internal
+        assert led == 8  # four crossings, four corners
+        # On an edge of its walk it goes on there, at first with what is left of it.
+        on_edge = graph.back_on(path, 0.5 * path.ends[0], -0.5, *path.line.at(0.5 * path.ends[0])[:2])
+        assert on_edge is not None
+        assert (on_edge.steps, on_edge.line.end) == (path.steps, pytest.approx(path.line.end))
