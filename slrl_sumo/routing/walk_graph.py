@@ -53,6 +53,8 @@ class WalkGraph:
                     self._entered_from[target] = lane_id
         self._junctions: dict[str, tuple[str, str]] = {}
         self._near: dict[str, list[Lane]] = {}
+        self._found: dict[tuple[str, str, frozenset[str]], dict[str, list[str]]] = {}
+        """Ways through junctions."""
 
     def path(
         self, edges: tuple[str, ...], arrival: float, side: float, x: float, y: float, here: str = ""
@@ -188,8 +190,11 @@ class WalkGraph:
     def _ways(self, begin: str, junction: str, without: frozenset[str] = frozenset()) -> dict[str, list[str]]:
         """The shortest way from a lane to each one reached from it inside a junction and on its edges, by the lane that
         it leads to; both are included. SUMO's persons go so; these mind red lights, too."""
+        known = self._found.get((begin, junction, without))
+        if known is not None:
+            return known
         todo: list[tuple[float, list[str]]] = [(0.0, [begin])]
-        ways: dict[str, list[str]] = {}
+        ways = self._found[begin, junction, without] = {}
         while todo:
             length, way = heapq.heappop(todo)
             here = way[-1]
