@@ -53,6 +53,7 @@ class WalkGraph:
                     self._entered_from[target] = lane_id
         self._junctions: dict[str, tuple[str, str]] = {}
         self._near: dict[str, list[Lane]] = {}
+        """The lanes in junctions, and of the edges there."""
         self._found: dict[tuple[str, str, frozenset[str]], dict[str, list[str]]] = {}
         """Ways through junctions."""
 
@@ -81,6 +82,8 @@ class WalkGraph:
         from there. `s`: m along the path, of the nearest place."""
         rest = path.steps[min(bisect_right(path.ends, s), len(path.steps) - 1) :]
         lane = self._lane_at(x, y, self._entered_by(*rest[0]), self._left_by(*rest[0]))
+        if lane is None:
+            return None
         for k, (edge, _) in enumerate(rest):
             if lane.edge == edge:
                 return self._joined(rest[k:], path.arrival, PathDrawing(side))
@@ -99,10 +102,11 @@ class WalkGraph:
         drawn.lead_through(self._inside(way))
         return self._joined(rest, path.arrival, drawn)
 
-    def _lane_at(self, x: float, y: float, *junctions: str) -> Lane:
-        """The lane under a position (m), or the nearest one, of those in `junctions` and of the edges there."""
+    def _lane_at(self, x: float, y: float, *junctions: str) -> Lane | None:
+        """The lane under a position (m), or the nearest one, of those in `junctions` and of the edges there; None where
+        nothing leads persons through them."""
         lanes = [lane for junction in junctions for lane in self._lanes_near(junction)]
-        return min(lanes, key=lambda lane: _distance(lane, x, y))
+        return min(lanes, key=lambda lane: _distance(lane, x, y), default=None)
 
     def _lanes_near(self, junction: str) -> list[Lane]:
         """The lanes for persons in a junction, and of its edges."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
+from builders import make_crossroads
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.netgen.scenario import write_scenario
@@ -154,3 +155,11 @@ def test_a_person_off_its_path_is_led_on_from_where_it_is() -> None:
         on_edge = graph.back_on(path, 0.5 * path.ends[0], -0.5, *path.line.at(0.5 * path.ends[0])[:2])
         assert on_edge is not None
         assert (on_edge.steps, on_edge.line.end) == (path.steps, pytest.approx(path.line.end))
+
+
+def test_without_walking_areas_a_person_off_its_path_keeps_it(tmp_path: Path) -> None:
+    with SumoSession(find_scenario(str(make_crossroads(tmp_path, ""))), seed=1) as session:
+        graph = WalkGraph(libsumo, session.network)
+        path = graph.path(("wc", "ce"), 50.0, -0.5, -80.0, 0.0)
+        assert path is not None
+        assert graph.back_on(path, 50.0, -0.5, -50.0, 9.0) is None
