@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.metrics.surrogate_safety import time_to_collision
-from slrl_sumo.scene.contacts import Pairs, close_pairs
+from slrl_sumo.scene.contacts import Pairs, pairs_in_reach
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.levels import FLAT, Levels, apart
 from slrl_sumo.scene.state import WorldState
@@ -203,10 +203,9 @@ class EncounterCounts:
         box = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
         # A little more than what they can cover: the bounding circles decide.
         reach = 0.5 * np.hypot(world.length, world.width) + TTC_LIMIT * world.speed + 0.01
-        pairs = close_pairs(world, 2.0 * float(reach.max())) if counted.any() else np.zeros((0, 2), np.intp)
+        pairs = pairs_in_reach(world, reach) if counted.any() else np.zeros((0, 2), np.intp)
         i, j = pairs[counted[pairs].any(axis=1)].T
-        near = np.hypot(world.x[i] - world.x[j], world.y[i] - world.y[j]) < reach[i] + reach[j]
-        found = moments(box=box, speed=world.speed, kind=world.type, i=i[near], j=j[near])
+        found = moments(box=box, speed=world.speed, kind=world.type, i=i, j=j)
         return _together(found, box, world.speed, self._levels)
 
     def _forget(self, now: float) -> None:

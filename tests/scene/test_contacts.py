@@ -8,7 +8,7 @@ from builders import make_world
 from numpy.typing import NDArray
 
 from slrl_sumo.scene import contacts
-from slrl_sumo.scene.contacts import close_pairs, colliding_pairs, contact_pairs
+from slrl_sumo.scene.contacts import FEW, close_pairs, colliding_pairs, contact_pairs, pairs_in_reach
 from slrl_sumo.scene.state import WorldState, empty_world
 
 Floats = NDArray[np.float64]
@@ -142,3 +142,14 @@ def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float, monke
         assert listed(close_pairs(everybody, 2.0)) == close
         assert listed(contact_pairs(everybody)[1]) == overlapping
     assert len(overlapping) > 0
+
+
+@pytest.mark.parametrize("count", [FEW - 20, FEW + 60])
+def test_pairs_in_reach_are_those_of_a_look_at_all_pairs(count: int) -> None:
+    rng = np.random.default_rng(count)
+    everybody = make_world(x=rng.uniform(0.0, 120.0, count), y=rng.uniform(0.0, 90.0, count))
+    reach = np.where(rng.random(count) < 0.2, rng.uniform(5.0, 20.0, count), 0.8)
+    apart = np.hypot(everybody.x[:, None] - everybody.x, everybody.y[:, None] - everybody.y)
+    i, j = np.nonzero(np.triu(apart < reach[:, None] + reach, 1))
+    assert len(i) > 100
+    assert pairs_in_reach(everybody, reach).tolist() == np.stack([i, j], axis=1).tolist()
