@@ -24,6 +24,9 @@ KERB = 1.0
 it. `metrics.signal_crossings` counts from there on."""
 OFF_PATH = 4.0
 """m beside its path beyond which an observed person is somewhere else on it, or on another path."""
+ASTRAY = 6.0
+"""m beside its path beyond which a person of the scenario is led on from where it is: it would walk beside its path,
+over the street. With 4 m fewer arrive in jams at small signals: in `crowd` 0.75 instead of 0.86 of SUMO's vehicles."""
 DISPLACED = 0.5
 """m from the planned position: the person was moved by SUMO or a user's script, and its path is found anew."""
 SPAWNED_SPEED = 1.3
@@ -81,8 +84,8 @@ class PedestrianTracker:
         if track is not None and (path := track.path) is not None:
             s, _, distance = path.line.place(x, y, track.s - 2.0, track.s + 4.0)
             if distance > OFF_PATH:
-                s, _ = path.line.nearest(x, y, track.s - 2.0)
-                if not person.startswith(SPAWNED_PREFIX):
+                s, _, distance = path.line.place(x, y, track.s - 2.0, math.inf)
+                if distance > ASTRAY and not person.startswith(SPAWNED_PREFIX):
                     # The walk of a person of the scenario is read once, when it is taken over: after that SUMO has a
                     # part of it.
                     back = self._graph.back_on(path, s, _side(person), x, y)

@@ -5,7 +5,7 @@ import math
 import libsumo
 import pytest
 
-from slrl_sumo.routing.pedestrian_tracker import KERB, OFF_PATH, PAST, PedestrianTracker
+from slrl_sumo.routing.pedestrian_tracker import ASTRAY, KERB, PAST, PedestrianTracker
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -64,7 +64,7 @@ def test_one_off_its_path_gets_another_one() -> None:
         assert path is not None
         left = tracker.remaining_distance("walker")
         x, y, heading = path.line.at(path.ends[0])
-        for distance, moved in zip((OFF_PATH - 0.5, OFF_PATH + 0.5), (False, True), strict=True):
+        for distance, moved in zip((ASTRAY - 0.5, ASTRAY + 0.5), (False, True), strict=True):
             place = x + distance * math.sin(heading), y - distance * math.cos(heading)
             if path.line.place(*place, 0.0, path.line.end)[2] < distance - 0.2:  # the path turns to that side
                 place = x - distance * math.sin(heading), y + distance * math.cos(heading)
