@@ -122,7 +122,8 @@ def main() -> None:
 
 def trained(arguments: argparse.Namespace, recordings: tuple[Path, ...]) -> str:
     """The folder of the bundle that the last part of the training left."""
-    bundle = name = arguments.name
+    name: str = arguments.name
+    bundle = name
     parts = {} if arguments.further else {name: TRAININGS[name]}
     parts |= {f"{name}-further": FURTHER[name]} if name in FURTHER else {}
     for part, training in parts.items():

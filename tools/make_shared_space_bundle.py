@@ -24,8 +24,8 @@ def main() -> None:
     train, *tests = (read_hc(arguments.data / f"D{number}.csv") for number in (1, 2, 3))
     notice = f"The data, of which these weights are a derived work, comes with this notice:\n\n{_quoted(licence)}"
     # Whole paths and the last 2 s predict better, but drive slower: pedestrians at 1.03 instead of 1.24 m/s.
-    models = {"modes": "relative", "preset": "paper"}
-    bundle = fit([train], name=arguments.out.name, seed=arguments.seed, **models, tests=tests, notice=notice)
+    name, seed = arguments.out.name, arguments.seed
+    bundle = fit([train], name=name, seed=seed, modes="relative", preset="paper", tests=tests, notice=notice)
     bundle.save(arguments.out)
     print((arguments.out / "MODEL_CARD.md").read_text(encoding="utf-8"))
 
