@@ -137,6 +137,9 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
     presets = {file.stem: read_settings(file).policy.preset for file in sorted(SELECTORS.glob("*.toml"))}
     assert presets.pop("ablation") == "paper"
     assert presets.pop("ablation-routes") == "extended"
+    first = read_settings(SELECTORS / "intersection.toml")
+    further = read_settings(SELECTORS / "intersection-further.toml", first)
+    assert (presets.pop("intersection-further"), further.policy.preset) == ("paper", "extended")
     assert presets == {
         "intersection": "extended",
         "intersection-paper": "paper",
@@ -146,10 +149,11 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
 
 
 def test_the_shipped_selector_records_the_settings_of_its_recipe() -> None:
-    """So that `--from` goes on with them."""
+    """Of its second part, so that `--from` goes on with them."""
     bundle = load_bundle("intersection")
     recorded = recorded_settings(bundle)
-    assert recorded == read_settings(SELECTORS / "intersection.toml")
+    first = read_settings(SELECTORS / "intersection.toml")
+    assert recorded == going_on(read_settings(SELECTORS / "intersection-further.toml", first), bundle)
     assert recorded.arena.trips
     assert recorded_settings(replace(bundle, policy_training=None)) == TrainSettings()
 

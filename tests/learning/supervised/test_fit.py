@@ -276,7 +276,7 @@ def test_a_type_alone_is_enough_and_tests_may_lack_others(traffic: list[Trajecto
 
 
 def test_what_cannot_be_learned_from_is_refused(traffic: list[Trajectories], brief_traffic: Trajectories) -> None:
-    with pytest.raises(InputError, match="there is no such clustering; use relative, kmeans, balanced, curved"):
+    with pytest.raises(InputError, match="there is no such clustering; use paths, relative, kmeans, balanced"):
         fit(traffic, name="a", seed=1, modes="k-means")
     with pytest.raises(InputError, match="at least one recording"):
         fit([], name="a", seed=1)
