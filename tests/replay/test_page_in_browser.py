@@ -422,6 +422,8 @@ def test_light_and_dark(page: Driver) -> None:
     light = (colour(page, 80, 120), colour(page, 80, 93.4))
     paint(page, "dark")
     try:
+        # Firefox tells the page of its preference later, on busy cores between two looks at it.
+        WebDriverWait(page, 20).until(lambda b: colour(b, 80, 120) == rgb(b, "back") and max(rgb(b, "back")) < 80)
         settle(page)
         dark = (colour(page, 80, 120), colour(page, 80, 93.4))
         assert min(light[0] + light[1]) > 180
