@@ -47,26 +47,11 @@ def colliding_pairs(world: WorldState) -> Pairs:
 
 def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
     """`colliding_pairs`, and the pairs whose boxes intersect, (p, 2), sorted, by one search."""
-    if len(world) < 2:
-        return np.zeros((0, 2), np.intp), np.zeros((0, 2), np.intp)
-    reach = np.hypot(world.length, world.width)
-    # A few long vehicles must not enlarge the search radius of many: ordinary ones pair within their own reach.
-    ordinary = float(reach.max() if len(world) <= FEW else max(np.median(reach), 6.0))
-    pairs = close_pairs(world, ordinary + 0.01)
-    long = np.flatnonzero(reach > ordinary)
-    if len(long):
-        order = np.argsort(world.x)
-        x, reach_of_both = world.x[order], 0.5 * (reach[long] + reach.max()) + 0.01
-        begin, end = (np.searchsorted(x, world.x[long] + side * reach_of_both) for side in (-1, 1))
-        extra = listed_ranges(begin, end)
-        extra = np.stack([long[extra[:, 0]], order[extra[:, 1]]], axis=1)
-        extra = np.sort(extra[extra[:, 0] != extra[:, 1]], axis=1)
-        pairs = np.unique(np.concatenate([pairs, extra]), axis=0)
-    apart = _apart(world, pairs)
-    possible = apart <= 0.5 * reach[pairs].sum(axis=1) + 0.01
+    reach = np.maximum(0.5 * np.hypot(world.length, world.width) + 0.01, 0.5 * COLLISION_DISTANCE)
+    pairs = pairs_in_reach(world, reach)
     boxes = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
-    a, b = pairs[possible].T
-    return pairs[apart < COLLISION_DISTANCE], pairs[possible][boxes_overlap(boxes[a], boxes[b])]
+    a, b = pairs.T
+    return pairs[_apart(world, pairs) < COLLISION_DISTANCE], pairs[boxes_overlap(boxes[a], boxes[b])]
 
 
 def ids_of(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
