@@ -87,7 +87,7 @@ def moments(bundle: ModelBundle, settings: TrainSettings, seed: int) -> list[Mom
     """One moment of each situation, drawn at random among those of a network."""
     found: dict[str, list[Moment]] = {name: [] for name in SITUATIONS}
     rule, trained = (make_selector(name, bundle, seed) for name in ("rule", "greedy"))
-    with opened(bundle, settings, family_of(seed), seed) as arena:
+    with opened(bundle, settings, family_of(seed), seed, trained) as arena:
         for decision in range(LATEST):
             modes = chosen(rule, arena)
             if decision >= EARLIEST and arena.situation is not None and arena.situation.context is not None:
@@ -105,7 +105,7 @@ def drive(bundle: ModelBundle, settings: TrainSettings, moment: Moment, name: st
     """The road user of a moment by the selector `name` from then on, all others by `rule`."""
     rule, other = (make_selector(one, bundle, moment.seed) for one in ("rule", name))
     found = Drive()
-    with opened(bundle, settings, family_of(moment.seed), moment.seed) as arena:
+    with opened(bundle, settings, family_of(moment.seed), moment.seed, other) as arena:
         found.ground = arena.simulation.road_map
         for decision in range(moment.decision + DECISIONS):
             modes, ids = chosen(rule, arena), arena.simulation.population.world.ids

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.selection import Selector
 from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
 from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.learning.rl.training_settings import TrainSettings, read_settings
@@ -32,6 +33,7 @@ from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.netgen.families import generate
 from slrl_sumo.perception.observation import Observation
+from slrl_sumo.perception.presets import vector_for
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES, RoadUserType
@@ -91,7 +93,7 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
     selector, rule = make_selector(name, bundle, job.seed), make_selector("rule", bundle, job.seed)
     sums = dict.fromkeys(SUMS, 0.0)
     sums |= {f"{what}_{name}": 0.0 for name in GROUPS for what in IN_GROUP}
-    with one_thread(), opened(bundle, settings, job.family, job.seed, image=selector.needs_image) as arena:
+    with one_thread(), opened(bundle, settings, job.family, job.seed, selector) as arena:
         for _ in range(decisions):
             situation = arena.situation
             modes = by_rule = np.zeros(0, np.int64)
@@ -135,13 +137,14 @@ def play(bundle_name: str, settings: TrainSettings, decisions: int, job: Play) -
 
 @contextmanager
 def opened(
-    bundle: ModelBundle, settings: TrainSettings, family: str, seed: int, *, image: bool = False
+    bundle: ModelBundle, settings: TrainSettings, family: str, seed: int, selector: Selector
 ) -> Iterator[TripArena]:
-    """The arena of one network, with images or without."""
-    arena_settings = replace(settings.arena, weights=settings.reward, extended=True, trips=True, image=image)
+    """The arena of one network as the selector perceives it."""
+    seen = replace(settings.arena, preset=selector.preset, state=vector_for(bundle.config.preset, selector.preset))
+    trips = replace(seen, image=selector.needs_image, weights=settings.reward, trips=True)
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         scenario = find_scenario(str(generate(family, seed, Path(folder) / "made")))
-        with TripArena(scenario, bundle, arena_settings, seed) as arena:
+        with TripArena(scenario, bundle, trips, seed) as arena:
             yield arena
 
 

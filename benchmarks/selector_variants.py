@@ -40,7 +40,9 @@ class Dense(nn.Module):
         """See Policy.correction."""
         policy = self.policy
         pixels = image.permute(0, 3, 1, 2).float() / 127.5 - 1.0
-        seen = policy.trunk(torch.cat([policy.encoder(pixels), _normalised(vector), route], -1))
+        seen = policy.trunk(
+            torch.cat([policy.encoder(pixels), _normalised(vector, policy.config.vector_columns), route], -1)
+        )
         rated = policy._rated(rollouts, vector)
         modes = torch.stack([actor(seen) for actor in policy.actors], 1)
         modes = modes + torch.stack([scorer(rated)[..., 0] for scorer in policy.scorers], 1)

@@ -34,7 +34,7 @@ def main() -> None:
     family, seed, decisions = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     given, bundle = read_settings(SETTINGS), load_bundle("intersection")
     selector = make_selector("greedy", bundle, seed)
-    settings = replace(given.arena, weights=given.reward, extended=True, trips=True, image=selector.needs_image)
+    settings = replace(given.arena, weights=given.reward, preset="extended", trips=True, image=selector.needs_image)
     digest, times, users = hashlib.sha256(), [], 0
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder, one_thread():
         scenario = find_scenario(str(generate(family, seed, Path(folder) / "made")))

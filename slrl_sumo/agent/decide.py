@@ -26,6 +26,7 @@ from slrl_sumo.lookahead.steering import with_steering
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import Capability, capability_of
 from slrl_sumo.perception.observation import Observation, observe
+from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.perception.route_context import RouteContext, route_context
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
@@ -103,8 +104,10 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
     """
     selector, bundle = agent.selector, agent.bundle
     context, changed = _context(scene, agent)
-    seen = context if selector.preset == "extended" else None
-    observation = observe(scene, with_image=selector.needs_image, context=seen, state=bundle.config.preset)
+    preset = PRESETS[selector.preset]
+    seen = context if preset.knows_route else None
+    state = vector_for(bundle.config.preset, selector.preset)
+    observation = observe(scene, with_image=selector.needs_image, context=seen, state=state, path=preset.path)
     if context is None:
         rollouts = mode_rollouts(bundle, observation, scene, threads=agent.threads) if selector.needs_rollouts else None
         return Situation(scene, observation, None, rollouts, {}, changed)

@@ -21,6 +21,7 @@ from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.bundle_folder import usual_of
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.past_motion import PastMotion
+from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.perception.scene import Scene
 from slrl_sumo.routing.routes import Routes
@@ -91,7 +92,7 @@ class Driver(Protocol):
 class ModelDriver:
     """The method: considers all modes, decides for one, moves by its displacement model.
 
-    `routes`: of selectors of the preset `extended`, and for the guard; None: road users know no routes.
+    `routes`: of selectors that know their route, and for the guard; None: road users know no routes.
     """
 
     has_models = True
@@ -105,7 +106,8 @@ class ModelDriver:
         self.refusals = Refusals() if routes is None else routes.refusals
         self._considered: WorldState | None = None
         self._stopwatch = stopwatch or Stopwatch()
-        self._past = None if agent.bundle.config.preset == "paper" else PastMotion()
+        vector = vector_for(agent.bundle.config.preset, agent.selector.preset)
+        self._past = None if vector == "paper" else PastMotion()
 
     def scene(self, world: WorldState, n: int, road_map: RoadMap, rows: NDArray[np.intp] | None = None) -> Scene:
         """The scene of the first `n` road users of `world`, or `rows` of them, with their routes as they are now."""
@@ -144,7 +146,7 @@ class ModelDriver:
             return None
         if situation.observation.image is not None:
             return situation.observation.image[rows]
-        context = situation.context if self.agent.selector.preset == "extended" else None
+        context = situation.context if PRESETS[self.agent.selector.preset].knows_route else None
         return observe(replace(situation.scene, rows=rows), context=context).image
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -250,5 +252,5 @@ def make_driver(
     if selector not in SELECTORS:
         raise unknown_selector(selector)
     chooser = make_selector(selector, bundle, seed)
-    routes = Routes(api, network) if constraints.guard or chooser.preset == "extended" else None
+    routes = Routes(api, network) if constraints.guard or PRESETS[chooser.preset].knows_route else None
     return ModelDriver(Agent(bundle, chooser, constraints, threads=RowThreads(threads)), routes, stopwatch=stopwatch)

@@ -24,7 +24,7 @@ class Selector(Protocol):
     needs_rollouts: bool
     """Whether it reads the mode rollouts."""
     preset: str
-    """`extended` where it reads `Observation.route`, and images and rollouts with the route; else `paper`."""
+    """What it perceives, one of perception.presets.PRESETS."""
 
     def choose(
         self,

@@ -88,7 +88,7 @@ class PolicySelector:
 
             self._network = network_of(bundle.policy)
         config = self._config
-        self.needs_image, self.needs_rollouts, self.preset = config.image, config.lookahead, config.preset
+        self.needs_image, self.needs_rollouts, self.preset = config.image, config.looks_ahead, config.preset
         self._uniform = uniform
 
     def choose(

@@ -74,8 +74,10 @@ def motions(models: MotionModels, vector: Singles, kind: NDArray[np.int64]) -> t
 
 
 def outputs(networks: Networks, vector: Singles, kind: NDArray[np.int64]) -> Singles:
-    """Outputs (n, members, out) of all networks of each row's type, as of StackedNetworks.forward_all."""
-    x = _standardised(np.ascontiguousarray(vector), kind, networks.mean, networks.scale)
+    """Outputs (n, members, out) of all networks of each row's type, as of StackedNetworks.forward_all. They read the
+    first columns of `vector`; a selector may read more."""
+    read = np.ascontiguousarray(vector[:, : networks.mean.shape[1]])
+    x = _standardised(read, kind, networks.mean, networks.scale)
     for number, (weight, bias) in enumerate(zip(networks.weight, networks.bias, strict=True)):
         # numpy's tanh takes a tenth of the time of a compiled one.
         x = layer(np.tanh(x, out=x) if number else x, kind, weight, bias)

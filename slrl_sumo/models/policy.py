@@ -18,6 +18,7 @@ from slrl_sumo.models.policy_network import (
     ROLLOUT_SCALES,
     ROUTE_FIT_SCALES,
     PolicyConfig,
+    history_scales,
 )
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
@@ -57,7 +58,7 @@ class Policy(nn.Module):
             self.encoder = _encoder(config)
             inputs += config.hidden
         self.trunk = nn.Sequential(_scaled(nn.Linear(inputs, config.hidden)), _rectifier())
-        self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.lookahead else 0))
+        self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.looks_ahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
         # In the record of the training, because weights are those of the training.
@@ -74,10 +75,10 @@ class Policy(nn.Module):
     ) -> tuple[Tensor, Tensor]:
         """The own logits, (n, modes), and the value, (n,).
 
-        `vector`: (n, 12) feature vectors; `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8, for those that read it;
-        `kind`: (n,) int64 types;
+        `vector`: (n, 12) feature vectors, in the preset `image` (n, 33), with the last 2 s and the nearest road users;
+        `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8, for those that read it; `kind`: (n,) int64 types;
         `rollouts`: (n, modes, features), columns as in `PolicyConfig.rollout_features`, for policies that look ahead;
-        `route`: (n, 14), for those of the preset `extended`.
+        `route`: (n, 14), for those of the preset `extended`; (n, 30) of the preset `image`.
         """
         seen = self._seen(vector, image, route)
         types = _Types(kind)
@@ -102,7 +103,7 @@ class Policy(nn.Module):
 
     def _seen(self, vector: Tensor, image: Tensor | None, route: Tensor | None) -> Tensor:
         """Output of the trunk for n observations, (n, hidden)."""
-        known = [_normalised(vector)]
+        known = [_normalised(vector, self.config.vector_columns)]
         if self.config.image:
             assert image is not None
             known.insert(0, torch.cat([self._encoded(some) for some in torch.split(image, AT_ONCE)]))
@@ -139,7 +140,7 @@ class Policy(nn.Module):
 
     def _parts(self, seen: Tensor, vector: Tensor, types: "_Types", rollouts: Tensor | None) -> tuple[Tensor, Tensor]:
         heads = types.each(self.actors, seen)
-        if not self.config.lookahead:
+        if not self.config.looks_ahead:
             return heads, torch.zeros_like(heads)
         assert rollouts is not None
         return heads, types.each(self.scorers, self._rated(rollouts, vector))[..., 0]
@@ -250,11 +251,12 @@ def _corrected(
     return torch.log_softmax(known + correction, -1)
 
 
-def _normalised(vector: Tensor) -> Tensor:
-    """The paper's columns of the vector without the heading, each of order 1: (n, 11)."""
-    vector = vector[:, : len(FEATURES)]  # bundles of the preset `history` have more
+def _normalised(vector: Tensor, columns: tuple[str, ...]) -> Tensor:
+    """The `columns` of the vector without the heading, each of order 1: (n, columns - 1). A vector may have more."""
     motion = vector[:, :HEADING] * vector.new_tensor(MOTION_SCALES)
-    return torch.cat([motion, COUNT_SCALE * torch.log1p(vector[:, COUNTS:])], -1)
+    counts = COUNT_SCALE * torch.log1p(vector[:, COUNTS : len(FEATURES)])
+    history = vector[:, len(FEATURES) : len(columns)] * vector.new_tensor(history_scales(columns))
+    return torch.cat([motion, counts, history], -1)
 
 
 def _column(values: Tensor, names: tuple[str, ...], name: str) -> Tensor:

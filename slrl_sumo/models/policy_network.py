@@ -19,8 +19,9 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json
 from slrl_sumo.models.bundle_folder import POLICY_FILES
 from slrl_sumo.models.motion_models import MODES, SPEED, Networks, Singles, Weights, layer, outputs
-from slrl_sumo.perception.features import COUNTS, FEATURES
-from slrl_sumo.perception.route_features import ROUTE_FEATURES
+from slrl_sumo.perception.features import COUNTS, FEATURES, STATES
+from slrl_sumo.perception.presets import PRESETS
+from slrl_sumo.perception.route_features import PATH_FEATURES, ROUTE_FEATURES
 from slrl_sumo.scene.types import RoadUserType
 
 HEADING = FEATURES.index("heading")
@@ -39,10 +40,12 @@ MOTION_SCALES = (0.1, 0.3, 1.0, 1.0, 1.0)
 """The same for the columns of the vector before the heading."""
 COUNT_SCALE = 0.5
 """The same for the logarithms of the counts of road users."""
+HISTORY_SCALES = {"yaw_rate": 2.0, "speed_": 0.1, "near_": 1.0}
+"""The same for the columns of the state `history` after those of the paper, by the beginnings of their names ..."""
+MPS_SCALE = 0.2
+"""... and for relative velocities."""
 LEAST_PRIOR = -4.0
 """Least log probability of the prior, so that training can find modes that the prior has never seen."""
-PRESETS = ("paper", "extended")
-"""Which observation a policy reads: the paper's, or one with the route ahead."""
 EXCLUDED = -1e4
 """Log probability of a mode that is not allowed: its exponential is 0, and 0 times it is 0 (not so with -inf)."""
 
@@ -52,13 +55,14 @@ class PolicyConfig:
     """Shapes of a policy, and the observation it reads."""
 
     preset: str = "paper"
+    """One of perception.presets.PRESETS."""
     modes: int = MODES
     channels: tuple[int, ...] = (16, 32, 32)
     """Of the convolutions, each with stride 2: a quarter of the pixels remains after each."""
     hidden: int = 128
     head: int = 64
     lookahead: bool = True
-    """Whether it also reads the mode rollouts."""
+    """Whether it also reads the mode rollouts, where its preset has them."""
     image: bool = True
     """Whether it reads the image."""
     prior_logits: bool = True
@@ -66,19 +70,30 @@ class PolicyConfig:
     on an empty road the prior expects that it keeps its speed, not that it speeds up."""
 
     @property
+    def looks_ahead(self) -> bool:
+        """Whether it reads the mode rollouts."""
+        return self.lookahead and PRESETS[self.preset].looks_ahead
+
+    @property
     def rollout_features(self) -> tuple[str, ...]:
         """Names of the fields of the mode rollouts that it reads, in the order of its inputs."""
         return (*ROLLOUT_SCALES, *(ROUTE_FIT_SCALES if self.preset == "extended" else ()))
 
     @property
+    def vector_columns(self) -> tuple[str, ...]:
+        """Names of the columns of Observation.vector that it reads, with the heading, which it leaves out."""
+        return STATES[PRESETS[self.preset].state]
+
+    @property
     def route_columns(self) -> int:
         """Columns of Observation.route that it reads."""
-        return len(ROUTE_FEATURES) if self.preset == "extended" else 0
+        preset = PRESETS[self.preset]
+        return len(ROUTE_FEATURES) * preset.knows_route + len(PATH_FEATURES) * preset.path
 
     @property
     def inputs(self) -> int:
         """Inputs of the trunk without those of the image."""
-        return len(FEATURES) - 1 + self.route_columns
+        return len(self.vector_columns) - 1 + self.route_columns
 
     @property
     def scorer_inputs(self) -> int:
@@ -132,7 +147,7 @@ class PolicyNetwork:
             )
 
         actors = stacked("actors.{type}.0"), stacked("actors.{type}.2")
-        scorers = (stacked("scorers.{type}.0"), stacked("scorers.{type}.2")) if config.lookahead else None
+        scorers = (stacked("scorers.{type}.0"), stacked("scorers.{type}.2")) if config.looks_ahead else None
         with_route = np.ones_like(without_route) if with_route is None else with_route
         return cls(config, stacked("trunk.0"), actors, scorers, without_route, with_route)
 
@@ -159,7 +174,7 @@ class PolicyNetwork:
     def _correction(
         self, vector: Singles, kind: NDArray[np.int64], rollouts: Singles | None, route: Singles | None
     ) -> Singles:
-        known = [normalised(vector)]
+        known = [normalised(vector, self.config.vector_columns)]
         if self.config.route_columns:
             assert route is not None
             known.append(route)
@@ -238,9 +253,10 @@ def read_policy_files(folder: Path, modes: int) -> PolicyFiles | None:
         shapes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         config = PolicyConfig(**shapes)
         if config.preset not in PRESETS:
+            *others, last = PRESETS
             raise InputError(
                 f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs "
-                f"{' and '.join(PRESETS)}"
+                f"{', '.join(others)} and {last}"
             )
         if config.modes != modes:
             raise ValueError(f"it chooses among {config.modes} modes, the bundle has {modes}")
@@ -273,18 +289,29 @@ def _shapes(config: PolicyConfig) -> dict[str, tuple[int, ...]]:
     for one in range(len(RoadUserType)):
         layers |= {f"actors.{one}.0": (config.head, config.hidden), f"actors.{one}.2": (config.modes, config.head)}
         layers |= {f"critics.{one}.0": (config.head, config.hidden), f"critics.{one}.2": (1, config.head)}
-        if config.lookahead:
+        if config.looks_ahead:
             inner = (config.scorer_hidden, config.scorer_inputs)
             layers |= {f"scorers.{one}.0": inner, f"scorers.{one}.2": (1, config.scorer_hidden)}
     shapes: dict[str, tuple[int, ...]] = {f"{name}.weight": shape for name, shape in layers.items()}
     return shapes | {f"{name}.bias": shape[:1] for name, shape in layers.items()}
 
 
-def normalised(vector: Singles) -> Singles:
-    """As policy._normalised: the paper's columns of the vector without the heading, each of order 1, (n, 11)."""
+def normalised(vector: Singles, columns: tuple[str, ...] = FEATURES) -> Singles:
+    """As policy._normalised: the `columns` of the vector without the heading, each of order 1, (n, columns - 1)."""
     motion = vector[:, :HEADING] * np.array(MOTION_SCALES, np.float32)
     counts = np.float32(COUNT_SCALE) * np.log1p(vector[:, COUNTS : len(FEATURES)])
-    return np.concatenate([motion, counts], axis=1)
+    history = vector[:, len(FEATURES) : len(columns)] * np.array(history_scales(columns), np.float32)
+    return np.concatenate([motion, counts, history], axis=1)
+
+
+def history_scales(columns: tuple[str, ...]) -> list[float]:
+    """Factors that bring the `columns` of a vector after those of the paper to order 1."""
+    return [
+        MPS_SCALE
+        if name.endswith("_mps")
+        else next(scale for begin, scale in HISTORY_SCALES.items() if name.startswith(begin))
+        for name in columns[len(FEATURES) :]
+    ]
 
 
 def log_softmax(logits: Singles) -> Singles:

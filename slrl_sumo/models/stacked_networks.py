@@ -44,7 +44,9 @@ class StackedNetworks(nn.Module):
         self.weight[-1].zero_()
 
     def standardised(self, vector: Tensor, kind: Tensor) -> Tensor:
-        """Feature vectors (n, in) or (n, rows, in) of the types `kind` (n,), standardised and kept within ±LIMIT."""
+        """Feature vectors (n, in) or (n, rows, in) of the types `kind` (n,), standardised and kept within ±LIMIT; of
+        more columns, which a selector may read, the first ones."""
+        vector = vector[..., : self.mean.shape[1]]
         mean, scale = self.mean.index_select(0, kind), self.scale.index_select(0, kind)
         if vector.dim() > mean.dim():
             mean, scale = mean[:, None], scale[:, None]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS, ego_images
 from slrl_sumo.perception.features import state as vector_of
 from slrl_sumo.perception.route_context import RouteContext
-from slrl_sumo.perception.route_features import route_features
+from slrl_sumo.perception.route_features import path_features, route_features
 from slrl_sumo.perception.scene import Scene
 
 
@@ -17,27 +17,33 @@ class Observation:
     """What n road users perceive at one time."""
 
     vector: NDArray[np.float32]
-    """(n, columns) as in `features.STATES` of the bundle's preset, the first 12 those of `features.FEATURES`; not
-    normalised."""
+    """(n, columns) as in `features.STATES`, the first 12 those of `features.FEATURES`; not normalised."""
     image: NDArray[np.uint8] | None
     """(n, EGO_ROWS, EGO_COLS, 3) RGB as in `ego_image.ego_images`; None where it was not asked for."""
     type: NDArray[np.int8]
     """RoadUserType of each, (n,)."""
     route: NDArray[np.float32] | None = None
-    """(n, 14), columns as in `route_features.ROUTE_FEATURES`; None in the preset `paper` and without routes."""
+    """(n, 14), columns as in `route_features.ROUTE_FEATURES`, in the preset `image` (n, 30), with those of
+    PATH_FEATURES; None in the preset `paper` and without routes."""
 
     def __len__(self) -> int:
         return len(self.type)
 
 
 def observe(
-    scene: Scene, *, with_image: bool = True, context: RouteContext | None = None, state: str = "paper"
+    scene: Scene,
+    *,
+    with_image: bool = True,
+    context: RouteContext | None = None,
+    state: str = "paper",
+    path: bool = False,
 ) -> Observation:
     """What the deciding road users of `scene` perceive: the only way to an observation, live and in recordings.
 
     With the `context` of the learned road users of the scene this is the preset `extended`: the route as numbers and as
-    a line in the image, crossings and cycle lanes in their own colours; without it `paper`.
-    `state`: the preset of the vector, that of the bundle (see `features.STATES`).
+    a line in the image, crossings and cycle lanes in their own colours; without it `paper`. With `path` the route also
+    has the points of the path ahead, as in the preset `image`.
+    `state`: the vector, as models and selector need it (see `presets.vector_for`).
     """
     world, rows = scene.world, scene.rows
     mine = None if context is None else context.take(rows)
@@ -49,9 +55,15 @@ def observe(
             image = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
             for part, places in scene.groups():
                 image[places] = ego_images(part.world, part.rows, scene.road_map)
+    route = None
+    if mine is not None:
+        route = route_features(world.heading[rows], mine)
+        if path:
+            points = path_features(mine.route, world.x[rows], world.y[rows], world.heading[rows])
+            route = np.concatenate([route, points], axis=1)
     return Observation(
         vector=vector_of(world, rows, scene.group, scene.past, state),
         image=image,
         type=world.type[rows],
-        route=None if mine is None else route_features(world.heading[rows], mine),
+        route=route,
     )

@@ -1,4 +1,4 @@
-"""The route of a road user as numbers (preset `extended`)."""
+"""The route of a road user as numbers (presets `extended` and `image`)."""
 
 import math
 
@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 from slrl_sumo.perception.route_context import RouteContext
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.scene.route import HERE
+from slrl_sumo.scene.route import HERE, RouteAhead
 
 FAR = 60.0
 """m at which distances to lines and leaders are cut off."""
+MOST_PATH = 10.0
+"""Tens of m at which points of the path are cut off."""
 TURN = 0.3
 """rad; a path that deviates by more than this turns."""
 SHARP = math.sin(TURN) / (math.sin(TURN) + math.cos(TURN))
@@ -39,6 +41,23 @@ ROUTE_FEATURES: tuple[str, ...] = (
 path; distance to the next turn, and the largest turn (rad) of the known path; distances to the stop position and to the
 next line, one-hot signal there; speed allowed by limits, junctions and curves; distance to the destination; gap to the
 leader on the path, and its speed. Distances are in tens of metres, speeds in tens of m/s, at most FAR."""
+
+
+PATH_POINTS = (2, 4, 7, 11, 16, 22, 30, 40)
+"""Points of the path ahead, by their number from HERE on: at 40 m or, of fast vehicles, as far as they see."""
+PATH_FEATURES: tuple[str, ...] = tuple(f"path_{k}_{column}" for k in PATH_POINTS for column in ("ahead", "left"))
+"""Columns of `path_features`: those points in the ego frame, tens of m."""
+
+
+def path_features(route: RouteAhead, x: Floats, y: Floats, heading: Floats) -> NDArray[np.float32]:
+    """The paths ahead of n road users as PATH_FEATURES, (n, 16); 0 without a route. `x`, `y` (m) and `heading` (rad)
+    are theirs, (n,)."""
+    chosen = HERE + np.array(PATH_POINTS)
+    dx, dy = route.x[:, chosen] - x[:, None], route.y[:, chosen] - y[:, None]
+    c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
+    points = np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1).reshape(len(x), len(PATH_FEATURES)) / 10.0
+    points[~route.known] = 0.0
+    return points.clip(-MOST_PATH, MOST_PATH).astype(np.float32)
 
 
 def route_features(heading: Floats, context: RouteContext) -> NDArray[np.float32]:

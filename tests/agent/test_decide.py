@@ -63,7 +63,7 @@ def test_training_decides_as_a_run_does(bundle: str, scenario: str, selector: st
     assert models.policy is not None
     # The prior reads no routes in a run, so the training that it is compared with has none.
     extended = models.policy.config.preset == "extended" and selector != "prior"
-    settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, extended=extended)
+    settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, preset="extended" if extended else "paper")
     changed = 0
     with Arena(find_scenario(scenario), models, settings, 3) as arena:
         driver = run_driver(arena, selector)
@@ -86,7 +86,7 @@ def test_training_decides_as_a_run_does(bundle: str, scenario: str, selector: st
 
 
 def test_road_users_that_stand_too_long_are_released_in_training_as_in_runs() -> None:
-    settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, extended=True)
+    settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, preset="extended")
     released = 0
     with Arena(find_scenario("signalised"), load_bundle("intersection"), settings, 3) as arena:
         driver = run_driver(arena, "greedy")
@@ -113,7 +113,7 @@ def test_constraints_are_named() -> None:
 
 
 def test_constraints_can_be_switched_off() -> None:
-    settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, extended=True)
+    settings = ArenaSettings(agents=N, warm_up=8.0, episode_steps=1000, preset="extended")
     off = Constraints(
         path_smoothing=False,
         steering_residual=False,

@@ -117,9 +117,14 @@ def extended(bundle: ModelBundle) -> Policy:
     return Policy(PolicyConfig(preset="extended", modes=bundle.config.modes, hidden=32, head=16))
 
 
-def _on_route(seen: Observation) -> Observation:
-    route = np.random.default_rng(5).random((len(seen), 14))
-    return replace(_with_images(seen), route=route.astype(np.float32))
+def _on_route(seen: Observation, config: PolicyConfig | None = None) -> Observation:
+    """With the columns that a policy reads: default, of the preset `extended`."""
+    config = config or PolicyConfig(preset="extended")
+    random, looked = np.random.default_rng(5), _with_images(seen)
+    route = random.random((len(seen), config.route_columns or 14))
+    more = random.random((len(seen), len(config.vector_columns) - looked.vector.shape[1]))
+    vector = np.concatenate([looked.vector, more], axis=1, dtype=np.float32)
+    return replace(looked, vector=vector, route=route.astype(np.float32))
 
 
 def _rollouts(n: int) -> ModeRollouts:
@@ -291,7 +296,8 @@ def test_a_preset_of_another_version_is_said(
     replace(bundle, policy=request.getfixturevalue(shapes)).save(tmp_path / "b")
     file = tmp_path / "b" / "selector.json"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"preset": "telepathic"}))
-    with pytest.raises(InputError, match="reads preset 'telepathic', this slrl_sumo runs paper and extended") as caught:
+    message = "reads preset 'telepathic', this slrl_sumo runs paper, image and extended"
+    with pytest.raises(InputError, match=message) as caught:
         load_bundle(tmp_path / "b")
     assert "\n" not in str(caught.value)
 
@@ -328,7 +334,9 @@ def test_logits_without_values_are_the_same(bundle: ModelBundle, seen: Observati
     torch.testing.assert_close(chosen.clone(), logits.detach(), rtol=1e-5, atol=1e-5)
 
 
-@pytest.mark.parametrize("shapes", [{"prior_logits": False}, {"preset": "paper"}, {"lookahead": False}])
+@pytest.mark.parametrize(
+    "shapes", [{"prior_logits": False}, {"preset": "paper"}, {"lookahead": False}, {"preset": "image"}]
+)
 def test_a_network_without_pytorch_gives_the_same_logits(
     bundle: ModelBundle, seen: Observation, shapes: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -337,7 +345,7 @@ def test_a_network_without_pytorch_gives_the_same_logits(
     policy = Policy(config)
     _disturb(policy)
     policy.without_route.copy_(torch.tensor([[0.25, 0.5]] * 3))
-    looked = replace(_on_route(seen), image=None)
+    looked = replace(_on_route(seen, config), image=None)
     assert looked.route is not None
     looked.route[:, 0] = np.arange(len(seen)) % 2  # every other one has a route
     vector, kind = tensors(looked)
@@ -358,7 +366,7 @@ def test_a_network_without_pytorch_gives_the_same_logits(
         policy.with_route.copy_(torch.tensor([[0.5, 0.125]] * 3))
         expected = choice_logits(policy, bundle.prior, vector, None, kind, torch.from_numpy(ahead), route)
         found = network_of(policy).choice_logits(
-            bundle.prior_networks, looked.vector, kind.numpy(), ahead if config.lookahead else None, looked.route
+            bundle.prior_networks, looked.vector, kind.numpy(), ahead if config.looks_ahead else None, looked.route
         )
         np.testing.assert_allclose(found, expected.detach().numpy(), rtol=1e-4, atol=1e-4)
 
@@ -371,3 +379,23 @@ def test_weights_of_other_shapes_are_damage_without_pytorch_too(bundle: ModelBun
     for training in (False, True):
         with pytest.raises(InputError, match="its selector is damaged"):
             load_bundle(tmp_path / "b", training=training)
+
+
+def test_the_preset_image_reads_the_past_the_path_and_no_rollouts(bundle: ModelBundle, seen: Observation) -> None:
+    torch.manual_seed(8)
+    policy = Policy(PolicyConfig(preset="image", modes=20, hidden=32, head=16))
+    _disturb(policy)
+    looked = _on_route(seen, policy.config)
+    vector, image, kind = _arguments(looked)
+    route = torch.from_numpy(looked.route)
+    before, _ = policy(vector, image, kind, None, route)
+    for columns, name in ((vector, "vector"), (route, "route")):
+        for k in range(columns.shape[1]):
+            kept = columns[:, k].clone()
+            columns[:, k] += 1.0
+            reads = not torch.equal(policy(vector, image, kind, None, route)[0], before)
+            assert reads == (policy.config.vector_columns[k] != "heading" if name == "vector" else True)
+            columns[:, k] = kept
+    # The models read the first columns.
+    known = bundle.prior.logits(vector, kind)
+    torch.testing.assert_close(known, bundle.prior.logits(vector[:, :12], kind))

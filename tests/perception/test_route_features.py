@@ -10,7 +10,14 @@ from builders import straight_routes
 from numpy.typing import NDArray
 
 from slrl_sumo.perception.route_context import route_context
-from slrl_sumo.perception.route_features import ROUTE_FEATURES, route_features
+from slrl_sumo.perception.route_features import (
+    MOST_PATH,
+    PATH_FEATURES,
+    PATH_POINTS,
+    ROUTE_FEATURES,
+    path_features,
+    route_features,
+)
 from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.state import WorldState
 
@@ -129,3 +136,23 @@ def test_routes_belong_to_the_rows_that_are_asked_for(
     table = route_features(world.heading[rows], context)
     np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("lateral_offset")], [-2.0, 1.0], atol=1e-6)
     np.testing.assert_allclose(table[:, ROUTE_FEATURES.index("leader_gap")], [1.0, 2.0], atol=1e-6)
+
+
+def test_the_path_ahead_is_seen_from_the_ego() -> None:
+    # Of two on the same path to the north, the second one is 2 m to its right and looks to the west.
+    north = (10.0, 20.0, np.pi / 2)
+    route = straight_routes(north, north)
+    x, y, heading = np.array([10.0, 12.0]), np.array([20.0, 20.0]), np.array([np.pi / 2, np.pi])
+    table = path_features(route, x, y, heading).reshape(2, len(PATH_POINTS), 2)
+    away = np.array(PATH_POINTS) / 10.0
+    np.testing.assert_allclose(table[0], np.column_stack([away, 0.0 * away]), atol=1e-6)
+    np.testing.assert_allclose(table[1], np.column_stack([0.2 + 0.0 * away, -away]), atol=1e-6)
+
+
+def test_without_a_route_and_far_away_the_path_is_bounded() -> None:
+    here = (0.0, 0.0, 0.0)
+    route = straight_routes(here, here, known=np.array([True, False]))
+    table = path_features(route, np.full(2, 1e4), np.zeros(2), np.zeros(2))
+    assert table.shape == (2, len(PATH_FEATURES))
+    assert table[0].min() == -MOST_PATH
+    assert not table[1].any()

@@ -20,6 +20,7 @@ from slrl_sumo.learning.rewards.fault import at_fault
 from slrl_sumo.learning.rewards.terms import RewardWeights, weighted
 from slrl_sumo.learning.rewards.transition import Ground, RewardFunction, Transition, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle
+from slrl_sumo.perception.presets import PRESETS
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.contacts import contact_pairs, ids_of
 from slrl_sumo.scene.geometry import Floats
@@ -33,7 +34,7 @@ EPISODE_STEPS = 128
 """Decisions of an episode (paper, section 4.1)."""
 
 STANDING_STARTS = 0.25
-"""Share of episodes in the preset `extended` that begin at a stand."""
+"""Share of episodes with routes that begin at a stand."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,12 @@ class ArenaSettings:
     """s of plain SUMO before learned road users are added, so that there is traffic."""
     teacher: CostWeights | None = None
     """Weights of the teacher's costs of modes; None: no teacher. For training only."""
-    extended: bool = False
-    """Whether road users have routes and see them (preset `extended`)."""
+    preset: str = "paper"
+    """What road users perceive, one of perception.presets.PRESETS: whether they have routes, and how they see them."""
     image: bool = True
     """Whether images are drawn."""
     state: str = "paper"
-    """Preset of the vector, that of the bundle's models (`features.STATES`)."""
+    """The vector (`features.STATES`), as the bundle's models and the preset need it (`presets.vector_for`)."""
     takeover: tuple[float, float, float] | None = None
     """With trips: shares of cars, bicycles and pedestrians that are learned; None is all that the bundle has models
     for."""
@@ -107,7 +108,7 @@ class OpenedSimulation(ABC):
         image: bool | None = None,
     ) -> None:
         self.bundle, self.settings = bundle, settings
-        self._modes = GivenModes("extended" if settings.extended else "paper")
+        self._modes = GivenModes(settings.preset)
         self._modes.needs_image = settings.image if image is None else image
         self._own_reward = reward
         self._session = SumoSession(scenario, seed=seed % 2**31)
@@ -160,7 +161,7 @@ class Arena(OpenedSimulation):
         self._random = np.random.default_rng([self._seed, 1])
         while self._session.time < self.settings.warm_up:
             self._session.step()
-        routes = Routes(self._session.api, self._session.network) if self.settings.extended else None
+        routes = Routes(self._session.api, self._session.network) if PRESETS[self.settings.preset].knows_route else None
         self.driver = ModelDriver(Agent(self.bundle, self._modes), routes)
         self.simulation = CoSimulation(self._session, self.driver)
         desired = np.array(self.settings.desired_speed or recorded_speed(self.bundle))
@@ -185,7 +186,7 @@ class Arena(OpenedSimulation):
 
     def _stop_some(self, rows: NDArray[np.intp]) -> None:
         """Let some new episodes begin at a stand: road users with a route wait, and must start again."""
-        if not self.settings.extended:
+        if not PRESETS[self.settings.preset].knows_route:
             return
         learned = self.simulation.population.world
         speed = learned.speed.copy()

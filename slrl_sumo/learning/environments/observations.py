@@ -53,14 +53,16 @@ def vector_space(state: str) -> spaces.Box:
 
 
 def observation_space(settings: ArenaSettings) -> spaces.Dict:
-    """Observation of one road user: the fields of `Observation` of these names, and the modes' rollouts."""
-    config = PolicyConfig(preset="extended" if settings.extended else "paper")
-    rollouts = (MODES, len(config.rollout_features))
+    """Observation of one road user: the fields of `Observation` of these names, and the modes' rollouts, where the
+    preset has them."""
+    config = PolicyConfig(preset=settings.preset)
     seen: dict[str, spaces.Space[Any]] = {
         "vector": vector_space(settings.state),
-        "rollouts": spaces.Box(-MOST_ROLLOUT, MOST_ROLLOUT, rollouts, np.float32),
         "action_mask": spaces.MultiBinary(MODES),
     }
+    if config.looks_ahead:
+        rollouts = (MODES, len(config.rollout_features))
+        seen["rollouts"] = spaces.Box(-MOST_ROLLOUT, MOST_ROLLOUT, rollouts, np.float32)
     if settings.image:
         seen["image"] = spaces.Box(0, 255, (EGO_ROWS, EGO_COLS, 3), np.uint8)
     if config.route_columns:
@@ -83,7 +85,7 @@ class Observer:
 
     def __init__(self, settings: ArenaSettings, own: OwnObservation | None) -> None:
         self._own, self._image = own, settings.image
-        self._features = PolicyConfig(preset="extended" if settings.extended else "paper").rollout_features
+        self._config = PolicyConfig(preset=settings.preset)
         self.space: spaces.Space[Any] = observation_space(settings) if own is None else own.space
         """Of one road user."""
         self.tells_active = settings.trips and own is None
@@ -95,8 +97,10 @@ class Observer:
         if self._own is not None:
             return self._checked(called("observe", self._own.function, situation), len(situation.observation))
         observation, rollouts = situation.observation, situation.rollouts
-        assert rollouts is not None
-        seen: Arrays = {"vector": observation.vector, "rollouts": rollouts.columns(self._features)}
+        seen: Arrays = {"vector": observation.vector}
+        if self._config.looks_ahead:
+            assert rollouts is not None
+            seen["rollouts"] = rollouts.columns(self._config.rollout_features)
         if self._image:
             assert observation.image is not None
             seen["image"] = observation.image

@@ -12,7 +12,7 @@ from slrl_sumo.learning.environments.source import ArenaSource, is_family
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rewards.transition import RewardFunction
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
-from slrl_sumo.models.policy_network import PRESETS
+from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario
@@ -46,7 +46,7 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
     if not is_family(scenario):
         find_scenario(scenario)
     preset = options.get("preset") or _usual_preset(bundle)
-    check_known("preset", preset, PRESETS)
+    check_known("preset", preset, tuple(PRESETS))
     image = options.get("image")
     if image is None:
         image = bundle.policy is not None and bundle.policy.config.image
@@ -65,9 +65,9 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
         weights=options.get("weights") or RewardWeights(),
         episode_steps=steps,
         warm_up=warm_up,
-        extended=preset == "extended",
+        preset=preset,
         image=image,
-        state=bundle.config.preset,
+        state=vector_for(bundle.config.preset, preset),
         trips=takeover is not None,
         takeover=None if takeover is None else _three(served_shares(takeover, bundle)),
     )

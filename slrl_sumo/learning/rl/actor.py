@@ -40,9 +40,8 @@ class Actor:
             return torch.log_softmax(self.prior.logits(vector, kind_of(vector)), -1).clamp_min(RAREST)
 
     def _logits(self, policy: Policy, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        vector, rollouts = (seen[name].to(self.device) for name in ("vector", "rollouts"))
-        optional = ("image", "route", "action_mask")
-        image, route, mask = (seen[name].to(self.device) if name in seen else None for name in optional)
+        vector, optional = seen["vector"].to(self.device), ("image", "rollouts", "route", "action_mask")
+        image, rollouts, route, mask = (seen[name].to(self.device) if name in seen else None for name in optional)
         kind = kind_of(vector)
         mask = None if mask is None else mask.bool()
         return policy_logits(policy, self.prior, vector, image, kind, rollouts, route, mask=mask, explore=self.explore)

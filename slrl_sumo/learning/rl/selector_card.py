@@ -15,6 +15,8 @@ HEADING = "\n## Selector\n"
 OBSERVES = {
     "paper": "It observes 32 m ahead and neither destination, traffic light nor right of way. Measured: "
     "docs/measurements/selectors.md.",
+    "image": "It observes 32 m ahead, the last 2 s, the nearest road users and its route with the signals and the "
+    "right of way on it, and does not look ahead. Measured: docs/measurements/training.md.",
     "extended": "It observes 40 m of its route with the signals and the right of way on it. Measured: "
     "docs/measurements/routes.md.",
 }

@@ -37,6 +37,7 @@ from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.netgen.families import Family, generate
+from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.sumo.scenario import find_scenario
 
 Report = Callable[[str, int, int, Figures], None]
@@ -126,8 +127,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
                 "simulations, and cannot be resumed; start a new training with more `steps`"
             )
         restore(agent, state, folder / "checkpoint.pt")
-    extended, image = settings.policy.preset == "extended", settings.policy.image
-    seen = replace(settings.arena, extended=extended, image=image, state=bundle.config.preset)
+    preset, image = settings.policy.preset, settings.policy.image
+    seen = replace(settings.arena, preset=preset, image=image, state=vector_for(bundle.config.preset, preset))
     arena = replace(seen, weights=settings.reward, teacher=settings.teacher)
     source = ArenaSource(tuple(map(portable_name, scenarios)), portable_name(request.bundle, shipped_bundles()), arena)
     log = TrainingLog(folder, rows, done, rollout_size)
@@ -254,8 +255,8 @@ def _imitated(
     """Train `policy` by imitation; returns the last figures."""
     plan = settings.imitation
     last: Figures = {}
-    # Recordings have no routes: the preset `extended` learns from the lookahead alone.
-    if not plan.epochs or settings.policy.preset == "extended":
+    # Recordings have no routes: selectors that know theirs learn in simulations alone.
+    if not plan.epochs or PRESETS[settings.policy.preset].knows_route:
         return last
     parts = []
     sources: tuple[Path | str, ...] = (*request.recordings, *scenarios)

@@ -13,7 +13,8 @@ from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.policy_network import PRESETS, PolicyConfig
+from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.perception.presets import PRESETS
 from slrl_sumo.scene.types import TYPE_NAMES
 
 Section = TypeVar("Section")
@@ -44,8 +45,8 @@ class TrainSettings:
     imitation: ImitationSettings = field(default_factory=ImitationSettings)
 
 
-NOT_FOR_USERS = {"arena": {"weights", "teacher", "extended", "image", "state", "takeover"}, "policy": {"modes"}}
-"""Fields that are set elsewhere: weights by [reward] and [teacher], routes by the preset, modes and the vector by the
+NOT_FOR_USERS = {"arena": {"weights", "teacher", "preset", "image", "state", "takeover"}, "policy": {"modes"}}
+"""Fields that are set elsewhere: weights by [reward] and [teacher], what is perceived by [policy], modes by the
 bundle."""
 
 RANGES = {
@@ -68,7 +69,7 @@ RANGES = {
 }
 """Lowest and highest values that would otherwise fail in the middle of a training."""
 
-NAMES = {("policy", "preset"): PRESETS, ("ppo", "only"): TYPE_NAMES, ("ppo", "kl_kept"): TYPE_NAMES}
+NAMES = {("policy", "preset"): tuple(PRESETS), ("ppo", "only"): TYPE_NAMES, ("ppo", "kl_kept"): TYPE_NAMES}
 """The names that settings take which are no numbers."""
 
 

@@ -113,7 +113,7 @@ def _parts(
     every = windows([recording], STRIDE, bundle.config.preset, max(HORIZONS.get(modes_by, FUTURE), FUTURE))
     every = every.take(bundle.types[every.type])
     mode = modes_of(every, modes_by, bundle.mode_centres, trained_ranges(bundle.training))
-    ground, agent = everywhere_road(recording.x, recording.y), Agent(bundle, GivenModes("extended"))
+    ground, agent = everywhere_road(recording.x, recording.y), Agent(bundle, GivenModes(policy.config.preset))
     found: list[tuple[Tensor, ...]] = []
     for frame in np.unique(every.frame).tolist():
         here = np.flatnonzero(every.frame == frame)

@@ -152,7 +152,7 @@ def test_the_teacher_holds_collisions_against_modes(bundle: ModelBundle) -> None
         np.testing.assert_allclose(cost[cars], expected, atol=1e-5)
 
 
-EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, extended=True, teacher=CostWeights())
+EXTENDED = ArenaSettings(agents=16, warm_up=8.0, episode_steps=200, preset="extended", teacher=CostWeights())
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from tests.builders import put_head_on
 
 WEIGHTS = RewardWeights(**dict.fromkeys(("close", "moving", "alive", "danger", "speed", "wrong_way", "realism"), 0.0))
-SETTINGS = ArenaSettings(agents=12, warm_up=20.0, weights=WEIGHTS, extended=True, trips=True, image=False)
+SETTINGS = ArenaSettings(agents=12, warm_up=20.0, weights=WEIGHTS, preset="extended", trips=True, image=False)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_only_terms_with_a_weight_are_computed(arena: TripArena) -> None:
 @pytest.mark.parametrize("extended", [False, True])
 def test_the_teacher_knows_what_the_selector_knows(bundle: ModelBundle, crossing: Scenario, extended: bool) -> None:
     """A training of the preset `paper` in trips ended here: its teacher asked for routes that it does not see."""
-    settings = replace(SETTINGS, teacher=CostWeights(), extended=extended)
+    settings = replace(SETTINGS, teacher=CostWeights(), preset="extended" if extended else "paper")
     with TripArena(crossing, bundle, settings, 5) as arena:
         costs, n = arena.teacher_costs(), len(arena.slots)
         assert costs.shape == (n, 20)

@@ -142,6 +142,7 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
     assert (presets.pop("intersection-further"), further.policy.preset) == ("paper", "extended")
     assert presets == {
         "intersection": "extended",
+        "intersection-image": "image",
         "intersection-paper": "paper",
         "shared-space": "extended",
         "shared-space-paper": "paper",
@@ -207,8 +208,8 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
         ("[ppo]\nnorm_adv = 1", "give true or false"),
         ("[arena]\nmix = [1.0]", "give a list of 3 numbers"),
         ("[ppo]\ngamma = 1.5", "gamma is 1.5: give a number from 0 to 1"),
-        ("[policy]\npreset = 'future'", r"\[policy\] preset is 'future': give paper or extended"),
-        ("[policy]\npreset = 3", r"\[policy\] preset is 3: give paper or extended"),
+        ("[policy]\npreset = 'future'", r"\[policy\] preset is 'future': give paper or image or extended"),
+        ("[policy]\npreset = 3", r"\[policy\] preset is 3: give paper or image or extended"),
         ("[ppo]\nonly = ['bus']", r"\[ppo\] only is 'bus': give car or bicycle or pedestrian"),
         ("[ppo]\nonly = 'car'", "give a list of several names"),
         ("[arena]\nextended = true", "has no setting 'extended'"),
