@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from numpy.typing import NDArray
 from safetensors.torch import save
+from torch import Tensor
 
 from slrl_sumo.models.bundle_folder import POLICY_FILES
 from slrl_sumo.models.policy import Policy
@@ -32,15 +34,22 @@ def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | Non
     files = read_policy_files(folder, modes)
     if files is None:
         return None
-    state = {name: torch.from_numpy(value) for name, value in files.weights.items()}
     with damage_reported(folder):
-        # Nothing is allocated on the meta device, and the sizes are compared.
+        # Nothing is allocated or initialised on the meta device: after a fork initialisation waits for ever for the
+        # threads of the parent (OpenMP). The sizes are compared.
         with torch.device("meta"):
-            Policy(files.config).load_state_dict(state, assign=True)
-        policy = Policy(files.config)
-        policy.load_state_dict(state)
-        policy.without_route.copy_(torch.from_numpy(files.without_route))
+            policy = Policy(files.config)
+        policy.load_state_dict({name: _tensor(value) for name, value in files.weights.items()}, assign=True)
+        policy.without_route = torch.from_numpy(files.without_route)
+        policy.with_route = torch.ones(files.without_route.shape)
     return policy.requires_grad_(False).eval(), files.training
+
+
+def _tensor(value: NDArray[Any]) -> Tensor:
+    """A copy in memory of PyTorch, made by numpy, which needs no threads."""
+    copied = torch.empty(value.shape)
+    copied.numpy()[...] = value
+    return copied
 
 
 def network_of(policy: Policy) -> PolicyNetwork:

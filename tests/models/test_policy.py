@@ -2,6 +2,8 @@
 files."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -104,6 +106,36 @@ def test_half_a_selector_is_damage(bundle: ModelBundle, policy: Policy, tmp_path
     (tmp_path / "b" / file).unlink()
     with pytest.raises(InputError, match=f"{file} missing"):
         load_bundle(tmp_path / "b")
+
+
+def test_a_process_that_was_forked_reads_it(bundle: ModelBundle, policy: Policy, tmp_path: Path) -> None:
+    """What has threads of OpenMP in the parent may not be computed there: the threads do not exist in the child."""
+    replace(bundle, policy=policy).save(tmp_path / "with policy")
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED, str(tmp_path / "with policy")],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.stdout == "parent\nread\n", done.stderr
+
+
+FORKED = """
+import os, signal, sys
+import torch
+from slrl_sumo.models.bundle import load_bundle
+torch.set_num_threads(4)
+torch.nn.init.orthogonal_(torch.empty(2000, 300))
+print("parent", flush=True)
+child = os.fork()
+if child == 0:
+    signal.alarm(100)  # ends a child that waits
+    policy = load_bundle(sys.argv[1]).policy
+    print("read" if torch.equal(policy.with_route, torch.ones(3, 2)) else "damaged", flush=True)
+    os._exit(0)
+os.waitpid(child, 0)
+"""
 
 
 def test_without_a_trained_policy_it_says_so(bundle: ModelBundle) -> None:
