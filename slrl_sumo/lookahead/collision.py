@@ -10,6 +10,7 @@ from slrl_sumo.lookahead.forecast import Boxes
 from slrl_sumo.lookahead.mode_paths import ModePaths
 from slrl_sumo.lookahead.precedence import Precedence, goes_first
 from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.contacts import COLLISION_DISTANCE
 from slrl_sumo.scene.geometry import Box, Floats
 from slrl_sumo.scene.kernels import apart, clearance, overlap
 from slrl_sumo.scene.levels import FLAT, Levels
@@ -25,15 +26,21 @@ included: selectors of the preset `paper` learned with that."""
 STANDING = 0.2
 """m/s."""
 DEEPER = 0.05
-"""m by which road users in contact may come closer."""
+"""m by which vehicles in contact may come closer."""
 PAST_STANDING = 0.3
 """m by which vehicles may come closer to one that stands, as SUMO's do whose lanes pass each other with less than their
 width."""
-TOUCH = -0.5 * float(MARGIN[RoadUserType.PEDESTRIAN])
-"""m of clearance, less the margins, to which pedestrians that are not so near yet may come to one that stands."""
+STILL = 0.02
+"""m that a person that stands may move and still stands: at less than STANDING they moved by 0.07 m in an interval,
+into contact."""
+ROOM = 0.02
+"""m more than what would be a contact that pedestrians keep: there they are discs, which turn without coming nearer."""
 WAITING = 0.5
 """What a collision with one that moves counts for a pedestrian that stands by then. With 1, two that came towards each
 other had no better mode than to walk on where none avoids the other, although it was enough that both stop."""
+START = 0.2
+"""m that a person walks within an interval from a stand. Two that both stood for each other started at once, into
+each other: 4 of 13 contacts in 16 crowded networks."""
 SLACK = 1e-6
 """m by which circles are larger than the boxes in them."""
 
@@ -47,6 +54,8 @@ class Others(NamedTuple):
     """If they wait for the road user whose modes are judged."""
     order: Precedence
     """Which of them wait."""
+    starts: NDArray[np.bool_]
+    """Learned persons that stand, and may walk on: of two, the later row leaves the earlier one the way, (m,)."""
 
 
 class Blame(NamedTuple):
@@ -57,16 +66,15 @@ class Blame(NamedTuple):
     standing: Floats
     """What a collision counts for one that stands by then, from 0 to 1, if the other one does not stand."""
     walks: NDArray[np.bool_]
-    """Pedestrians with a route, which may come no nearer to one that stands than TOUCH, nor to where a person is now,
-    which may stop."""
+    """Pedestrians with a route: within the margin they may come nearer, but not into contact, nor to where a person is
+    now, which may stop."""
 
 
 def blame_of(kind: NDArray[np.int8], follows: NDArray[np.bool_], routed: NDArray[np.bool_]) -> Blame:
     """Of road users of the types `kind` that have a route (`routed`), and vehicles that follow it, (n,) each.
 
     A vehicle that stands is hit by the other one, and could not avoid that by driving on; a pedestrian might step
-    aside. In contact vehicles may drive on beside one that stands, as SUMO's lanes lead them; pedestrians must not come
-    into contact with it.
+    aside. In contact vehicles may drive on beside one that stands, as SUMO's lanes lead them.
     """
     walks = routed & (kind == RoadUserType.PEDESTRIAN)
     return Blame(follows, np.where(follows, 0.0, np.where(walks, WAITING, 1.0)), walks)
@@ -86,7 +94,7 @@ def collision_scores(
     Boxes on different `levels` do not collide.
     """
     stands = world.speed < STANDING
-    walks = ~stands & (world.type == RoadUserType.PEDESTRIAN)
+    person = world.type == RoadUserType.PEDESTRIAN
     return _collision_scores(
         paths,
         blame,
@@ -94,7 +102,17 @@ def collision_scores(
         others.boxes,
         others.yielding,
         others.order,
-        _Now(world.x, world.y, np.cos(world.heading), np.sin(world.heading), stands, walks),
+        _Now(
+            world.x,
+            world.y,
+            np.cos(world.heading),
+            np.sin(world.heading),
+            world.length,
+            world.width,
+            stands,
+            person,
+            others.starts,
+        ),
         np.argsort(world.x),
         levels,
     )
@@ -108,9 +126,12 @@ class _Now(NamedTuple):
     cos: Floats
     """Of the heading."""
     sin: Floats
+    length: Floats
+    width: Floats
     stands: NDArray[np.bool_]
-    walks: NDArray[np.bool_]
-    """Persons that do not stand."""
+    person: NDArray[np.bool_]
+    starts: NDArray[np.bool_]
+    """See Others."""
 
 
 @compiled
@@ -178,6 +199,47 @@ def _collision_scores(
                 continue
             expected = yielding if waits else boxes
             their_x, their_y, their_cos, their_sin = expected.x, expected.y, expected.cos, expected.sin
+            if blame.walks[i]:
+                person, half = now.person[other], 0.5 * now.width[me] + ROOM
+                real = Box(now_cos[other], now_sin[other], now.length[other], now.width[other])
+                away = _room(now_x[other] - now_x[me], now_y[other] - now_y[me], real, person, half)
+                keeps = 0.5 * (size[me, 1] - now.width[me] + size[other, 1] - now.width[other])
+                nearest = min(away, 0.0) - SLACK if away < keeps else keeps
+                # One that walks may stop, and one that stands may start: the later row leaves the earlier one the way.
+                starts = now.stands[me] and now.starts[other] and other < me
+                if person and (starts or not now.stands[other]):
+                    ahead = START if starts else 0.0
+                    there_x, there_y = now_x[other] + ahead * now_cos[other], now_y[other] + ahead * now_sin[other]
+                    dx, dy = there_x - now_x[me], there_y - now_y[me]
+                    least_room = min(_room(dx, dy, real, person, half), 0.0) - SLACK
+                    for mode in range(modes):
+                        dx, dy = there_x - x[i, 0, mode], there_y - y[i, 0, mode]
+                        creeps = now.stands[me] and paths.distance[i, 0, mode] > STILL
+                        goes = speed[i, 0, mode] > STANDING or creeps
+                        if goes and _room(dx, dy, real, person, half) < least_room:
+                            first[mode], counts[mode] = 0, 1.0
+                for step in range(steps):
+                    there_x, there_y = their_x[other, step], their_y[other, step]
+                    there_c, there_s = their_cos[other, step], their_sin[other, step]
+                    if now.stands[other]:
+                        # Not on its path: in a turn a car stands up to 0.3 m beside that.
+                        there_x, there_y, there_c, there_s = now_x[other], now_y[other], real.cos, real.sin
+                    dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)
+                    if not _near(dx, _between(bounds[i, step, 2], bounds[i, step, 3], there_y, there_y), touching):
+                        continue
+                    theirs = Box(there_c, there_s, now.length[other], now.width[other])
+                    for mode in range(modes):
+                        dx, dy = there_x - x[i, step, mode], there_y - y[i, step, mode]
+                        if not _near(dx, dy, touching) or first[mode] <= step:
+                            continue
+                        c, s = cos[i, step, mode], sin[i, step, mode]
+                        if _room(dx, dy, theirs, person, half) < nearest and not apart(
+                            levels, x[i, step, mode], y[i, step, mode], c, s, there_x, there_y, there_c, there_s
+                        ):
+                            stood = speed[i, step, mode] <= STANDING and not now.stands[other]
+                            stood &= not now.stands[me] or paths.distance[i, step, mode] <= STILL
+                            first[mode], counts[mode] = step, blame.standing[i] if stood else 1.0
+                continue
             # In contact, what separates the two, or keeps them as they are, is no collision: else none could go on.
             least = clearance(
                 now_x[other] - now_x[me],
@@ -186,20 +248,7 @@ def _collision_scores(
                 Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1]),
             )
             contact = least < 0.0
-            deepest = least - (PAST_STANDING if now.stands[other] and not blame.walks[i] else DEEPER)
-            if blame.walks[i] and least > TOUCH:
-                deepest = max(deepest, TOUCH)
-            if blame.walks[i] and now.walks[other]:
-                there_x, there_y = now_x[other], now_y[other]
-                theirs = Box(now_cos[other], now_sin[other], size[other, 0], size[other, 1])
-                near_by = min(deepest, TOUCH)
-                for mode in range(modes):
-                    dx, dy = there_x - x[i, 0, mode], there_y - y[i, 0, mode]
-                    if speed[i, 0, mode] <= STANDING or not _near(dx, dy, touching):
-                        continue
-                    mine = Box(cos[i, 0, mode], sin[i, 0, mode], size[me, 0], size[me, 1])
-                    if overlap(dx, dy, mine, theirs) and clearance(dx, dy, mine, theirs) <= near_by:
-                        first[mode], counts[mode] = 0, 1.0
+            deepest = least - (PAST_STANDING if now.stands[other] else DEEPER)
             for step in range(steps):
                 there_x, there_y = their_x[other, step], their_y[other, step]
                 dx = _between(bounds[i, step, 0], bounds[i, step, 1], there_x, there_x)
@@ -240,6 +289,18 @@ def _collision_scores(
             for mode in range(modes):
                 scores[i, mode] = counts[mode] * (1.0 - first[mode] / steps)
     return scores
+
+
+@compiled
+def _room(dx: float, dy: float, other: Box, person: bool, half: float) -> float:
+    """m between a pedestrian of this `half` width, a disc, and another road user (dx, dy) m away, below 0 in contact:
+    between two persons by the distance of their centres, else to the box."""
+    if person:
+        return math.sqrt(dx * dx + dy * dy) - COLLISION_DISTANCE - ROOM
+    ahead = abs(other.cos * dx + other.sin * dy) - 0.5 * other.length
+    aside = abs(other.cos * dy - other.sin * dx) - 0.5 * other.width
+    outside = math.sqrt(max(ahead, 0.0) ** 2 + max(aside, 0.0) ** 2)
+    return float(outside + min(max(ahead, aside), 0.0) - half)
 
 
 @compiled

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.braking import braking_residual
-from slrl_sumo.lookahead.collision import MARGIN, STANDING, Blame, Others, blame_of, collision_scores
+from slrl_sumo.lookahead.collision import MARGIN, STANDING, START, Blame, Others, blame_of, collision_scores
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, ModePaths, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
@@ -154,7 +154,18 @@ def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
     going = forecast_boxes(world, following, margin)
     # Without routes there is no order, and none waits.
     yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
-    return _Expected(world, following, Others(going, yielding, precedence(context, following, len(world))))
+    order = precedence(context, following, len(world))
+    return _Expected(world, following, Others(going, yielding, order, _starting(world, context)))
+
+
+def _starting(world: WorldState, context: RouteContext | None) -> NDArray[np.bool_]:
+    """The learned persons of a world that stand, and that no red light keeps from walking on, (m,)."""
+    starts = np.zeros(len(world), np.bool_)
+    if context is not None:
+        n = len(context)
+        stands = (world.type[:n] == RoadUserType.PEDESTRIAN) & (world.speed[:n] < STANDING)
+        starts[:n] = stands & context.route.known & (context.route.stop > START)
+    return starts
 
 
 def _with_persons_as_expected(world: WorldState) -> WorldState:

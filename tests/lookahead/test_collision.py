@@ -12,8 +12,8 @@ from slrl_sumo.lookahead.collision import (
     MARGIN,
     PAST_STANDING,
     REACH,
+    ROOM,
     STANDING,
-    TOUCH,
     WAITING,
     Blame,
     Others,
@@ -23,6 +23,7 @@ from slrl_sumo.lookahead.collision import (
 from slrl_sumo.lookahead.forecast import Boxes, path_following, sizes
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths, mode_paths
 from slrl_sumo.lookahead.precedence import precedence
+from slrl_sumo.scene.contacts import COLLISION_DISTANCE
 from slrl_sumo.scene.geometry import Box, Floats, boxes_overlap, clearance
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
@@ -42,7 +43,8 @@ def along_a_mode(users: WorldState, on: ModePaths) -> Boxes:
 
 def expected(boxes: Boxes, world: WorldState) -> Others:
     """These boxes, of road users without routes."""
-    return Others(boxes, boxes, precedence(None, path_following(None, world), len(world)))
+    nobody = np.zeros(len(world), np.bool_)
+    return Others(boxes, boxes, precedence(None, path_following(None, world), len(world)), nobody)
 
 
 def blamed(n: int) -> Blame:
@@ -56,6 +58,9 @@ def every_box(mine: ModePaths, blame: Blame, theirs: Boxes, world: WorldState, r
     for e, me in enumerate(rows):
         for other in range(len(world)):
             if other == me or np.hypot(world.x[other] - world.x[me], world.y[other] - world.y[me]) > REACH:
+                continue
+            if blame.walks[e]:
+                hits[:] |= _walks_into(world, mine, theirs, e, me, other)
                 continue
             for step in range(STEPS):
                 c, s = mine.cos[e, step], mine.sin[e, step]
@@ -72,34 +77,46 @@ def every_box(mine: ModePaths, blame: Blame, theirs: Boxes, world: WorldState, r
                         for m in range(MODES)
                     ]
                     stands = (theirs.x[other, -1], theirs.y[other, -1]) == (world.x[other], world.y[other])
-                    nearest = now - (PAST_STANDING if stands and not blame.walks[e] else DEEPER)
-                    hit &= np.array(shapes) <= (max(nearest, TOUCH) if blame.walks[e] and now > TOUCH else nearest)
+                    hit &= np.array(shapes) <= now - (PAST_STANDING if stands else DEEPER)
                 if blame.in_front[e]:
                     ahead = c * (there_x - x) + s * (there_y - y) > 0.0
                     hit &= ahead | _was_ahead(world, mine, theirs, e, me, other, step)
                 hits[e, step] |= hit & ((mine.speed[e, step] > STANDING) | (blame.standing[e] > 0.0))
-            if blame.walks[e] and world.type[other] == PEDESTRIAN and world.speed[other] >= STANDING:
-                hits[e, 0] |= _into(world, mine, theirs, e, me, other) & (mine.speed[e, 0] > STANDING)
     counts = np.where(mine.speed > STANDING, 1.0, blame.standing[:, None, None])
     scores = counts * (1.0 - np.arange(STEPS)[:, None] / STEPS)
     first = hits.argmax(axis=1)[:, None]
     return np.where(hits.any(axis=1), np.take_along_axis(scores, first, axis=1)[:, 0], 0.0)
 
 
-def _into(world: WorldState, mine: ModePaths, theirs: Boxes, e: int, me: int, other: int) -> NDArray[np.bool_]:
-    """Which modes lead a pedestrian after one interval to where a person is now."""
-    nearest = min(_clearance(world, theirs, me, other) - DEEPER, TOUCH)
-    there = _box(np.cos(world.heading[other]), np.sin(world.heading[other]), theirs.size[other])
-    apart = [
-        clearance(
-            float(world.x[other] - mine.x[e, 0, m]),
-            float(world.y[other] - mine.y[e, 0, m]),
-            _box(mine.cos[e, 0, m], mine.sin[e, 0, m], theirs.size[me]),
-            there,
-        )
-        for m in range(MODES)
-    ]
-    return np.array(apart) <= nearest
+def _walks_into(world: WorldState, mine: ModePaths, theirs: Boxes, e: int, me: int, other: int) -> NDArray[np.bool_]:
+    """In which intervals and modes a pedestrian comes too near to another road user: (rows, STEPS, MODES), all but row
+    `e` False."""
+    hits = np.zeros((len(mine.x), STEPS, MODES), np.bool_)
+    stands, person = world.speed[other] < STANDING, world.type[other] == PEDESTRIAN
+    keeps = 0.5 * (MARGIN[PEDESTRIAN] + MARGIN[world.type[other]])
+    here = world.x[other], world.y[other], np.cos(world.heading[other]), np.sin(world.heading[other])
+    away = _room(world, me, other, world.x[me], world.y[me], *here)
+    nearest = min(away, 0.0) - 1e-6 if away < keeps else keeps
+    for step in range(STEPS):
+        there = here if stands else tuple(column[other, step] for column in theirs[:4])
+        for m in range(MODES):
+            x, y = mine.x[e, step, m], mine.y[e, step, m]
+            hits[e, step, m] = _room(world, me, other, x, y, *there) < nearest
+            if step == 0 and person and not stands and mine.speed[e, 0, m] > STANDING:
+                hits[e, 0, m] |= _room(world, me, other, x, y, *here) < min(away, 0.0) - 1e-6
+    return hits
+
+
+def _room(
+    world: WorldState, me: int, other: int, x: float, y: float, there_x: float, there_y: float, cos: float, sin: float
+) -> float:
+    """m from a pedestrian at (x, y) to another road user at a place, below 0 in contact."""
+    if world.type[other] == PEDESTRIAN:
+        return float(np.hypot(there_x - x, there_y - y)) - COLLISION_DISTANCE - ROOM
+    ahead = abs(cos * (there_x - x) + sin * (there_y - y)) - 0.5 * world.length[other]
+    aside = abs(cos * (there_y - y) - sin * (there_x - x)) - 0.5 * world.width[other]
+    outside = float(np.hypot(max(ahead, 0.0), max(aside, 0.0)))
+    return outside + min(max(ahead, aside), 0.0) - 0.5 * world.width[me] - ROOM
 
 
 def _box(cos: float, sin: float, size: Floats) -> Box:
@@ -189,20 +206,26 @@ def test_boxes_on_two_levels_do_not_collide() -> None:
     assert collision_scores(mine, blame, expected(behind, same), same, rows, make_levels()).item() > 0.0
 
 
-def _towards(x: float, speeds: list[float], other: float, pace: float) -> Floats:
-    """Scores of modes with steady `speeds` of a pedestrian at `x` m, towards another one at `other` m that comes nearer
-    at `pace`."""
-    world = make_world([x, other], heading=[0.0, np.pi], speed=[1.0, abs(pace)], type=PEDESTRIAN, length=0.5, width=0.5)
+def _towards(
+    x: float, speeds: list[float], other: float, pace: float, *, standing: bool = False, starts: bool = False
+) -> Floats:
+    """Scores of modes with steady `speeds` of a pedestrian at `x` m, the later row, towards another one at `other` m
+    that comes nearer at `pace`. `standing`: it stands now; `starts`: the other one may start."""
+    now = 0.0 if standing or starts else 1.0
+    world = make_world(
+        [other, x], heading=[np.pi if other > x else 0.0, 0.0], speed=[abs(pace), now], type=PEDESTRIAN,
+    )  # fmt: skip
+    world = replace(world, length=np.full(2, 0.5), width=np.full(2, 0.5))
     seconds, one, zero = DECISION_INTERVAL * np.arange(1, STEPS + 1), np.ones((2, STEPS)), np.zeros((2, STEPS))
     theirs = Boxes(
-        np.stack([x + seconds, other - pace * seconds]), zero, np.stack([one[0], -one[1]]), zero,
+        np.stack([other - pace * seconds, x + seconds]), zero, np.stack([-one[0], one[1]]), zero,
         sizes(world, np.where(world.speed < STANDING, 0.0, MARGIN[PEDESTRIAN])),
     )  # fmt: skip
     columns = (x + seconds[:, None] * speeds, 0.0, 1.0, 0.0, np.array(speeds), seconds[:, None] * speeds)
     shape = (1, STEPS, len(speeds))
     mine = ModePaths(*(np.broadcast_to(column, shape).astype(np.float64) for column in columns))
-    yes = np.ones(1, np.bool_)
-    return collision_scores(mine, blame_of(world.type[:1], ~yes, yes), expected(theirs, world), world, np.zeros(1, int))
+    yes, others = np.ones(1, np.bool_), expected(theirs, world)._replace(starts=np.array([starts, False]))
+    return collision_scores(mine, blame_of(world.type[1:], ~yes, yes), others, world, np.ones(1, int))
 
 
 def test_a_pedestrian_that_stands_is_walked_into_with_half_the_blame() -> None:
@@ -249,3 +272,55 @@ def test_in_contact_a_vehicle_goes_by_one_that_stands_beside_its_path() -> None:
     assert collision_scores(mine, blame, expected(theirs, world), world, row).item() == 0.0
     drives = replace(world, speed=np.array([0.5, 1.0]))
     assert collision_scores(mine, blame, expected(theirs, drives), drives, row).item() == 1.0
+
+
+def _crossing(*, starts: bool, aside: float = 0.45) -> Floats:
+    """Scores of walking and standing of two persons that stand, one to the east and one to the south of it to the
+    north, both `aside` m from where their ways cross."""
+    world = make_world([-aside, 0.0], [0.0, -aside], heading=[0.0, np.pi / 2], speed=0.0, type=PEDESTRIAN)
+    world = replace(world, length=np.full(2, 0.5), width=np.full(2, 0.5))
+    x, y = (np.repeat(place[:, None], STEPS, axis=1) for place in (world.x, world.y))
+    cos, sin = (np.repeat(f(world.heading)[:, None], STEPS, axis=1) for f in (np.cos, np.sin))
+    boxes = Boxes(x, y, cos, sin, sizes(world, np.zeros(2)))
+    first = np.arange(STEPS) == 0  # one step of 0.15 m, then a stand: what is judged is the start
+    covered, speed = np.full(STEPS, 0.15), np.where(first, 0.4, 0.0)
+    walk = [x + covered * cos, y + covered * sin, cos, sin, np.stack([speed, speed]), np.stack([covered, covered])]
+    stand = [x, y, cos, sin, 0.0 * x, 0.0 * x]
+    mine = ModePaths(*(np.stack(pair, axis=2) for pair in zip(walk, stand, strict=True)))
+    others = expected(boxes, world)._replace(starts=np.full(2, starts))
+    yes = np.ones(2, np.bool_)
+    return collision_scores(mine, blame_of(world.type, ~yes, yes), others, world, np.arange(2))
+
+
+def test_of_two_persons_that_stand_the_later_one_leaves_the_other_one_the_way() -> None:
+    """Each expects the other one to go on standing: both started at once, into each other."""
+    assert _crossing(starts=True).tolist() == [[0.0, 0.0], [1.0, 0.0]]
+    # Not before a red light, where the other one stays, nor where there is room for both.
+    assert not _crossing(starts=False).any()
+    assert not _crossing(starts=True, aside=0.8).any()
+
+
+def test_a_person_that_walks_away_from_the_one_behind_is_not_in_its_way() -> None:
+    """With the place of its start alone as the measure, both stood for ever."""
+    scores = _towards(0.52, [1.0], 0.0, 0.0, starts=True)
+    assert scores.item() == 0.0
+
+
+def test_a_person_that_creeps_into_another_one_does_not_stand() -> None:
+    """At less than STANDING it counted as standing, with half the blame, and came into contact."""
+    creeps, stands = _towards(0.0, [0.15, 0.0], 0.9, 1.0, standing=True)[0]
+    assert stands < creeps == 1.0
+
+
+def test_a_car_that_stands_beside_its_path_is_met_where_it_stands() -> None:
+    world = make_world([0.0, 0.0], [-1.4, 0.0], heading=0.0, speed=[1.0, 0.0], type=[PEDESTRIAN, RoadUserType.CAR])
+    world = replace(world, length=np.array([0.5, 5.0]), width=np.array([0.5, 1.8]))
+    seconds, one, zero = DECISION_INTERVAL * np.arange(1, STEPS + 1), np.ones((2, STEPS)), np.zeros((2, STEPS))
+    on_path = Boxes(np.stack([seconds, zero[1]]), one * [[-1.4], [-0.4]], one, zero, sizes(world, np.zeros(2)))
+    columns = (seconds[:, None], -1.4, 1.0, 0.0, 1.0, seconds[:, None])
+    mine = ModePaths(*(np.broadcast_to(column, (1, STEPS, 1)).astype(np.float64) for column in columns))
+    yes, row = np.ones(1, np.bool_), np.zeros(1, int)
+    blame = blame_of(world.type[:1], ~yes, yes)
+    assert collision_scores(mine, blame, expected(on_path, world), world, row).item() == 0.0
+    drives = replace(world, speed=np.array([1.0, 1.0]))
+    assert collision_scores(mine, blame, expected(on_path, drives), drives, row).item() == 1.0
