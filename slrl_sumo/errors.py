@@ -6,8 +6,10 @@ SlrlError
 └── DefectError     the package failed by a defect of its own (exit code 4)
 """
 
+import difflib
 import re
 import traceback
+from collections.abc import Collection
 from typing import Any
 
 
@@ -82,6 +84,12 @@ def check_type(argument: str, value: Any, kinds: tuple[type, ...], expected: str
     """Raise InputError where `value` is of none of the types; `expected` says in words what to give."""
     if not isinstance(value, kinds):
         raise InputError(f"give {expected}", argument=argument, value=value)
+
+
+def suggestion(name: str, known: Collection[str]) -> str:
+    """How a message about an unknown name ends: with the nearest one of the `known` names, or with all of them."""
+    close = difflib.get_close_matches(name, known, 1)
+    return f"; did you mean '{close[0]}'?" if close else f"; there are {', '.join(known)}"
 
 
 _REFERENCE = re.compile(r"`([a-z_]+)(?:=([^`]*))?`")

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Unpack
 
 from slrl_sumo.extras import require
-from slrl_sumo.learning.environments.options import EnvOptions, Others, make_source
+from slrl_sumo.learning.environments.options import EnvOptions, Others, check_keywords, make_source
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def parallel_env(
     require("pettingzoo", "the parallel environment")
     from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
 
+    check_keywords(options, "scenario", "agents", "others")
     return ParallelRoadUserEnv(make_source(scenario, agents, others, **options))
 
 
@@ -36,4 +37,5 @@ def vector_env(
     `num_envs`: how many are learned; the other keywords are those of RoadUserEnv. Raises InputError for what cannot be
     used.
     """
+    check_keywords(options, "scenario", "num_envs", "others")
     return SimulationVectorEnv(make_source(scenario, num_envs, others, **options))

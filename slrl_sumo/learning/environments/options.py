@@ -1,11 +1,15 @@
 """The keywords that RoadUserEnv, the parallel environment and the vector environment share."""
 
-from typing import Any, Literal, TypedDict, Unpack, get_args
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from numbers import Real
+from typing import Any, Literal, TypedDict, TypeVar, Unpack, get_args
 
 from gymnasium import spaces
 
 from slrl_sumo.agent.driver import make_selector, usual_selector
-from slrl_sumo.errors import InputError
+from slrl_sumo.errors import InputError, check_type, check_whole_number, suggestion
 from slrl_sumo.learning.environments.arena import EPISODE_STEPS, ArenaSettings
 from slrl_sumo.learning.environments.observations import ObserveFunction, OwnObservation
 from slrl_sumo.learning.environments.source import ArenaSource, is_family
@@ -17,10 +21,16 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario
 
+Function = TypeVar("Function", RewardFunction, ObserveFunction)
 Others = Literal["prior", "rule", "greedy", "sampled"]
 
 TRIP_STEPS = 1500
 """Decisions (10 min) after which an episode with a takeover is truncated."""
+MOST_AGENTS, MOST_STEPS, LONGEST_WARM_UP = 10_000, 1_000_000, 86_400.0
+RESET_OPTIONS = ("scenario",)
+"""Options of a reset."""
+FOREIGN_OPTIONS = ("options",)
+"""Options of a reset that PettingZoo's parallel_api_test gives every environment; they have no effect."""
 
 
 class EnvOptions(TypedDict, total=False):
@@ -54,15 +64,16 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
     if steps is None:
         steps = EPISODE_STEPS if takeover is None else TRIP_STEPS
     warm_up = options.get("warm_up", 60.0)
-    for name, value, least in (("agents", agents, 1), ("episode_steps", steps, 1), ("warm_up", warm_up, 0)):
-        if value < least:
-            raise InputError(f"give a number from {least}", argument=name, value=value)
+    check_whole_number("agents", agents, 1, MOST_AGENTS)
+    check_whole_number("episode_steps", steps, 1, MOST_STEPS)
+    if isinstance(warm_up, bool) or not isinstance(warm_up, Real) or not 0.0 <= warm_up <= LONGEST_WARM_UP:
+        raise InputError(f"give a number from 0 to {LONGEST_WARM_UP:g}", argument="warm_up", value=warm_up)
     if takeover is not None and mix is not None:
         raise InputError("leave one of `takeover` and `mix` out: road users that are taken over have their types")
     settings = ArenaSettings(
         agents=agents,
         mix=None if mix is None else _three(parse_mix(mix)),
-        weights=options.get("weights") or RewardWeights(),
+        weights=_checked_weights(options.get("weights")),
         episode_steps=steps,
         warm_up=warm_up,
         preset=preset,
@@ -77,8 +88,26 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
         settings,
         _checked_others(others, bundle, preset),
         _own_observation(options.get("observe"), options.get("observation_space")),
-        options.get("reward"),
+        _checked_function("reward", options.get("reward")),
     )
+
+
+def check_keywords(given: Mapping[str, object], *own: str) -> None:
+    """Raise InputError where a keyword is none of EnvOptions, and none of its `own` ones of an environment."""
+    known = (*own, *EnvOptions.__annotations__)
+    for name in given:
+        if name not in known:
+            raise InputError(f"there is no keyword '{name}'{suggestion(name, known)}")
+
+
+def scenario_wanted(options: Mapping[str, object] | None) -> str | None:
+    """The scenario among the options of a reset; None where there is none. Raises InputError for other options."""
+    given = options or {}
+    for name in given:
+        if name not in (*RESET_OPTIONS, *FOREIGN_OPTIONS):
+            raise InputError(f"reset: there is no option '{name}'{suggestion(name, RESET_OPTIONS)}")
+    wanted = given.get("scenario")
+    return None if wanted is None else str(wanted)
 
 
 def check_known(name: str, value: str | None, known: tuple[str | None, ...]) -> None:
@@ -99,6 +128,21 @@ def _checked_others(others: str | None, bundle: ModelBundle, preset: str) -> str
     return others
 
 
+def _checked_weights(weights: RewardWeights | None) -> RewardWeights:
+    check_type("weights", weights, (RewardWeights, type(None)), "RewardWeights, as RewardWeights(close=1.0)")
+    weights = weights or RewardWeights()
+    for name, value in asdict(weights).items():
+        if not math.isfinite(value):
+            raise InputError(f"{name} is {value}; give finite numbers", argument="weights")
+    return weights
+
+
+def _checked_function(name: str, function: Function | None) -> Function | None:
+    if function is not None and not callable(function):
+        raise InputError("give a function", argument=name, value=function)
+    return function
+
+
 def _usual_preset(bundle: ModelBundle) -> str:
     """The preset of the bundle's selector; without one that of the selector `rule`."""
     return "extended" if bundle.policy is None else bundle.policy.config.preset
@@ -107,6 +151,7 @@ def _usual_preset(bundle: ModelBundle) -> str:
 def _own_observation(observe: ObserveFunction | None, space: spaces.Space[Any] | None) -> OwnObservation | None:
     if (observe is None) != (space is None):
         raise InputError("give `observe` and `observation_space` together, or leave both out")
+    _checked_function("observe", observe)
     return None if observe is None or space is None else OwnObservation(observe, space)
 
 

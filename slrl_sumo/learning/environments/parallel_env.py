@@ -10,6 +10,7 @@ from pettingzoo import ParallelEnv
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.observations import Seen
+from slrl_sumo.learning.environments.options import scenario_wanted
 from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
 from slrl_sumo.learning.environments.slot_view import first_info, next_info, outcome_of, row_of, view_space
 from slrl_sumo.learning.environments.source import ArenaSource
@@ -63,11 +64,11 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Seen], dict[str, dict[str, Any]]]:
         """See the class; `options={"scenario": ...}` puts another scenario in place, from then on."""
+        wanted = scenario_wanted(options)
         self._seed = self._seed + 1 if seed is None else seed
         self._ready, self._steps = False, 0
         self._slot, self._id, self.agents = {}, {}, []
-        wanted = (options or {}).get("scenario")
-        reply = self._simulation.reset(self._seed, None if wanted is None else str(wanted))
+        reply = self._simulation.reset(self._seed, wanted)
         self._ready = True
         self._enter(reply)
         seen = {agent: row_of(reply.seen, self._slot[agent], self._space) for agent in self.agents}

@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.observations import Seen
-from slrl_sumo.learning.environments.options import EnvOptions, Others, check_known, make_source
+from slrl_sumo.learning.environments.options import (
+    EnvOptions,
+    Others,
+    check_keywords,
+    check_known,
+    make_source,
+    scenario_wanted,
+)
 from slrl_sumo.learning.environments.simulation_env import ACTION_SPACE
 from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
 from slrl_sumo.learning.environments.slot_view import first_info, next_info, outcome_of, row_of, view_space
@@ -73,10 +80,16 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         render_mode: str | None = None,
         **options: Unpack[EnvOptions],
     ) -> None:
+        check_keywords(options, "scenario", "ego", "agents", "others", "render_mode")
         check_known("ego", ego, (None, *get_args(Ego)))
         check_known("render_mode", render_mode, (None, "rgb_array"))
         if others == "sumo":
-            check_known("others", others, ("sumo",) if options.get("takeover") is None else get_args(Others))
+            if options.get("takeover") is not None:
+                raise InputError(
+                    f"not with `takeover`; leave one of them out, or give {', '.join(map(repr, get_args(Others)))}",
+                    argument="others",
+                    value=others,
+                )
             agents, options["mix"] = 1, {ego or "car": 1.0}
         bundle = load_bundle(options.get("bundle", "intersection"))
         if ego is not None and not bundle.types[TYPE_NAMES.index(ego)]:
@@ -96,14 +109,13 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
         """See the class and gymnasium.Env."""
         super().reset(seed=seed)
-        wanted = (options or {}).get("scenario")
-        if wanted is not None:
-            self._scenario = str(wanted)
+        wanted = scenario_wanted(options)
+        self._scenario = wanted or self._scenario
         reply = self._reply
         if seed is not None or wanted is not None or reply is None or not self._goes_on(reply):
             drawn = int(self.np_random.integers(2**31)) if seed is None else seed
             self._reply = None
-            reply = self._simulation.reset(drawn, None if wanted is None else str(wanted))
+            reply = self._simulation.reset(drawn, wanted)
             self._slot = self._drawn(reply)
         elif self._trips:
             self._slot = self._drawn(reply)
@@ -116,7 +128,9 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         """See the class and gymnasium.Env."""
         if not self.action_space.contains(action):
             raise InvalidAction(f"action {action}: give a whole number from 0 to {MODES - 1}")
-        if self._reply is None or self._over:
+        if self._reply is None:
+            raise ResetNeeded("no episode has begun: call reset() before step()")
+        if self._over:
             raise ResetNeeded("the episode is over: call reset() before the next step()")
         modes = np.full(self._agents, -1)
         modes[self._slot] = action

@@ -15,6 +15,7 @@ from slrl_sumo.agent.selection import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena
 from slrl_sumo.learning.environments.observations import Observer
+from slrl_sumo.learning.environments.options import scenario_wanted
 from slrl_sumo.learning.environments.slots import SpawnedSlots, TripSlots
 from slrl_sumo.learning.environments.source import ArenaSource, found_scenario
 from slrl_sumo.learning.environments.trip_arena import TripArena
@@ -69,9 +70,10 @@ class SimulationVectorEnv(VectorEnv):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """See the class; without a seed the one after the last is taken."""
+        wanted = scenario_wanted(options)
         self._seed = seed if isinstance(seed, int) else self._seed + 1
-        if options and options.get("scenario"):
-            self._scenarios = (str(options["scenario"]),)
+        if wanted is not None:
+            self._scenarios = (wanted,)
         self._slots = None
         self._open.close()
         drawn = np.random.default_rng(self._seed)

@@ -1,12 +1,11 @@
 """The settings of a training, and the TOML file that changes them."""
 
-import difflib
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from slrl_sumo.agent.mode_cost import CostWeights
-from slrl_sumo.errors import InputError
+from slrl_sumo.errors import InputError, suggestion
 from slrl_sumo.input_files import read_toml
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.rewards.terms import RewardWeights
@@ -106,7 +105,7 @@ def read_settings(file: Path | None, settings: TrainSettings | None = None) -> T
     sections = [f.name for f in fields(TrainSettings)]
     for name, given in values.items():
         if name not in sections or not isinstance(given, dict):
-            raise InputError(f"{file}: there is no section [{name}]{_nearest(name, sections)}")
+            raise InputError(f"{file}: there is no section [{name}]{suggestion(name, sections)}")
         settings = replace(settings, **{name: _changed(name, getattr(settings, name), given, f"{file}: [{name}]")})
     return settings
 
@@ -118,7 +117,7 @@ def _changed(name: str, section: Section, given: dict[str, Any], where: str) -> 
     values: dict[str, Any] = {}
     for key, value in given.items():
         if key not in known:
-            raise InputError(f"{where} has no setting '{key}'{_nearest(key, known)}")
+            raise InputError(f"{where} has no setting '{key}'{suggestion(key, known)}")
         values[key] = _converted(value, types[key], f"{where} {key}", NAMES.get((name, key), ()))
         low, high = RANGES.get((name, key), (None, None))
         if low is not None and high is not None and not low <= values[key] <= high:
@@ -146,8 +145,3 @@ def _converted(value: Any, type_: Any, where: str, names: tuple[str, ...]) -> An
             f"{where} is {value!r}: give a list of {length or 'several'} {'names' if element is str else 'numbers'}"
         )
     return tuple(_converted(item, element, where, names) for item in value)
-
-
-def _nearest(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, 1, 0.5)
-    return f"; did you mean '{close[0]}'?" if close else f"; there are {', '.join(known)}"

@@ -19,6 +19,7 @@ import slrl_sumo  # noqa: F401 (registers the ids)
 from slrl_sumo.environment_ids import IDS
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.road_user_env import RoadUserEnv
+from slrl_sumo.learning.environments.simulation_env import ACTION_SPACE
 from slrl_sumo.learning.environments.slots import SpawnedSlots
 from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights
 from slrl_sumo.models.bundle import load_bundle
@@ -177,8 +178,26 @@ def test_time_truncates_and_no_sooner() -> None:
     env.reset(seed=5)
     ends = [env.step(np.int64(3))[2:4] for _ in range(6)]
     assert ends == [(False, False)] * 5 + [(False, True)]
-    with pytest.raises(ResetNeeded, match="reset"):
+    with pytest.raises(ResetNeeded, match="the episode is over"):
         env.step(np.int64(3))
+    env.close()
+    with pytest.raises(ResetNeeded, match="no episode has begun"):
+        env.step(np.int64(3))
+
+
+def test_options_of_a_reset_that_are_unknown_are_named() -> None:
+    message = "reset: there is no option 'scen'; did you mean 'scenario'"
+    with pytest.raises(InputError, match=message):
+        make().reset(seed=1, options={"scen": "signalised"})
+    with pytest.raises(InputError, match=message):
+        gymnasium.make_vec("slrl_sumo/Intersection-v0", 2, **QUICK).reset(seed=1, options={"scen": "signalised"})
+
+
+def test_keywords_of_vector_environments_that_are_unknown_are_named() -> None:
+    with pytest.raises(
+        InputError, match="there is no keyword 'agents'; there are scenario, num_envs, others, takeover"
+    ):
+        gymnasium.make_vec("slrl_sumo/Intersection-v0", 2, agents=2)
 
 
 @pytest.mark.usefixtures("here")
@@ -382,7 +401,17 @@ def test_close_frees_sumo_and_a_reset_opens_it_again() -> None:
         ({"bundle": "nothing"}, "nothing"),
         ({"takeover": {"car": 1}, "mix": {"car": 1}}, "leave one of"),
         ({"takeover": {"car": 2}}, "takeover=.*from 0 to 1"),
-        ({"takeover": {"car": 1}, "others": "sumo"}, "others='sumo'"),
+        ({"takeover": {"car": 1}, "others": "sumo"}, "others='sumo': not with `takeover`.*'rule'"),
+        ({"epsiode_steps": 3}, "there is no keyword 'epsiode_steps'; did you mean 'episode_steps'\\?"),
+        ({"egos": "car"}, "there is no keyword 'egos'; did you mean 'ego'\\?"),
+        ({"agents": 2.5}, "agents=2.5: give a whole number from 1 to"),
+        ({"episode_steps": 2.5}, "episode_steps=2.5: give a whole number from 1 to"),
+        ({"warm_up": float("nan")}, "warm_up=nan: give a number from 0 to"),
+        ({"warm_up": -1}, "warm_up=-1: give a number from 0 to"),
+        ({"weights": {"close": 1}}, "weights={'close': 1}: give RewardWeights"),
+        ({"weights": RewardWeights(red=float("inf"))}, "weights: red is inf; give finite numbers"),
+        ({"reward": 3}, "reward=3: give a function"),
+        ({"observe": 3, "observation_space": ACTION_SPACE}, "observe=3: give a function"),
         ({"others": "greedy", "preset": "paper"}, "others='greedy': it sees the preset 'extended'"),
         ({"observe": lambda situation: situation}, "give `observe` and `observation_space` together"),
     ],
