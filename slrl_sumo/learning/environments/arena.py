@@ -135,10 +135,19 @@ class OpenedSimulation(ABC):
         """The reward of each road user of a transition with these terms, (n,)."""
         if self._own_reward is None:
             return weighted(terms, self.settings.weights)
-        reward = np.asarray(called("reward", self._own_reward, transition), np.float64)
+        returned = called("reward", self._own_reward, transition)
+        try:
+            reward = np.asarray(returned, np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"it returned no numbers ({error}); return one per road user", argument="reward") from None
         if reward.shape != (n := len(transition.modes),):
             raise InputError(
                 f"it returned an array of shape {reward.shape}; return one number per road user, ({n},)",
+                argument="reward",
+            )
+        if len(odd := np.flatnonzero(~np.isfinite(reward))):
+            raise InputError(
+                f"it returned {reward[odd[0]]} for {transition.world.ids[odd[0]]}; return finite numbers",
                 argument="reward",
             )
         return reward

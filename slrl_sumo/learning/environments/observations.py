@@ -113,9 +113,11 @@ class Observer:
         return arrays if isinstance(self.space, spaces.Dict) else arrays[ONLY]
 
     def _checked(self, seen: Seen, n: int) -> Arrays:
-        arrays = {
-            name: np.asarray(values) for name, values in (seen if isinstance(seen, dict) else {ONLY: seen}).items()
-        }
+        given = seen if isinstance(seen, dict) else {ONLY: seen}
+        try:
+            arrays = {name: np.asarray(values) for name, values in given.items()}
+        except ValueError as error:
+            raise InputError(f"it returned no array ({error}); return one", argument="observe") from None
         parts = dict(self.space.spaces) if isinstance(self.space, spaces.Dict) else {ONLY: self.space}
         if arrays.keys() != parts.keys():
             raise InputError(f"it returned {sorted(arrays)}; its space has {sorted(parts)}", argument="observe")
@@ -126,7 +128,10 @@ class Observer:
                     "road user, as in observation_space",
                     argument="observe",
                 )
-        return {name: values.astype(parts[name].dtype) for name, values in arrays.items()}
+        try:
+            return {name: values.astype(parts[name].dtype) for name, values in arrays.items()}
+        except (TypeError, ValueError) as error:
+            raise InputError(f"it returned no numbers ({error}); return arrays of them", argument="observe") from None
 
 
 def action_mask(situation: Situation) -> NDArray[np.int8]:

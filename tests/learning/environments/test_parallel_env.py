@@ -149,6 +149,9 @@ def test_functions_of_a_script_reach_the_simulation_and_the_script_runs_once(tmp
     ("own", "message"),
     [
         ({"reward": lambda transition: 1.0}, r"reward: it returned an array of shape \(\); return .* \(2,\)"),
+        ({"reward": lambda transition: ["x", "y"]}, r"reward: it returned no numbers \(could not convert .*'x'"),
+        ({"reward": lambda transition: [0.0, float("nan")]}, r"reward: it returned nan for learned_\w+\.\d+; return"),
+        ({"reward": lambda transition: [-float("inf"), 0.0]}, r"reward: it returned -inf for learned_\w+\.\d+; return"),
         ({"reward": lambda transition: 1 / 0}, r"reward: it raised ZeroDivisionError \(.*line \d+, in <lambda>\)"),
     ],
 )
@@ -174,6 +177,28 @@ def test_observations_unlike_their_space_are_named() -> None:
     with pytest.raises(InputError, match=r"observe: it returned \['observation'\]; its space has \['near'\]"):
         env.reset(seed=1)
     env.close()
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("returned", "message"),
+    [([["a"], ["b"]], "observe: it returned no numbers"), ([[1.0], [1.0, 2.0]], "observe: it returned no array")],
+)
+def test_observations_that_are_no_numbers_are_named(returned: Any, message: str) -> None:
+    from gymnasium import spaces
+
+    box = spaces.Box(0.0, 1.0, (1,), np.float32)
+    env = parallel_env("intersection", agents=2, warm_up=0.0, observe=lambda situation: returned, observation_space=box)
+    with pytest.raises(InputError, match=message):
+        env.reset(seed=1)
+    env.close()
+
+
+def test_keywords_and_options_that_are_unknown_are_named(env: ParallelRoadUserEnv) -> None:
+    with pytest.raises(InputError, match="there is no keyword 'takover'; did you mean 'takeover'"):
+        slrl_sumo.parallel_env("intersection", takover={"car": 1})  # type: ignore[call-arg]
+    with pytest.raises(InputError, match="reset: there is no option 'scen'; did you mean 'scenario'"):
+        env.reset(seed=1, options={"scen": "signalised"})
 
 
 def test_without_pettingzoo_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
