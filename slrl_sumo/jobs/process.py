@@ -58,7 +58,7 @@ class WorkerProcess:
     process serves many requests because torch loads slowly; it ends with its parent. It ignores SIGINT, SIGTERM and
     SIGHUP, keeps its temporary files in a folder that is removed with it, and collects its output there. It imports the
     script of this process only where `work` refers to it, and not if that holds the script's functions `by_value`.
-    Raises InputError if that folder cannot be created.
+    Raises InputError if that folder cannot be created, or this process may not start another (`in_worker`).
     """
 
     def __init__(self, work: bytes, *, by_value: bool = False) -> None:
@@ -116,6 +116,11 @@ class _Child:
     """A process that waits for its work, with its pipe, its folder and the shell that guards it."""
 
     def __init__(self, modules: tuple[str, ...] = (), *, script_needed: bool = False) -> None:
+        if in_worker():
+            raise InputError(
+                "SUMO needs a process of its own, which workers of multiprocessing.Pool may not start; "
+                "use concurrent.futures.ProcessPoolExecutor"
+            )
         context = multiprocessing.get_context("spawn")
         with signals_blocked(), nullcontext() if script_needed else _script_hidden():
             try:
@@ -145,6 +150,11 @@ class _Child:
             self.process.join()
             shutil.rmtree(self.folder, ignore_errors=True)
             self._guard.communicate()
+
+
+def in_worker() -> bool:
+    """Whether this process may not start another: workers of multiprocessing.Pool and of gymnasium may not."""
+    return bool(multiprocessing.current_process().daemon)
 
 
 _ahead: list[_Child] = []

@@ -9,11 +9,13 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from slrl_sumo.errors import InputError
 from slrl_sumo.jobs.interrupt import SIGNALS
 from slrl_sumo.jobs.process import EXIT_S, WorkerProcess, started_ahead
 
@@ -65,6 +67,22 @@ def test_a_child_and_its_folder_end_with_a_killed_parent(tmp_path: Path) -> None
         time.sleep(0.1)
     assert not child.exists() or "Z" in (child / "stat").read_text().split()
     assert list(tmp_path.iterdir()) == []
+
+
+def _absolute(number: int) -> int:
+    process = WorkerProcess(pickle.dumps(abs))
+    process.send(pickle.dumps(number))
+    answer = pickle.loads(process.receive(60.0))
+    process.close()
+    return int(answer)
+
+
+def test_workers_of_executors_start_a_child_and_those_of_a_pool_say_what_to_use() -> None:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, context) as executor:
+        assert executor.submit(_absolute, -3).result(60.0) == 3
+    with context.Pool(1) as pool, pytest.raises(InputError, match=r"use concurrent\.futures\.ProcessPoolExecutor$"):
+        pool.apply_async(_absolute, (-3,)).get(60.0)
 
 
 @pytest.mark.parametrize("number", SIGNALS)

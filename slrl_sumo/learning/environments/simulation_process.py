@@ -1,6 +1,5 @@
 """A simulation of an environment in a process of its own."""
 
-import multiprocessing
 import pickle
 import weakref
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import SumoError
 from slrl_sumo.jobs.memory import peak_memory_mib
-from slrl_sumo.jobs.process import WorkerDiedError, WorkerProcess
+from slrl_sumo.jobs.process import WorkerDiedError, WorkerProcess, in_worker
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
 from slrl_sumo.learning.environments.slots import all_masks
 from slrl_sumo.learning.environments.source import ArenaSource
@@ -168,8 +167,3 @@ class SimulationProcess:
         if isinstance(answer, Reply):
             self._memory = answer.memory
         return answer
-
-
-def in_worker() -> bool:
-    """Whether this process may not start another."""
-    return bool(multiprocessing.current_process().daemon)
