@@ -9,6 +9,7 @@ log.csv           figures of every update; tensorboard/ has the same as charts
 """
 
 import json
+import math
 import os
 import time
 from collections.abc import Callable
@@ -89,7 +90,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     stages "recording" and "imitation", then for "training" with agent-steps and the figures of every update (see
     EpisodeFigures). With `resume` the training continues from its last checkpoint, exactly as without the interruption,
     or for more steps than before (learning_rate and kl_coef then follow the new total); otherwise the folder must not
-    hold a checkpoint. Raises InputError, SumoError (a worker fails repeatedly).
+    hold a checkpoint. Raises InputError, also where figures or weights are no longer finite, and SumoError (a worker
+    fails repeatedly).
     """
     bundle = load_bundle(request.bundle)
     if request.goes_on:
@@ -114,6 +116,7 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
     done = 0
     if state is None:
         imitated = _imitated(policy, bundle, request, scenarios, settings, report)
+        _check_weights(policy, "imitation")
         write_record(folder / "imitation.json", imitated)
         agent.begin.load_state_dict(policy.state_dict())
         save_checkpoint(folder, agent, 0)
@@ -147,6 +150,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
         figures = episodes.figures(batch, infos) | {f"loss/{name}": value for name, value in losses.items()} | speed
         log.add(iteration, figures)
         report("training", (iteration + 1) * rollout_size, total * rollout_size, figures)
+        _check_finite({"reward": float(batch.rewards.sum()), **losses}, f"update {iteration + 1}")
+        _check_weights(agent.policy, f"update {iteration + 1}")
         if (iteration + 1) % reset_every == 0 or iteration + 1 == total:
             save_checkpoint(folder, agent, iteration + 1)
 
@@ -277,6 +282,21 @@ def _imitated(
 
     imitate(policy, bundle, parts, plan, request.seed, after)
     return last
+
+
+def _check_finite(figures: Figures, when: str) -> None:
+    """Raise InputError where a figure is NaN or infinite."""
+    for name, value in figures.items():
+        if not math.isfinite(value):
+            raise InputError(
+                f"the training failed: the {name} of {when} is {value}; lower the learning_rate or the largest weights "
+                "in `config`, and start again"
+            )
+
+
+def _check_weights(policy: Policy, when: str) -> None:
+    """As `_check_finite`, for the weights of the policy."""
+    _check_finite({name: float(value.detach().sum()) for name, value in policy.named_parameters()}, when)
 
 
 def _device(name: str) -> torch.device:

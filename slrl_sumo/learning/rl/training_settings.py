@@ -8,7 +8,8 @@ from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.errors import InputError, suggestion
 from slrl_sumo.input_files import read_toml
 from slrl_sumo.learning.environments.arena import ArenaSettings
-from slrl_sumo.learning.rewards.terms import RewardWeights
+from slrl_sumo.learning.environments.options import LONGEST_WARM_UP, MOST_AGENTS, MOST_STEPS
+from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.models.bundle import ModelBundle
@@ -55,18 +56,39 @@ RANGES = {
     ("ppo", "learning_rate"): (0.0, 1.0),
     ("ppo", "gamma"): (0.0, 1.0),
     ("ppo", "gae_lambda"): (0.0, 1.0),
-    ("arena", "agents"): (1, 10_000),
-    ("arena", "episode_steps"): (1, 1_000_000),
-    ("arena", "warm_up"): (0.0, 86_400.0),
+    ("ppo", "clip_coef"): (0.001, 1.0),
+    ("ppo", "ent_coef"): (0.0, 100.0),
+    ("ppo", "vf_coef"): (0.0, 100.0),
+    ("ppo", "max_grad_norm"): (0.001, 1e6),
+    ("ppo", "explore"): (0.0, 0.9),
+    ("ppo", "kl_coef"): (0.0, 1000.0),
+    ("ppo", "kl_coef_last"): (0.0, 1000.0),
+    ("ppo", "kl_until"): (0.0, 1.0),
+    ("ppo", "avoid_coef"): (0.0, 1000.0),
+    ("ppo", "prior_coef"): (0.0, 1000.0),
+    ("ppo", "teacher_first"): (0, 1_000_000),
+    **{("reward", name): (0.0, 1e6) for name in TERMS},
+    **{("teacher", weight.name): (0.0, 1e6) for weight in fields(CostWeights)},
+    ("arena", "agents"): (1, MOST_AGENTS),
+    ("arena", "mix"): (0.0, 1000.0),
+    ("arena", "desired_speed"): (0.1, 50.0),
+    ("arena", "episode_steps"): (1, MOST_STEPS),
+    ("arena", "warm_up"): (0.0, LONGEST_WARM_UP),
+    ("policy", "channels"): (1, 4096),
+    ("policy", "hidden"): (1, 4096),
+    ("policy", "head"): (1, 4096),
     ("imitation", "epochs"): (0, 10_000),
     ("imitation", "stride"): (1, 10_000),
     ("imitation", "batch"): (1, 1_000_000),
     ("imitation", "seconds"): (1.0, 1e6),
+    ("imitation", "learning_rate"): (0.0, 1.0),
     ("networks", "count"): (1, 10_000),
     ("networks", "first_seed"): (0, 2**31 - 20_000),
     ("networks", "reset_every"): (1, 1_000_000),
 }
-"""Lowest and highest values that would otherwise fail in the middle of a training."""
+"""Lowest and highest values of all numbers: others fail in the middle of a training, or give a useless selector."""
+MOST_CHANNELS = 14
+"""Convolutions of a selector: bundles with more cannot be read."""
 
 NAMES = {("policy", "preset"): tuple(PRESETS), ("ppo", "only"): TYPE_NAMES, ("ppo", "kl_kept"): TYPE_NAMES}
 """The names that settings take which are no numbers."""
@@ -119,10 +141,20 @@ def _changed(name: str, section: Section, given: dict[str, Any], where: str) -> 
         if key not in known:
             raise InputError(f"{where} has no setting '{key}'{suggestion(key, known)}")
         values[key] = _converted(value, types[key], f"{where} {key}", NAMES.get((name, key), ()))
-        low, high = RANGES.get((name, key), (None, None))
-        if low is not None and high is not None and not low <= values[key] <= high:
-            raise InputError(f"{where} {key} is {value:g}: give a number from {low:g} to {high:g}")
+        if (name, key) in RANGES:
+            _check_range(values[key], RANGES[name, key], f"{where} {key}")
+    if len(values.get("channels", ())) > MOST_CHANNELS:
+        raise InputError(f"{where} channels has {len(values['channels'])} numbers: give at most {MOST_CHANNELS}")
+    if "mix" in values and not any(values["mix"]):
+        raise InputError(f"{where} mix is all zeros: give at least one type a share above 0")
     return replace(section, **values)  # type: ignore[type-var]
+
+
+def _check_range(value: float | tuple[float, ...], allowed: tuple[float, float], where: str) -> None:
+    low, high = allowed
+    for number in value if isinstance(value, tuple) else (value,):
+        if not low <= number <= high:  # nor is NaN
+            raise InputError(f"{where} is {number:g}: give a number from {low:g} to {high:g}")
 
 
 def _converted(value: Any, type_: Any, where: str, names: tuple[str, ...]) -> Any:

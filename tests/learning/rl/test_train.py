@@ -1,8 +1,8 @@
 """A training as a whole: it resumes exactly, and wrong settings are said in one line."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 import torch
@@ -13,7 +13,14 @@ from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.learning.rl.train import TrainRequest, going_on, train
-from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings, read_settings, recorded_settings
+from slrl_sumo.learning.rl.training_settings import (
+    NOT_FOR_USERS,
+    RANGES,
+    NetworkSettings,
+    TrainSettings,
+    read_settings,
+    recorded_settings,
+)
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.policy_network import PolicyConfig
@@ -196,6 +203,34 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
     assert TrainSettings().policy.preset == "paper"
 
 
+def test_a_training_that_diverges_ends_with_an_error_and_without_a_bundle(tmp_path: Path) -> None:
+    ppo = replace(SETTINGS.ppo, learning_rate=1e30, teacher_first=0)
+    arena, policy = replace(SETTINGS.arena, agents=4), replace(SETTINGS.policy, preset="extended")
+    request = TrainRequest("signalised", "intersection", tmp_path / "diverged", steps=3 * 16, workers=1)
+    updates: list[int] = []
+    with pytest.raises(InputError, match=r"the \w+_loss of update 1 is (nan|inf); lower the learning_rate"):
+        train(
+            request,
+            replace(SETTINGS, ppo=ppo, arena=arena, policy=policy),
+            resume=False,
+            report=lambda stage, done, total, figures: updates.append(done),
+        )
+    assert updates == [16]
+    assert not request.out.exists()
+
+
+def test_all_numbers_of_the_settings_have_ranges() -> None:
+    missing = []
+    for section, values in asdict(TrainSettings()).items():
+        for key, value in values.items():
+            kind = str(get_type_hints(type(getattr(TrainSettings(), section)))[key])
+            if key in NOT_FOR_USERS.get(section, ()) or isinstance(value, bool | str) or "str" in kind:
+                continue
+            if (section, key) not in RANGES:
+                missing.append((section, key))
+    assert missing == []
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -214,6 +249,14 @@ def test_no_file_is_all_defaults_and_a_file_changes_what_it_names(tmp_path: Path
         ("[ppo]\nonly = 'car'", "give a list of several names"),
         ("[arena]\nextended = true", "has no setting 'extended'"),
         ("[teacher]\nheading_eror = 1", "has no setting 'heading_eror'; did you mean 'heading_error'?"),
+        ("[reward]\nclose = nan", r"\[reward\] close is nan: give a number from 0 to 1e\+06"),
+        ("[teacher]\nspeed = inf", r"\[teacher\] speed is inf: give a number from 0"),
+        ("[ppo]\nclip_coef = -1", "clip_coef is -1: give a number from 0.001 to 1"),
+        ("[policy]\nhidden = 0", "hidden is 0: give a number from 1 to 4096"),
+        ("[policy]\nchannels = [4, 0]", "channels is 0: give a number from 1 to 4096"),
+        (f"[policy]\nchannels = {[4] * 15}", "channels has 15 numbers: give at most 14"),
+        ("[arena]\ndesired_speed = [nan, 4.0, 1.0]", "desired_speed is nan: give a number from 0.1 to 50"),
+        ("[arena]\nmix = [0, 0, 0]", "mix is all zeros: give at least one type a share above 0"),
         ("[ppo", "is no TOML"),
     ],
 )
