@@ -16,6 +16,7 @@ from slrl_sumo.routing.path_line import path_line
 from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.lane_state import LaneState
 from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.links import LaneLinks
 from slrl_sumo.sumo.network import Network, is_walking_area
@@ -74,8 +75,6 @@ class LanePath:
     lanes: tuple[str, ...]
     ends: tuple[float, ...]
     """m along the path at which each lane ends."""
-    limits: tuple[float, ...]
-    """Speed limit of each lane, m/s."""
     entries: tuple[JunctionEntry, ...]
     line: Polyline
     route: tuple[str, ...] = ()
@@ -118,13 +117,21 @@ def junction_of(lane: str) -> str:
 
 
 class LaneGraph:
-    """The lanes of a loaded network and the links between them; links are read on demand."""
+    """The lanes of a loaded network and the links between them; links are read on demand.
+
+    Call `renew` after each SUMO step: limits and permissions may change.
+    """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.links = LaneLinks(api, network)
         self.lanes = {lane.id: lane for lane in network.lanes}
         self.inside: dict[str, list[str]] = {}
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
+        self.version = 0
+        """How often permissions have changed: paths of before may lead over closed lanes, or end before opened ones."""
+        self._state, self._looked_at = LaneState(api), set[str]()
+        self._changed: dict[str, Lane] = {}
+        """Lanes whose permissions have changed, as they were at first."""
         self._of_edge: dict[str, list[str]] = {}
         for lane in network.lanes:
             self._of_edge.setdefault(lane.edge, []).append(lane.id)
@@ -138,6 +145,35 @@ class LaneGraph:
         self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
         self._paths: OrderedDict[tuple[str, tuple[str, ...], str, tuple[tuple[float, float], ...]], LanePath]
         self._paths = OrderedDict()
+
+    def renew(self) -> None:
+        """Forget what was read of SUMO's last step."""
+        self._state.renew()
+        self._looked_at.clear()
+
+    def limit(self, lane: str) -> float:
+        """Speed limit of a lane now, m/s."""
+        return self._state.limit(lane)
+
+    def look_at(self, edge: str) -> None:
+        """Take note of the permissions that the lanes of an edge have now."""
+        if edge in self._looked_at:
+            return
+        self._looked_at.add(edge)
+        for lane in self._of_edge.get(edge, ()):
+            allowed = self._state.newly_allowed(lane)
+            if allowed is not None and allowed != self.lanes[lane].allowed:
+                self._changed.setdefault(lane, self.lanes[lane])
+                self.lanes[lane] = replace(self.lanes[lane], allowed=allowed)
+                self.version += 1
+                for known in (self._admitted, self._tables, self._paths):
+                    known.clear()
+
+    def is_closed_after(self, lane: str, vehicle_class: str) -> bool:
+        """Whether lanes follow to which a vehicle class is not admitted any more, and none to which it is."""
+        following = [target for target, _ in self.links(lane)]
+        was = any(target in self._changed and self._changed[target].admits(vehicle_class) for target in following)
+        return was and not any(self.lanes[target].admits(vehicle_class) for target in following)
 
     def lane_to_change_to(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> str | None:
         """The neighbouring lane that brings a vehicle nearer to its route `edges`, which begin with the lane's edge.
@@ -329,4 +365,4 @@ def _joined(
         end = next((ends[i - 1] for i in range(position + 1, len(lanes)) if not lanes[i].internal), ends[-1])
         waits = next((line for line in stops if stop + 1e-6 < line < end), math.inf)
         found.append(JunctionEntry(stop, here, via, target, end, waits))
-    return LanePath(tuple(i.id for i in lanes), ends, tuple(i.max_speed for i in lanes), tuple(found), line)
+    return LanePath(tuple(i.id for i in lanes), ends, tuple(found), line)

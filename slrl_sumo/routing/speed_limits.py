@@ -28,6 +28,7 @@ class SpeedLimits:
 
     def renew(self) -> None:
         """Forget what was read of SUMO's last step."""
+        self._graph.renew()
         self._right_of_way.renew()
 
     def allowed_speed(self, track: VehicleTrack, dt: float) -> float:
@@ -49,13 +50,13 @@ class SpeedLimits:
         """
         path, decel = track.path, decel_share * track.decel
         here = path.lane_at(track.s)
-        speed = min(path.limits[here] * track.speed_factor, track.max_speed)
+        speed = min(self._graph.limit(path.lanes[here]) * track.speed_factor, track.max_speed)
         sight = _sight(track.speed, decel, dt)
         for k in range(here + 1, len(path.lanes)):
             distance = path.ends[k - 1] - track.s
             if distance > sight:
                 break
-            limit = min(path.limits[k] * track.speed_factor, track.max_speed)
+            limit = min(self._graph.limit(path.lanes[k]) * track.speed_factor, track.max_speed)
             speed = min(speed, _braking_speed(limit, distance, decel, dt))
         return speed
 
@@ -109,7 +110,11 @@ class SpeedLimits:
     def _path_suffices(self, track: VehicleTrack) -> bool:
         """Whether the path is as long as the route, or longer than any sight."""
         last = self._graph.lanes[track.path.lanes[-1]]
-        return not track.edges or track.path.end - track.s > 120.0 or last.edge == track.edges[-1]
+        if track.path.end - track.s > 120.0:
+            return True
+        if not track.edges:
+            return not self._graph.is_closed_after(last.id, track.vehicle_class)
+        return last.edge == track.edges[-1]
 
     def following_speed(self, road_user: str, track: VehicleTrack, dt: float) -> float:
         """Krauss' safe speed behind SUMO's leader (https://sumo.dlr.de/docs/Car-Following-Models.html)."""

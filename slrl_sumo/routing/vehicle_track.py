@@ -37,6 +37,10 @@ class VehicleTrack:
     x: float
     """Centre at the last update, m."""
     y: float
+    route_id: str = ""
+    """SUMO's id of the route of which `edges` are a part; '' of spawned vehicles."""
+    version: int = 0
+    """That of the lane graph when the path was found."""
     begun: float = -math.inf
     """Time (s) at which it began to be learned."""
     standing_time: float = 0.0

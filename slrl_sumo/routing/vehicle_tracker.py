@@ -19,12 +19,13 @@ from slrl_sumo.routing.lane_changes import (
 from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
 from slrl_sumo.routing.vehicle_track import HALTS_BEFORE, STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.route import AHEAD, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.road_users import allowed_speed, vehicle_lane, vehicle_parameters, vehicle_route
+from slrl_sumo.sumo.road_users import allowed_speed, route_id, vehicle_lane, vehicle_parameters, vehicle_route
 
 DISPLACED = 0.5
 """m from the planned position: the vehicle was moved by SUMO or a user's script, and its path is found anew."""
@@ -95,8 +96,7 @@ class VehicleTracker:
             place, track.lateral_offset, distance = track.path.line.place(x, y, begin, begin + 6.0 + 1.5 * speed * dt)
             if distance < OFF_PATH:
                 track.s = max(place + half, 0.0)
-                if track.s >= track.path.ends[0]:
-                    self._renew_path(road_user, track, 2.0 * half)
+                self._renew_path(road_user, track, 2.0 * half)
             else:
                 track = None
         if track is None:
@@ -156,6 +156,8 @@ class VehicleTracker:
             tau=parameters.tau,
             x=float(state.x[i]),
             y=float(state.y[i]),
+            route_id=self._route_id(road_user),
+            version=self._graph.version,
             begun=state.time,
         )
         self._update_max_speed(road_user, track, lane)
@@ -177,7 +179,7 @@ class VehicleTracker:
         if road_user.startswith(SPAWNED_PREFIX) or vehicle_lane(self._api, road_user) != lane:
             return
         allowed = allowed_speed(self._api, road_user)
-        if allowed < self._graph.lanes[lane].max_speed * track.speed_factor - 0.01:
+        if allowed < self._graph.limit(lane) * track.speed_factor - 0.01:
             track.max_speed = min(track.max_speed, allowed)
 
     def _lane_under(self, front: tuple[float, float], heading: float, vehicle_class: str) -> str:
@@ -200,11 +202,17 @@ class VehicleTracker:
         return [(x0 - (x1 - x0) / step * (length + 2.0), y0 - (y1 - y0) / step * (length + 2.0))]
 
     def _renew_path(self, road_user: str, track: VehicleTrack, length: float) -> None:
-        """On a new edge, begin the path there: SUMO may have changed the route, and the path reaches further."""
+        """Begin the path on the present lane: on a new edge, from where it reaches further, and where SUMO, a script or
+        a closed lane has changed the way."""
         here = track.path.lane_at(track.s)
         lane = track.path.lanes[here]
-        if here == 0 or lane.startswith(":"):
+        if lane.startswith(":"):
             return
+        self._look_ahead(track, here)
+        route_id = self._route_id(road_user)
+        if here == 0 and track.route_id == route_id and track.version == self._graph.version:
+            return
+        track.route_id, track.version = route_id, self._graph.version
         edge = self._graph.lanes[lane].edge
         if not road_user.startswith(SPAWNED_PREFIX):
             route, index = vehicle_route(self._api, road_user)
@@ -213,13 +221,36 @@ class VehicleTracker:
                 track.edges = route[route.index(edge, begin) + 1 :]
             elif edge in track.edges:
                 track.edges = track.edges[track.edges.index(edge) + 1 :]
-        start = track.path.ends[here - 1]
-        before = track.path.line.between(min(track.s, start) - length - 2.0, start)
+        if here == 0:
+            before = self._point_before(lane, length)
+        else:
+            start = track.path.ends[here - 1]
+            before = track.path.line.between(min(track.s, start) - length - 2.0, start)
         path = self._graph.path(lane, track.edges, track.vehicle_class, before, _seed(road_user))
         x, y, _ = track.path.line.at(track.s)
         track.s, _ = path.line.nearest(x, y, end=path.ends[0])
         track.path = path
         self._update_max_speed(road_user, track, lane)
+
+    def _route_id(self, road_user: str) -> str:
+        return "" if road_user.startswith(SPAWNED_PREFIX) else route_id(self._api, road_user)
+
+    def _look_ahead(self, track: VehicleTrack, here: int) -> None:
+        """Look at the edges within sight, from the lane of that index on: whether their lanes are still, or again, open
+        to the vehicle."""
+        path, graph, seen = track.path, self._graph, track.s + AHEAD * spacing_at(track.speed)
+        for begin, lane in zip(path.begins[here:], path.lanes[here:], strict=True):
+            if begin > seen:
+                return
+            if not lane.startswith(":"):
+                graph.look_at(graph.lanes[lane].edge)
+        if path.end > seen:
+            return
+        # Beyond its end, which may be before a closed edge.
+        last = graph.lanes[path.lanes[-1]]
+        after = track.edges[track.edges.index(last.edge) + 1 :] if last.edge in track.edges else track.edges
+        for edge in after[:1] or [graph.lanes[target].edge for target, _ in graph.links(last.id)]:
+            graph.look_at(edge)
 
     def choose_lane(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
         """Begin the lane change that the route needs, where there is a gap. Returns a change that is under way, or for
@@ -271,7 +302,7 @@ class VehicleTracker:
         """Whether a vehicle gets on better in the next lane: by its speed there, slow ones by the queue."""
         if track.speed < OVERTAKES:
             return shorter_queue(world, wish, track.path.ends[0] - track.s, self._levels)
-        desired = min(track.path.limits[0] * track.speed_factor, track.max_speed)
+        desired = min(self._graph.limit(track.path.lanes[0]) * track.speed_factor, track.max_speed)
         return faster_there(world, wish, desired, self._levels)
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:

@@ -15,7 +15,8 @@ from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.types import MAX_POSITION
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.grade_separations import GradeSeparation, grade_separations, levels_of
-from slrl_sumo.sumo.lanes import ALL_CLASSES, MOTOR_CLASSES, Lane, LanePoints
+from slrl_sumo.sumo.lane_state import allowed_classes
+from slrl_sumo.sumo.lanes import MOTOR_CLASSES, Lane, LanePoints
 from slrl_sumo.sumo.scenario.vaporizers import OPTIONS, vaporized_edges
 
 LANE_WIDTH = 3.2
@@ -113,9 +114,7 @@ def read_network(api: SumoApi) -> Network:
     known: dict[frozenset[str], frozenset[str]] = {}
     edges: dict[str, str] = {}
     for lane_id in api.lane.getIDList():
-        allowed, disallowed = api.lane.getAllowed(lane_id), api.lane.getDisallowed(lane_id)
-        # An empty list means "all" or "none", depending on the other list.
-        classes = frozenset(allowed) if allowed or disallowed else ALL_CLASSES
+        classes = allowed_classes(api, lane_id)
         edge, width = api.lane.getEdgeID(lane_id), api.lane.getWidth(lane_id)
         if not 0.0 < width <= WIDEST:
             without_width.append(lane_id)

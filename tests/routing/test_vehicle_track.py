@@ -19,7 +19,7 @@ NEXT = JunctionEntry(50.0, "out_0", ":b_3_0", "far_0", 70.0)
 def track() -> VehicleTrack:
     along = np.array([0.0, 100.0])
     line = Polyline(along, np.zeros(2), along)
-    path = LanePath(("in_0", ":a_14_0"), (20.0, 100.0), (13.9, 13.9), (FIRST, INSIDE, NEXT), line)
+    path = LanePath(("in_0", ":a_14_0"), (20.0, 100.0), (FIRST, INSIDE, NEXT), line)
     return make_track(path, 10.0, 5.0)
 
 
