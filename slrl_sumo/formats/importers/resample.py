@@ -72,8 +72,8 @@ def resample(samples: Samples) -> Trajectories:
     Road users of unknown class (type below 0) are left out, of two rows of a road user at one time the later one in
     the file counts. At gaps and jumps a road user continues in a new track (`id#1`); pieces between two frames are
     dropped. Positions with `smoothing` are smoothed (penalised spline), others interpolated linearly. The notes tell
-    what was corrected. Raises InputError where positions or headings make no sense in metres, seconds and radians, or a
-    road user is in two places again and again.
+    what was corrected. Raises InputError where positions, times or headings make no sense in metres, seconds and
+    radians, or a road user is in two places again and again.
     """
     order, twice_note = _ordered(samples)
     user, time = samples.user[order], samples.time[order]
@@ -82,6 +82,7 @@ def resample(samples: Samples) -> Trajectories:
     same = np.diff(user) == 0
     close = same & (wait < 1.5 * samples.period)
     jump = close & (step > TOP_SPEED[samples.type[user[:-1]]] * wait + JUMP)
+    _check_period(samples, wait[same], close)
     _check_units(samples, user, time, x, y, close, jump)
     _, firsts = np.unique(user, return_index=True)
     still = samples.still.copy()
@@ -187,6 +188,15 @@ def _smooth(
         t = time[s:e] - time[s]
         for new, old in ((new_x, x), (new_y, y)):
             new[at] = make_smoothing_spline(t, old[s:e], lam=smoothing)(when[at] - time[s])
+
+
+def _check_period(samples: Samples, wait: Floats, close: NDArray[np.bool_]) -> None:
+    """Raise InputError where most rows follow the one before, of the same road user, after a gap."""
+    if close.sum() < 0.5 * len(wait):
+        raise InputError(
+            f"{samples.file}: rows of a road user follow each other every {np.median(wait):.3g} s (median) instead of "
+            f"{samples.period:.3g} s; check that times or frame rate are right"
+        )
 
 
 def _check_units(

@@ -86,6 +86,9 @@ def test_tgsim_has_all_types_and_runs_one_after_another(write: Write) -> None:
     assert t.frame[t.track == 3][0] - t.frame[t.track == 0][-1] >= 249  # 100 s
     one = read_tgsim(write("one.csv", TGSIM.split(","), [row[:-1] for row in made if row[-1] == 1]))
     assert one.ids == ("1", "2", "3")
+    milliseconds = write("ms.csv", TGSIM.split(","), [[row[0], 1000 * row[1], *row[2:-1]] for row in made[:51]])
+    with pytest.raises(InputError, match=r"ms\.csv: rows of .* every 100 s \(median\) instead of 0\.1 s; check that"):
+        read_tgsim(milliseconds)
     unknown = write("bad.csv", TGSIM.split(","), [[*row[:9], 9] for row in made[:51]])
     with pytest.raises(InputError, match="unknown type_most_common '9'"):
         read_tgsim(unknown)

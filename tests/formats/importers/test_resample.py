@@ -72,6 +72,13 @@ def test_splits_at_jumps_that_the_type_cannot_make() -> None:
     assert resample(samples(time, x, 0.0, **car())).ids == ("a",)  # 76 m/s, but only 0.2 m more than a car could
 
 
+def test_rows_that_mostly_follow_after_a_gap_have_wrong_times() -> None:
+    time = np.r_[np.arange(10) * 0.04, 10.0 + np.arange(11)]  # 9 close pairs, 11 others
+    with pytest.raises(InputError, match=r"f\.csv: .* follow each other every 1 s \(median\) instead of 0\.04 s"):
+        resample(samples(time, 0.0, 0.0))
+    assert len(resample(samples(time[:-2], 0.0, 0.0)).ids) > 1  # 9 and 9
+
+
 def test_pieces_between_two_frames_are_dropped_and_single_rows_kept() -> None:
     t = resample(samples([0.0, 0.04, 0.5, 0.54, 0.8], 0.0, 0.0))
     assert t.ids == ("a", "a#1")
