@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS, Places, figures, learned_modes
-from slrl_sumo.formats.fcd.steps import FcdStep, is_fcd, steps_of_rows
+from slrl_sumo.formats.fcd.steps import FcdStep, missing_columns, steps_of_rows
 from slrl_sumo.input_files import check_content
 from slrl_sumo.scene.state import WorldState
 
@@ -145,9 +145,12 @@ def parquet_steps(name: str, source: IO[bytes]) -> Iterator[FcdStep]:
             columns = file.schema_arrow.names
             # A few bytes can stand for any number of equal rows.
             check_content(file.metadata.num_rows * BYTES_PER_ROW, os.fstat(source.fileno()).st_size)
-            if not is_fcd(columns):
+            if missing := missing_columns(columns):
                 wanted = ", ".join(CSV_COLUMNS[:5])
-                raise InputError(f"{name}: an FCD file in Parquet has at least the columns {wanted}, this one has not")
+                raise InputError(
+                    f"{name}: an FCD file in Parquet has at least the columns {wanted}; this one lacks "
+                    f"{', '.join(missing)}"
+                )
             yield from steps_of_rows(columns, _rows(file))
     except (pa.ArrowException, OSError, UnicodeDecodeError) as e:
         first = str(getattr(e, "strerror", None) or e).splitlines()[0].rstrip(".")

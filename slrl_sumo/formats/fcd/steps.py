@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.columns import OWN_COLUMNS
+from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS
 from slrl_sumo.input_files import BLOCK, open_xml, text_lines
 
 if TYPE_CHECKING:
@@ -106,9 +106,16 @@ def csv_steps(name: str, file: IO[bytes]) -> Iterator[FcdStep]:
     complete = 0
     try:
         columns = next(lines, [])
-        if not is_fcd(columns):
-            wanted = "timestep_time;vehicle_id;vehicle_x;vehicle_y;vehicle_angle"
-            raise InputError(f"{name}, line 1: an FCD file in CSV has at least the columns {wanted}, this one has not")
+        if len(columns) == 1 and (other := next((c for c in ",\t" if c in columns[0]), None)):
+            raise InputError(
+                f"{name}, line 1: its columns are separated by {other!r}; write it with semicolons, as SUMO"
+            )
+        if missing := missing_columns(columns):
+            wanted = ";".join(CSV_COLUMNS[:5])
+            raise InputError(
+                f"{name}, line 1: an FCD file in CSV has at least the columns {wanted}, "
+                f"this one lacks {', '.join(missing)}"
+            )
         for step in steps_of_rows(columns, _whole_lines(lines, len(columns))):
             yield step
             complete += 1
@@ -138,16 +145,15 @@ def _kinds(columns: Sequence[str]) -> list[str]:
     return [kind for kind in ("vehicle", "person") if f"{kind}_id" in columns]
 
 
-def is_fcd(columns: Sequence[str]) -> bool:
-    """Whether a table with these columns can be FCD."""
-    kinds = _kinds(columns)
-    return bool(kinds) and {"timestep_time", *(f"{kind}_{c}" for kind in kinds for c in ("x", "y", "angle"))} <= {
-        *columns
-    }
+def missing_columns(columns: Sequence[str]) -> list[str]:
+    """The columns that a table with these ones lacks to be FCD."""
+    kinds = _kinds(columns) or ["vehicle"]
+    needed = ["timestep_time", *(f"{kind}_{c}" for kind in kinds for c in ("id", "x", "y", "angle"))]
+    return [column for column in needed if column not in columns]
 
 
 def steps_of_rows(columns: Sequence[str], rows: Iterable[tuple[int, list[Any]]]) -> Iterator[FcdStep]:
-    """The time steps of a table for which `is_fcd`: `rows` are line numbers and fields, '' for empty ones."""
+    """The time steps of a table without `missing_columns`: `rows` are line numbers and fields, '' for empty ones."""
     kinds, empty = _kinds(columns), len(columns)  # an absent column is read as an empty field behind the others
     place = {column: i for i, column in enumerate(columns)}
     at = {kind: [place.get(c if c in OWN_COLUMNS else f"{kind}_{c}", empty) for c in _FIELDS] for kind in kinds}

@@ -1,4 +1,5 @@
 import gzip
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -304,6 +305,15 @@ def test_files_without_content_are_reported(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("a;b\n1;2\n")
     with pytest.raises(InputError, match=r"t\.csv, line 1: an FCD file in CSV has at least the columns"):
         read_fcd(tmp_path / "t.csv")
+    needed = ["timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle"]
+    for missing in needed:
+        (tmp_path / "t.csv").write_text(";".join(column for column in needed if column != missing) + "\n0;1;2;3\n")
+        with pytest.raises(InputError, match=f"t\\.csv, line 1: .* lacks {missing}$"):
+            read_fcd(tmp_path / "t.csv")
+    for separator in (",", "\t"):
+        (tmp_path / "t.csv").write_text(separator.join(needed) + "\n")
+        with pytest.raises(InputError, match=re.escape(f"are separated by {separator!r}; write it with semicolons")):
+            read_fcd(tmp_path / "t.csv")
     (tmp_path / "t.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match=r"t\.csv, line 1: not CSV text"):
         read_fcd(tmp_path / "t.csv")
