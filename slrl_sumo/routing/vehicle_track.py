@@ -39,6 +39,8 @@ class VehicleTrack:
     y: float
     route_id: str = ""
     """SUMO's id of the route of which `edges` are a part; '' of spawned vehicles."""
+    arrival: float | None = None
+    """m along the lane at which the route ends, below 0 from its end; None: at its end."""
     version: int = 0
     """That of the lane graph when the path was found."""
     begun: float = -math.inf

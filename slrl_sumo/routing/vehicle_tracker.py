@@ -23,6 +23,7 @@ from slrl_sumo.scene.route import AHEAD, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.arrivals import Arrivals
 from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.road_users import allowed_speed, route_id, vehicle_lane, vehicle_parameters, vehicle_route
@@ -42,6 +43,7 @@ class VehicleTracker:
 
     def __init__(self, api: SumoApi, network: Network, graph: LaneGraph) -> None:
         self._api, self._graph, self._levels = api, graph, network.levels
+        self._arrivals = Arrivals(api)
         self._vehicles: dict[str, VehicleTrack] = {}
         self._carriageway = LanePoints(
             [lane for lane in network.lanes if lane.allowed & (MOTOR_CLASSES | {"bicycle"})], spacing=2.0
@@ -61,7 +63,7 @@ class VehicleTracker:
         return not road_user.startswith(SPAWNED_PREFIX) and vehicle_lane(self._api, road_user) == ""
 
     def remaining_distance(self, road_user: str) -> float:
-        """m to the end of a vehicle's route; inf where the path ends before, and without a route or track.
+        """m to where a vehicle's trip ends; inf where the path ends before, and without a route or track.
 
         Also inf while the vehicle is obstructed: SUMO would brake harder for the obstacle, or not at all.
         """
@@ -71,7 +73,11 @@ class VehicleTracker:
         path, lanes = track.path, self._graph.lanes
         last = lanes[path.lanes[-1]].edge
         ends = last == (track.edges[-1] if track.edges else lanes[path.lanes[0]].edge)
-        return path.end - track.s if ends else math.inf
+        if not ends:
+            return math.inf
+        arrival, length = track.arrival, lanes[path.lanes[-1]].length
+        before = 0.0 if arrival is None else -arrival if arrival < 0.0 else length - arrival
+        return path.end - min(max(before, 0.0), length) - track.s
 
     def planned(self, state: WorldState, i: int) -> VehicleTrack:
         """The track of the vehicle in row `i` of `state`, which its driver moves along the path."""
@@ -157,6 +163,7 @@ class VehicleTracker:
             x=float(state.x[i]),
             y=float(state.y[i]),
             route_id=self._route_id(road_user),
+            arrival=None if road_user.startswith(SPAWNED_PREFIX) else self._arrivals.of(road_user),
             version=self._graph.version,
             begun=state.time,
         )

@@ -17,7 +17,7 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.grade_separations import GradeSeparation, grade_separations, levels_of
 from slrl_sumo.sumo.lane_state import allowed_classes
 from slrl_sumo.sumo.lanes import MOTOR_CLASSES, Lane, LanePoints
-from slrl_sumo.sumo.scenario.vaporizers import OPTIONS, vaporized_edges
+from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, vaporized_edges
 
 LANE_WIDTH = 3.2
 """m: SUMO's default, which stands for widths that no lane has."""
@@ -176,7 +176,9 @@ def read_network(api: SumoApi) -> Network:
 def _removing(api: SumoApi) -> frozenset[str]:
     """See Network.removing."""
     calibrated = (api.calibrator.getEdgeID(calibrator) for calibrator in api.calibrator.getIDList())
-    return frozenset(calibrated) | vaporized_edges(*(api.simulation.getOption(name) for name in OPTIONS))
+    return frozenset(calibrated) | vaporized_edges(
+        *(api.simulation.getOption(name) for name in (ADDITIONAL, CONFIGURATION))
+    )
 
 
 def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import libsumo
 import numpy as np
 import pytest
-from builders import make_scenario, make_world
+from builders import make_crossroads, make_scenario, make_world
 
 from slrl_sumo.routing.lane_changes import SETTLES
 from slrl_sumo.routing.lane_graph import STOP_LINE
@@ -491,3 +491,17 @@ def test_links_without_a_signal_are_read_once_and_no_lane_is_asked_for_vehicles(
     # By the graph of lanes and by the right of way.
     assert max(asked["getLinks"].values()) <= 2
     assert not asked["getLastStepVehicleIDs"]
+
+
+@pytest.mark.parametrize(("arrival", "left"), [("40", 40.0), ("-20", -20.0), ("random", 0.0), (None, 0.0)])
+def test_a_trip_ends_at_its_arrival_position(arrival: str | None, left: float, tmp_path: Path) -> None:
+    """40 m from the begin of the last lane, or 20 m before its end; a random one is not known."""
+    position = "" if arrival is None else f'arrivalPos="{arrival}"'
+    make_crossroads(tmp_path, f'<flow id="f" begin="0" end="1" number="1" from="wc" to="ce" {position}/>')
+    with opened(tmp_path) as session:
+        while "f.0" not in libsumo.vehicle.getIDList():
+            session.step()
+        ahead = Routes(libsumo, session.network).ahead(_seen(session, "f.0"), 1)
+        length = libsumo.lane.getLength("ce_0")
+        way = libsumo.vehicle.getDrivingDistance("f.0", "ce", length)
+        assert ahead.left[0] == pytest.approx(way + left - (length if left > 0.0 else 0.0), abs=0.5)

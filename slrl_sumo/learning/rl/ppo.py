@@ -22,6 +22,8 @@ from slrl_sumo.scene.types import TYPE_NAMES
 
 COLLISION = list(ROLLOUT_SCALES).index("collision")
 """Column of the rollouts."""
+SOON = 0.75
+"""Collision score of a collision within 1.2 s."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,8 @@ class PpoSettings:
     kl_kept: tuple[str, ...] = ()
     """Types for which kl_coef does not fall: they go their own ways only where that pays much."""
     avoid_coef: float = 0.0
-    """Weight of the collisions that the policy expects and that another mode avoids, as the lookahead sees them (0
-    none, 1 at once): states in which a mode collides at once are too rare to be learned from contacts. 0 for policies
-    that do not look ahead."""
+    """Weight of the share of choices that collide SOON, as the lookahead sees it, although another mode does not: such
+    states are too rare to be learned from contacts alone. 0 for policies that do not look ahead."""
     prior_coef: float = 0.0
     """Weight of the divergence KL(policy || prior) from the bundle's prior, learned from recordings."""
     teacher_first: int = 40
@@ -110,8 +111,8 @@ def update(
     prior = agent.prior_logits(seen) if settings.prior_coef and not teacher_only else None
     ahead = None
     if settings.avoid_coef and not teacher_only:
-        collision = seen["rollouts"][..., COLLISION]
-        ahead = collision - collision.amin(-1, keepdim=True)
+        soon = (seen["rollouts"][..., COLLISION] >= SOON).float()
+        ahead = soon - soon.amin(-1, keepdim=True)
     b_advantages, b_returns = taken(advantages), taken(returns)
     if settings.norm_adv:
         b_advantages = normalised(b_advantages, kind)

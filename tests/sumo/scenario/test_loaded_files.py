@@ -1,10 +1,10 @@
-"""Edges with vaporizers are found in the files that SUMO has read."""
+"""Vaporizers and arrival positions are found in the files that SUMO has read."""
 
 from pathlib import Path
 
 import pytest
 
-from slrl_sumo.sumo.scenario.vaporizers import vaporized_edges
+from slrl_sumo.sumo.scenario.loaded_files import CHUNK, arrival_positions, vaporized_edges
 
 
 def test_vaporizers_are_found_at_any_depth_and_in_included_files(tmp_path: Path) -> None:
@@ -38,3 +38,15 @@ def test_paths_are_those_of_the_configuration_and_of_the_command_line(
     assert vaporized_edges("c/a.xml,c/ ${FOLDER}/b.xml", "c/x.sumocfg") == {"0", "1"}
     assert vaporized_edges("e.xml, c/a.xml", "c/x.sumocfg") == {"2", "0"}
     assert vaporized_edges("a.xml", "c/x.sumocfg") == frozenset()
+
+
+def test_arrival_positions_are_those_of_vehicles_trips_and_flows(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(
+        '<routes><vehicle id="v" arrivalPos="40"><route edges="a b"/></vehicle><trip id="t" arrivalPos="-5.5"/>'
+        '<flow id="f" arrivalPos="random"/><flow id="g" arrivalPos="max"/><trip id="u"/>'
+        '<person id="p"><walk edges="a" arrivalPos="3"/></person></routes>'
+    )
+    (tmp_path / "b.xml").write_text(f'<routes>{" " * (CHUNK - 15)}<flow id="h" arrivalPos="7"/></routes>')
+    (tmp_path / "c.xml").write_text('<additional><include href="b.xml"/></additional>')
+    assert arrival_positions("", str(tmp_path / "a.xml"), "") == {"v": 40.0, "t": -5.5}
+    assert arrival_positions(str(tmp_path / "c.xml"), "", "") == {"h": 7.0}
