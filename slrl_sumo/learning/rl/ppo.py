@@ -17,13 +17,7 @@ from torch import Tensor, nn
 from slrl_sumo.learning.rl.actor import Agent, kind_of
 from slrl_sumo.learning.rl.batch import Batch, gae, normalised
 from slrl_sumo.models.policy import learn_only
-from slrl_sumo.models.policy_network import ROLLOUT_SCALES
 from slrl_sumo.scene.types import TYPE_NAMES
-
-COLLISION = list(ROLLOUT_SCALES).index("collision")
-"""Column of the rollouts."""
-SOON = 0.75
-"""Collision score of a collision within 1.2 s."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +50,6 @@ class PpoSettings:
     """Share of the training at which kl_coef_last is reached."""
     kl_kept: tuple[str, ...] = ()
     """Types for which kl_coef does not fall: they go their own ways only where that pays much."""
-    avoid_coef: float = 0.0
-    """Weight of the share of choices that collide SOON, as the lookahead sees it, although another mode does not: such
-    states are too rare to be learned from contacts alone. 0 for policies that do not look ahead."""
     prior_coef: float = 0.0
     """Weight of the divergence KL(policy || prior) from the bundle's prior, learned from recordings."""
     teacher_first: int = 40
@@ -89,7 +80,7 @@ def update(
     teacher_only: bool = False,
 ) -> dict[str, float]:
     """One PPO update on a rollout. Returns the figures that CleanRL logs (losses, approx_kl, clipfrac,
-    explained_variance), kl_teacher and avoidable (see PpoSettings.kl_coef and avoid_coef) and kl_prior.
+    explained_variance), kl_teacher (see PpoSettings.kl_coef) and kl_prior.
 
     Advantages are normalised within each type: the returns of pedestrians differ less than those of cars.
     """
@@ -109,10 +100,6 @@ def update(
         kl_coefs[kind == TYPE_NAMES.index(name)] = settings.kl_coef
     teacher = agent.teacher_logits(seen, taken(batch.teacher_costs)) if bool(kl_coefs.any()) else None
     prior = agent.prior_logits(seen) if settings.prior_coef and not teacher_only else None
-    ahead = None
-    if settings.avoid_coef and not teacher_only:
-        soon = (seen["rollouts"][..., COLLISION] >= SOON).float()
-        ahead = soon - soon.amin(-1, keepdim=True)
     b_advantages, b_returns = taken(advantages), taken(returns)
     if settings.norm_adv:
         b_advantages = normalised(b_advantages, kind)
@@ -139,16 +126,13 @@ def update(
                 v_loss = torch.max(v_loss, (flat["values"][mb] + change - b_returns[mb]) ** 2)
             v_loss = 0.5 * v_loss.mean()
             loss = settings.vf_coef * v_loss
-            kl_teacher = kl_prior = avoidable = torch.zeros(())
+            kl_teacher = kl_prior = torch.zeros(())
             if not teacher_only:
                 loss = pg_loss - settings.ent_coef * entropy + loss
             if teacher is not None:
                 divergence = (teacher[mb].exp() * (teacher[mb] - logits)).sum(-1)
                 kl_teacher = divergence.mean()
                 loss = loss + (kl_coefs[mb] * divergence).mean()
-            if ahead is not None:
-                avoidable = (logits.exp() * ahead[mb]).sum(-1).mean()
-                loss = loss + settings.avoid_coef * avoidable
             if prior is not None:
                 kl_prior = (logits.exp() * (logits - prior[mb])).sum(-1).mean()
                 loss = loss + settings.prior_coef * kl_prior
@@ -163,7 +147,6 @@ def update(
                     "entropy": entropy,
                     "kl_teacher": kl_teacher,
                     "kl_prior": kl_prior,
-                    "avoidable": avoidable,
                     "approx_kl": ((ratio - 1) - logratio).mean(),
                     "clipfrac": ((ratio - 1).abs() > settings.clip_coef).float().mean(),
                 }

@@ -1,6 +1,5 @@
 """PPO: a task that must be learned, the same seed the same run."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -234,46 +233,3 @@ def test_exploring_gives_every_mode_a_chance() -> None:
     torch.testing.assert_close(probability.sum(-1), torch.ones(3))
     assert (probability >= 0.2 / MODES - 1e-6).all()
     assert probability[0, 5] > 0.8
-
-
-def test_modes_that_collide_soon_are_avoided_where_others_do_not() -> None:
-    """Without any reward: all modes of every other road user collide, and half of the modes of the others."""
-    settings = PpoSettings(
-        num_minibatches=1, update_epochs=40, learning_rate=5e-3, explore=0.0, avoid_coef=1.0, vf_coef=0.0
-    )
-    torch.manual_seed(2)
-    agent = Agent(Policy(SMALL), Prior(MODES), settings.explore, settings.learning_rate, torch.device("cpu"))
-    steps, slots = 4, 16
-    ahead = np.zeros((steps, slots, MODES, 4), np.float32)
-    ahead[:, ::2, :, 0] = 1.0
-    ahead[:, 1::2, ::2, 0] = 0.75
-    ahead[:, 1::2, 1::2, 0] = 0.5  # later
-    vector = np.zeros((steps, slots, 12), np.float32)
-    vector[..., 2] = 1.0
-    seen = {"vector": vector, "image": np.zeros((steps, slots, 20, 40, 3), np.uint8), "rollouts": ahead}
-    tensors = {name: torch.from_numpy(value) for name, value in seen.items()}
-    flat = {name: value.flatten(0, 1) for name, value in tensors.items()}
-    none = torch.zeros(steps, slots)
-    before = agent.logits_and_value(flat)[0].exp().detach()
-    batch = Batch(
-        seen=tensors,
-        actions=torch.zeros(steps, slots, dtype=torch.int64),
-        logprobs=before[:, 0].log().reshape(steps, slots),
-        values=none,
-        rewards=none,
-        terminated=none.bool(),
-        truncated=none.bool(),
-        final_values=none,
-        next_value=none[0],
-        teacher_costs=torch.zeros(steps, slots, MODES),
-    )
-    collides = ahead[..., 0].reshape(-1, MODES) >= 0.75
-    some = collides.any(axis=1) & ~collides.all(axis=1)
-    figures = update(agent, batch, settings, torch.Generator())
-    after = agent.logits_and_value(flat)[0].exp().detach()
-    chance = [
-        float(each.numpy()[some][collides[some]].reshape(some.sum(), -1).sum(axis=1).mean()) for each in (before, after)
-    ]
-    assert chance[1] < 0.1 < 0.4 < chance[0]
-    assert 0.0 < figures["avoidable"] < 0.5 * chance[0]
-    assert update(agent, batch, replace(settings, avoid_coef=0.0), torch.Generator())["avoidable"] == 0.0
