@@ -103,9 +103,10 @@ def fit(
     modes: Annotated[
         str,
         typer.Option(
-            help="Modes: paths (each model learns the paths that it predicts best); or clusters, relative (to the own "
-            "speed), kmeans (the paper's), balanced (more turning), curved (vehicles: distance and curvature), "
-            "accelerations (vehicles: relative to those at that speed)."
+            help="Modes: paths (each model learns the paths that it predicts best), or what they are clusters of: "
+            "relative (destinations relative to the own speed), kmeans (destinations, the paper's), balanced (these, "
+            "more turning), curved (vehicles: distance and curvature) or accelerations (vehicles: relative to those at "
+            "that speed)."
         ),
     ] = "paths",
     preset: Annotated[
@@ -135,6 +136,9 @@ def fit(
     pictures = [Output("report", report, MODES_FILES)] if report is not None else []
     claim(Output("out", out, REPLACED), *pictures, inputs=[*files, *(test or [])])
     check_replaceable(out)
+    for file in test or []:
+        if file.resolve() in {other.resolve() for other in files}:
+            raise InputError("is learned from as well; errors are measured on other files", argument="test", value=file)
     recordings, tests = ([load_trajectories(file) for file in some] for some in (files, test or []))
     try:
         bundle = learn(recordings, name=out.name, seed=seed, epochs=epochs, modes=modes, preset=preset, tests=tests)

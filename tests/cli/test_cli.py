@@ -249,6 +249,10 @@ WRONG = {
     "record folder": (["record", "intersection", "--out", "no/r.npz", "--seconds", "2"], "no/r.npz"),
     "record nothing": (["record", "nowhere", "--out", "r.npz"], "nowhere: no such file"),
     "fit nothing": (["fit", "none.npz", "--out", "b"], "none.npz"),
+    "fit tested on its source": (
+        ["fit", "a.npz", "none.npz", "--out", "b", "--test", "./none.npz"],
+        "--test none.npz: is learned from as well; errors are measured on other files",
+    ),
     "fit in a file": (["fit", "none.npz", "--out", "/dev/null"], ""),
     "family": (["generate", "village", "--out", "g"], "village"),
     "generate in a file": (["generate", "intersection", "--out", "/dev/null"], "/dev/null"),

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch.nn import functional
 
-from slrl_sumo.errors import InputError
+from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.supervised.goals import HORIZONS, MODES_BY, Ranges, goals, modes_of, ranges, weigh
 from slrl_sumo.learning.supervised.model_card import model_card
@@ -86,8 +86,9 @@ def fit(
     `mirror` adds mirrored windows for every type, not only for types with few windows; `forget` is passed to
     train_displacement; `notice` is the text that the data's licence requires in the model card. The same seed and
     recordings give the same weights on one machine, independent of the number of threads. Raises InputError where the
-    recordings have another interval, TooFewTracksError.
+    recordings have another interval or an argument is wrong, TooFewTracksError.
     """
+    check_whole_number("epochs", epochs, 1, 100_000)
     if not recordings:
         raise InputError("fit needs at least one recording; give Trajectories files made by `slrl-sumo import`")
     for recording in (*recordings, *tests):

@@ -278,6 +278,9 @@ def test_a_type_alone_is_enough_and_tests_may_lack_others(traffic: list[Trajecto
 def test_what_cannot_be_learned_from_is_refused(traffic: list[Trajectories], brief_traffic: Trajectories) -> None:
     with pytest.raises(InputError, match="there is no such clustering; use paths, relative, kmeans, balanced"):
         fit(traffic, name="a", seed=1, modes="k-means")
+    for epochs in (0, -1):
+        with pytest.raises(InputError, match=f"epochs={epochs}: give a whole number from 1 to"):
+            fit(traffic, name="a", seed=1, epochs=epochs)
     with pytest.raises(InputError, match="at least one recording"):
         fit([], name="a", seed=1)
     with pytest.raises(InputError, match=r"made traffic 1 has an interval of 0\.5 s"):
