@@ -27,19 +27,19 @@ def missing_inputs(scenario: Scenario) -> Iterator[Finding]:
             "a mesoscopic simulation has no positions to set; run refuses it",
             "remove the option mesosim",
         )
-    if (option(scenario, "remote-port") or "0") != "0":
-        yield Finding(
-            "problem",
-            "remote-port",
-            f"remote-port {option(scenario, 'remote-port')}: SUMO waits for a TraCI client without end",
-            "remove the option remote-port; the run talks to SUMO without a port",
-        )
 
 
 def option_findings(scenario: Scenario) -> Iterator[Finding]:
     """What the options of the configuration mean for a run."""
     yield from _time_findings(scenario)
     yield from _removal_findings(scenario)
+    if (option(scenario, "remote-port") or "0") != "0":
+        yield Finding(
+            "note",
+            "remote-port",
+            f"remote-port {option(scenario, 'remote-port')}: by itself, SUMO waits for a TraCI client",
+            "none needed: run talks to SUMO without a port; use slrl_sumo.attach in a script of your own",
+        )
     options = scenario.options
     model = options.get("pedestrian.model", "striping")
     if model != "striping":

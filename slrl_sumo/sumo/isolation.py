@@ -36,7 +36,8 @@ def loading_error(where: object, death: WorkerDiedError) -> SlrlError:
         # Some broken networks cause that.
         name = signal.Signals(-death.exitcode).name
         return InputError(
-            f"{where}: SUMO crashes while loading it ({name}); check that network and demand are complete"
+            f"{where}: SUMO crashes while loading it or in its first step ({name}); check that network and demand are "
+            "complete, and whether it runs in SUMO alone"
         )
     return SumoError(death_message(death, "while it was loading"))
 

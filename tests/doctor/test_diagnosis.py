@@ -97,7 +97,7 @@ def test_nothing_is_said_about_a_calm_scenario(make: Make) -> None:
         ({"tripinfo_output": "t.xml"}, "note", "outputs"),
         ({"log": "l.txt"}, "note", "outputs"),
         ({"mesosim": "true"}, "problem", "mesosim"),
-        ({"remote_port": "8813"}, "problem", "remote-port"),
+        ({"remote_port": "8813"}, "note", "remote-port"),
         ({"begin": "100"}, "problem", "end"),
         ({"route_files": "missing.rou.xml"}, "problem", "files"),
         ({"osg-view": "true"}, "problem", "SUMO"),
@@ -275,7 +275,7 @@ def test_a_network_of_a_newer_sumo_or_for_left_hand_traffic(make: Make, tmp_path
 
 
 def test_the_gravest_come_first(make: Make) -> None:
-    severities = [severity for severity, _ in grave(make("", remote_port="8813", end=None))]
+    severities = [severity for severity, _ in grave(make("", mesosim="true", end=None))]
     assert severities == ["problem", "warning", "note"]
 
 
