@@ -59,7 +59,7 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
     check_known("preset", preset, tuple(PRESETS))
     image = options.get("image")
     if image is None:
-        image = bundle.policy is not None and bundle.policy.config.image
+        image = preset == "image" or (bundle.policy is not None and bundle.policy.config.image)
     steps = options.get("episode_steps")
     if steps is None:
         steps = EPISODE_STEPS if takeover is None else TRIP_STEPS

@@ -36,7 +36,8 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
       history`, (33,), columns as in perception.features.STATES; `rollouts` (20, 9) float32, the prediction for each
       mode; `action_mask` (20,) int8, 1 for modes that constraints allow; `route` (14,) float32, columns as in
       perception.route_features.ROUTE_FEATURES; with `image` `image` (20, 40, 3) uint8. In the preset `paper` `rollouts`
-      have 4 columns, and there is no `route`.
+      have 4 columns, and there is no `route`. In the preset `image` `vector` is (33,), `route` (30,) with the path
+      ahead (PATH_FEATURES), there is an `image`, and there are no `rollouts`.
     - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type`, `id`, `slot` (its row in the vector environment) and `action_mask`, and with `takeover`
       `reached` and `clean` (see TripOutcome). After reset it also has `scenario`.
@@ -51,9 +52,9 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
 
     `takeover`: shares of the scenario's own road users that are learned, as {"car": 0.3} or 'car=0.3', at most `agents`
     at a time, from departure to destination; None: `agents` road users are added, with the types of `mix`. `bundle`:
-    name or folder. `preset`, `image`: what is observed; None: what the bundle's selector reads. `weights`: of the
-    reward's terms. `episode_steps`: None is 128, with a takeover 1500. `warm_up`: s of traffic before the first
-    episode.
+    name or folder. `preset`, `image`: what is observed; None: what the bundle's selector reads, and an image in the
+    preset `image`. `weights`: of the reward's terms. `episode_steps`: None is 128, with a takeover 1500. `warm_up`: s
+    of traffic before the first episode.
 
     `reward(transition)`: a reward of one's own, (n,), of a learning.rewards.transition.Transition of n road users.
     `observe(situation)` and `observation_space`: an observation of one's own of an agent.decide.Situation: an array of

@@ -43,12 +43,15 @@ def test_the_vector_has_the_columns_of_the_bundle(state: str, tmp_path: Path) ->
 
 
 def test_the_preset_image_shows_the_past_and_the_path_ahead_and_no_rollouts() -> None:
-    env = vector_env(scenario="signalised", num_envs=N, preset="image", image=True, warm_up=4.0)
+    env = vector_env(scenario="signalised", num_envs=N, preset="image", warm_up=4.0)
     space = env.single_observation_space
     assert isinstance(space, spaces.Dict)
     assert set(space) == {"vector", "action_mask", "image", "route"}
     assert space["vector"] == vector_space("history")  # the models of the bundle read 12 columns
     assert space["route"].shape == (len(ROUTE_FEATURES) + len(PATH_FEATURES),)
+    without = vector_env(scenario="signalised", num_envs=N, preset="image", image=False).single_observation_space
+    assert isinstance(without, spaces.Dict)
+    assert set(space) - set(without) == {"image"}
     env.reset(seed=1)
     for _ in range(3):
         seen, *_ = env.step(np.zeros(N, np.int64))
