@@ -64,7 +64,6 @@ RANGES = {
     ("ppo", "kl_coef"): (0.0, 1000.0),
     ("ppo", "kl_coef_last"): (0.0, 1000.0),
     ("ppo", "kl_until"): (0.0, 1.0),
-    ("ppo", "avoid_coef"): (0.0, 1000.0),
     ("ppo", "prior_coef"): (0.0, 1000.0),
     ("ppo", "teacher_first"): (0, 1_000_000),
     **{("reward", name): (0.0, 1e6) for name in TERMS},
