@@ -15,7 +15,7 @@ from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.perception.features import STATES
-from slrl_sumo.routing.lane_graph import LanePath
+from slrl_sumo.routing.lane_path import LanePath
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from slrl_sumo.doctor.finding import Finding, counted
-from slrl_sumo.routing.lane_graph import STOP_LINE
+from slrl_sumo.routing.lane_path import STOP_LINE
 from slrl_sumo.routing.speed_limits import STOPS_WITH
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.api import SumoApi

@@ -2,18 +2,16 @@
 
 import math
 import random
-from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, LanePath, junction_of
 from slrl_sumo.routing.lane_proximity import SPACING, clear_of, sampled
 from slrl_sumo.routing.path_line import path_line
-from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.lane_state import LaneState
@@ -28,8 +26,6 @@ CHANGE = 60.0
 MOST_LANES = 30
 MOST_TABLES = 5_000
 MOST_PATHS = 2_000
-STOP_LINE = 1.0
-"""m before a line at which vehicles stop."""
 WAITS_APART = 0.5
 """m between a vehicle that waits at a junction, or inside one, and others on their ways through it: none stops to the
 centimetre. netconvert's waiting positions leave 0.1 m where ways cross at a small angle, and its stop lines lie up to
@@ -45,60 +41,6 @@ SHARPEST = 2.2
 others."""
 
 
-@dataclass(frozen=True)
-class JunctionEntry:
-    """Where a path enters a junction, or reaches a waiting position inside of one."""
-
-    stop_line: float
-    """m along the path at which vehicles stop."""
-    lane: str
-    """The lane before it."""
-    via: str
-    """The internal lane after it."""
-    target: str
-    """The lane after the junction."""
-    exit: float
-    """m along the path at which the junction ends."""
-    waits: float = math.inf
-    """m along the path of the next line in the junction before which vehicles wait; inf where there is none."""
-
-    @cached_property
-    def junction(self) -> str:
-        """See `junction_of`."""
-        return junction_of(self.via)
-
-
-@dataclass(frozen=True)
-class LanePath:
-    """One line along lanes, from the begin of the first lane or shortly before it."""
-
-    lanes: tuple[str, ...]
-    ends: tuple[float, ...]
-    """m along the path at which each lane ends."""
-    entries: tuple[JunctionEntry, ...]
-    line: Polyline
-    route: tuple[str, ...] = ()
-    """The route from the edge of the first lane on, where that has other lanes to change to."""
-    next_lane: str | None = None
-    """The lane beside the first one that brings a vehicle nearer to its route (see LaneGraph.lane_to_change_to)."""
-
-    @cached_property
-    def begins(self) -> tuple[float, ...]:
-        """m along the path at which each lane begins."""
-        return (0.0, *self.ends[:-1])
-
-    @property
-    def end(self) -> float:
-        """m along the path where it ends."""
-        return self.ends[-1]
-
-    def lane_at(self, s: float) -> int:
-        """Index of the lane at `s` m along the path."""
-        if s < self.ends[0]:
-            return 0
-        return min(bisect_right(self.ends, s), len(self.lanes) - 1)
-
-
 class _LaneChanges(NamedTuple):
     """How many lane changes a route needs from each lane of its first edge; on an edge shorter than CHANGE each of them
     counts as more."""
@@ -109,11 +51,6 @@ class _LaneChanges(NamedTuple):
     """On the first edge and after it."""
     towards: dict[str, str | None]
     """From each lane the neighbouring one that brings a vehicle nearer to its route, as far as it was asked for."""
-
-
-def junction_of(lane: str) -> str:
-    """What the ids of all internal lanes of a junction begin with."""
-    return lane.rsplit("_", 2)[0]
 
 
 class LaneGraph:

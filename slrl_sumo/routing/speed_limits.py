@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable
 
 from slrl_sumo.routing.junctions.right_of_way import LINE_OF_SIGHT, RightOfWay
-from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry
 from slrl_sumo.routing.vehicle_track import ROLLING, STOPS_OVER, VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.types import SPAWNED_PREFIX

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from slrl_sumo.routing.lane_graph import LanePath, junction_of
+from slrl_sumo.routing.lane_path import LanePath, junction_of
 
 ROLLING = 2.0
 """m/s above which a vehicle that has just passed a stop line does not stop any more."""

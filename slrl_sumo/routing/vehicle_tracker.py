@@ -16,7 +16,8 @@ from slrl_sumo.routing.lane_changes import (
     is_soon,
     shorter_queue,
 )
-from slrl_sumo.routing.lane_graph import LaneGraph, LanePath
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_path import LanePath
 from slrl_sumo.routing.vehicle_track import HALTS_BEFORE, STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.route import AHEAD, spacing_at

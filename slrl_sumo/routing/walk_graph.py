@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.routing.lane_graph import junction_of
+from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.routing.walk_path import PathDrawing, Step, WalkPath
 from slrl_sumo.routing.walking_area import distance_to

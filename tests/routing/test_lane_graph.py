@@ -7,7 +7,8 @@ import pytest
 from builders import make_scenario
 
 from slrl_sumo.netgen.binaries import run_program
-from slrl_sumo.routing.lane_graph import CHANGE, HALF_CAR, STOP_LINE, WAITS_APART, LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import CHANGE, HALF_CAR, WAITS_APART, LaneGraph
+from slrl_sumo.routing.lane_path import STOP_LINE, junction_of
 from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

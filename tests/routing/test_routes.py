@@ -13,7 +13,7 @@ import pytest
 from builders import make_crossroads, make_scenario, make_world
 
 from slrl_sumo.routing.lane_changes import SETTLES
-from slrl_sumo.routing.lane_graph import STOP_LINE
+from slrl_sumo.routing.lane_path import STOP_LINE
 from slrl_sumo.routing.routes import NEAR_END, Routes
 from slrl_sumo.routing.speed_limits import LOOKS_WITH
 from slrl_sumo.routing.walk_path import FARTHEST_BACK, WAITING_DISTANCE

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slrl_sumo.routing.lane_graph import JunctionEntry, LanePath
+from slrl_sumo.routing.lane_path import JunctionEntry, LanePath
 from slrl_sumo.routing.polyline import Polyline
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from tests.builders import make_track

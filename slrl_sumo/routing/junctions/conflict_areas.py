@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.routing.lane_proximity import near_parts, sampled
 from slrl_sumo.scene.geometry import Floats
 

@@ -9,7 +9,8 @@ import numpy as np
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junctions.occupants import UNUSED, Occupant, Size
-from slrl_sumo.routing.lane_graph import LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.scene.state import WorldState

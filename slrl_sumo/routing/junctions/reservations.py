@@ -19,7 +19,8 @@ from slrl_sumo.routing.junctions.occupants import (
     reserves_from,
 )
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay, time_to_cover
-from slrl_sumo.routing.lane_graph import STOP_LINE, JunctionEntry, LaneGraph, junction_of
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi

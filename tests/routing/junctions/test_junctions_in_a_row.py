@@ -9,7 +9,8 @@ from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junctions.occupants import Size
 from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
-from slrl_sumo.routing.lane_graph import JunctionEntry, LaneGraph, LanePath, junction_of
+from slrl_sumo.routing.lane_graph import LaneGraph
+from slrl_sumo.routing.lane_path import JunctionEntry, LanePath, junction_of
 from slrl_sumo.routing.routes import exit_with_room
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
