@@ -40,7 +40,7 @@ WAITING = 0.5
 other had no better mode than to walk on where none avoids the other, although it was enough that both stop."""
 START = 0.2
 """m that a person walks within an interval from a stand. Two that both stood for each other started at once, into
-each other: 4 of 13 contacts in 16 crowded networks."""
+each other: 5 of 23 contacts in forty crowded networks."""
 SLACK = 1e-6
 """m by which circles are larger than the boxes in them."""
 
