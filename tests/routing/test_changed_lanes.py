@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from builders import make_world
 
+from slrl_sumo.routing.lane_graph import LOOKS
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.route import RouteAhead
@@ -38,10 +39,15 @@ def session() -> Iterator[SumoSession]:
 
 @pytest.fixture
 def ahead(session: SumoSession) -> Ahead:
-    """The route of the car now, and its track."""
+    """The route of the car when it has looked at all lanes, and its track."""
     routes = Routes(libsumo, session.network)
 
     def now() -> tuple[RouteAhead, VehicleTrack]:
+        for _ in range(LOOKS - 1):
+            look()
+        return look()
+
+    def look() -> tuple[RouteAhead, VehicleTrack]:
         snapshot = session.reader.read()
         row = snapshot.ids.index("car")
         names = ("type", "x", "y", "heading", "speed", "length", "width")
@@ -115,6 +121,7 @@ def test_added_cars_do_not_enter_closed_edges(session: SumoSession) -> None:
             break
         for edge in ends:
             _allow(edge, ["authority"])
-        route = routes.ahead(replace(world, time=world.time + 1.0), 1)
+        for _ in range(LOOKS):
+            route = routes.ahead(replace(world, time=world.time + 1.0), 1)
         assert not ends & {lane.rsplit("_", 1)[0] for lane in track.path.lanes}
     assert np.isfinite(route.stop[0])
