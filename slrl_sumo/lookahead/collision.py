@@ -216,7 +216,14 @@ def _collision_scores(
                         dx, dy = there_x - x[i, 0, mode], there_y - y[i, 0, mode]
                         creeps = now.stands[me] and paths.distance[i, 0, mode] > STILL
                         goes = speed[i, 0, mode] > STANDING or creeps
-                        if goes and _room(dx, dy, real, person, half) < least_room:
+                        c, s = cos[i, 0, mode], sin[i, 0, mode]
+                        if (
+                            goes
+                            and _room(dx, dy, real, person, half) < least_room
+                            and not apart(
+                                levels, x[i, 0, mode], y[i, 0, mode], c, s, there_x, there_y, real.cos, real.sin
+                            )
+                        ):
                             first[mode], counts[mode] = 0, 1.0
                 for step in range(steps):
                     there_x, there_y = their_x[other, step], their_y[other, step]

@@ -324,3 +324,22 @@ def test_a_car_that_stands_beside_its_path_is_met_where_it_stands() -> None:
     assert collision_scores(mine, blame, expected(on_path, world), world, row).item() == 0.0
     drives = replace(world, speed=np.array([1.0, 1.0]))
     assert collision_scores(mine, blame, expected(on_path, drives), drives, row).item() == 1.0
+
+
+def test_persons_on_two_levels_do_not_wait_for_each_other() -> None:
+    """One walks on the bridge to the east, and one under it to the north, both at its middle."""
+    world = make_world([-0.8, 0.0], [0.0, -0.3], heading=[0.0, 0.5 * np.pi], speed=1.0, type=PEDESTRIAN)
+    world = replace(world, length=np.full(2, 0.5), width=np.full(2, 0.5))
+    seconds, zero, one = DECISION_INTERVAL * np.arange(1, STEPS + 1), np.zeros(STEPS), np.ones(STEPS)
+    columns = (
+        np.stack([seconds - 0.8, zero]),
+        np.stack([zero, seconds - 0.3]),
+        np.stack([one, zero]),
+        np.stack([zero, one]),
+    )
+    theirs = Boxes(*columns, sizes(world, MARGIN[world.type]))
+    mine = ModePaths(*(column[:1, :, None].copy() for column in (*columns, np.ones((2, STEPS)), columns[0])))
+    yes, row = np.ones(1, np.bool_), np.zeros(1, np.intp)
+    blame = blame_of(world.type[:1], ~yes, yes)
+    assert collision_scores(mine, blame, expected(theirs, world), world, row).item() == 1.0
+    assert collision_scores(mine, blame, expected(theirs, world), world, row, make_levels()).item() == 0.0
