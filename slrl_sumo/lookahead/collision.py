@@ -42,7 +42,7 @@ START = 0.2
 """m that a person walks within an interval from a stand. Two that both stood for each other started at once, into
 each other: 5 of 23 contacts in forty crowded networks."""
 SLACK = 1e-6
-"""m by which circles are larger than the boxes in them."""
+"""m by which circles are larger than the boxes in them, and by which the room that is left may seem to shrink."""
 
 
 class Others(NamedTuple):

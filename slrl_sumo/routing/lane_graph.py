@@ -86,7 +86,7 @@ class LaneGraph:
         self._paths = OrderedDict()
 
     def renew(self) -> None:
-        """Forget what was read of SUMO's last step."""
+        """Forget the limits of SUMO's last step, and every LOOKS times which edges were looked at."""
         self._state.renew()
         self._renewed += 1
         if self._renewed % LOOKS == 0:

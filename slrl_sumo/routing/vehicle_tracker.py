@@ -217,10 +217,10 @@ class VehicleTracker:
         if lane.startswith(":"):
             return
         self._look_ahead(track, here)
-        route_id = self._route_id(road_user)
-        if here == 0 and track.route_id == route_id and track.version == self._graph.version:
+        found_with = self._route_id(road_user), self._graph.version
+        if here == 0 and (track.route_id, track.version) == found_with:
             return
-        track.route_id, track.version = route_id, self._graph.version
+        track.route_id, track.version = found_with
         edge = self._graph.lanes[lane].edge
         if not road_user.startswith(SPAWNED_PREFIX):
             route, index = vehicle_route(self._api, road_user)

@@ -12,7 +12,7 @@ def allowed_classes(api: SumoApi, lane: str) -> frozenset[str]:
 
 
 class LaneState:
-    """Limits and permissions of lanes in SUMO's last step, read once a step. Call `renew` after each step."""
+    """Limits of lanes in SUMO's last step, read once a step, and changes of permissions. Call `renew` after each."""
 
     def __init__(self, api: SumoApi) -> None:
         self._api = api
@@ -31,7 +31,7 @@ class LaneState:
         return limit
 
     def newly_allowed(self, lane: str) -> frozenset[str] | None:
-        """The classes that may use a lane; None where they are as in the last call."""
+        """The classes that may use a lane now; None where they are as in the last call for it."""
         disallowed = tuple(self._api.lane.getDisallowed(lane))
         if self._disallowed.get(lane) == disallowed:
             return None
