@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
 from slrl_sumo.lookahead.braking import braking_residual
-from slrl_sumo.lookahead.collision import MARGIN, STANDING, START, Blame, Others, blame_of, collision_scores
+from slrl_sumo.lookahead.collision import MARGIN, Others, blame_of, collision_scores
+from slrl_sumo.lookahead.first_contact import STANDING, START, Blame
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
 from slrl_sumo.lookahead.mode_paths import HELD, ModePaths, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface

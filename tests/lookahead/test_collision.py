@@ -7,19 +7,8 @@ import pytest
 from builders import make_crowd, make_levels, make_world
 from numpy.typing import NDArray
 
-from slrl_sumo.lookahead.collision import (
-    DEEPER,
-    MARGIN,
-    PAST_STANDING,
-    REACH,
-    ROOM,
-    STANDING,
-    WAITING,
-    Blame,
-    Others,
-    blame_of,
-    collision_scores,
-)
+from slrl_sumo.lookahead.collision import MARGIN, REACH, WAITING, Others, blame_of, collision_scores
+from slrl_sumo.lookahead.first_contact import DEEPER, PAST_STANDING, ROOM, STANDING, Blame
 from slrl_sumo.lookahead.forecast import Boxes, path_following, sizes
 from slrl_sumo.lookahead.mode_paths import STEPS, ModePaths, mode_paths
 from slrl_sumo.lookahead.precedence import precedence
