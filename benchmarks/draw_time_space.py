@@ -23,7 +23,7 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.studies.flow.play import SUMO, Played, Run, simulate
 from slrl_sumo.studies.flow.situations import SITUATIONS
 from slrl_sumo.studies.flow.trace import OnLanes, on_lanes
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 LONGEST = 700.0
 """m."""

@@ -37,7 +37,7 @@ from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec, NetSpec, Random
 from slrl_sumo.scene.geometry import boxes_overlap, to_ego
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.sumo.lanes import Lane, LanePoints
+from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

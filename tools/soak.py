@@ -47,8 +47,8 @@ from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.spawn import starting_points, type_counts
 from slrl_sumo.simulation.takeover import Takeover
-from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.reader import Reader, Snapshot
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.scenario import shipped_scenarios

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from slrl_sumo.metrics.counters import ratio
 from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, LanePoints
 
 SWAY = 0.15
 """m beside the centre line beyond which a car is on one side of it."""

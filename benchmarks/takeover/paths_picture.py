@@ -11,8 +11,8 @@ from matplotlib.patches import Rectangle
 
 from slrl_sumo.ground.picture import draw_ground
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.sumo.lanes import MOTOR_CLASSES
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES
 
 MOST = 10
 """Cars in a picture."""

@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import Lane
-from slrl_sumo.sumo.links import LaneLinks
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import LaneLinks
 
 SPACING = 0.5
 """m between the points of a path."""

@@ -17,9 +17,9 @@ from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
 from slrl_sumo.simulation.spawn import legal_lanes
 from slrl_sumo.simulation.takeover import fast_lanes
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import Lane
-from slrl_sumo.sumo.links import LaneLinks
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import LaneLinks
 
 BEND = math.radians(45.0)
 """Turns below this angle are not looked at."""

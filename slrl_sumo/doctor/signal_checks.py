@@ -7,8 +7,8 @@ from slrl_sumo.routing.lane_path import STOP_LINE
 from slrl_sumo.routing.speed_limits import STOPS_WITH
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import signal_links, signal_programs
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.links import signal_links, signal_programs
 
 USUAL_DECELERATION = 4.5
 """m/s² of SUMO's usual car."""

@@ -15,8 +15,8 @@ from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import LaneLinks, signal_links, signal_states
 from slrl_sumo.sumo.network import Network, is_walking_area
+from slrl_sumo.sumo.network.links import LaneLinks, signal_links, signal_states
 from slrl_sumo.sumo.road_users import vehicle_ids, vehicle_lane, vehicle_route
 
 Aspect = Literal["red", "yellow", "green"]

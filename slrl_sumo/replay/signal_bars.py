@@ -7,9 +7,9 @@ import numpy as np
 
 from slrl_sumo.formats.signal_states import Shown
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.sumo.lanes import Lane
-from slrl_sumo.sumo.links import SignalLink
 from slrl_sumo.sumo.network import Network, is_crossing
+from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import SignalLink
 
 BEHIND = 0.5
 """m before the end of its lane, where SUMO's vehicles stop about 1 m away, that a bar lies."""

@@ -19,7 +19,7 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
-from slrl_sumo.sumo.lanes import ALONG, Lane, LanePoints
+from slrl_sumo.sumo.network.lanes import ALONG, Lane, LanePoints
 
 CLASSES = {RoadUserType.CAR: "passenger", RoadUserType.BICYCLE: "bicycle"}
 """SUMO's class of the types that have expected routes; pedestrians have none."""

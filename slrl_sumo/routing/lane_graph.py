@@ -14,10 +14,10 @@ from slrl_sumo.routing.lane_proximity import SPACING, clear_of, sampled
 from slrl_sumo.routing.path_line import path_line
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lane_state import LaneState
-from slrl_sumo.sumo.lanes import Lane
-from slrl_sumo.sumo.links import LaneLinks
 from slrl_sumo.sumo.network import Network, is_walking_area
+from slrl_sumo.sumo.network.lane_state import LaneState
+from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import LaneLinks
 
 MOST_EDGES = 12
 """Edges of a route that the choice of a lane considers."""

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 
 from slrl_sumo.routing.polyline import Polyline, line_through
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 PARALLEL = 0.35
 """rad between the directions of two lanes up to which one may begin beside the other, and between both and the way from

@@ -11,8 +11,8 @@ from slrl_sumo.routing.walk_path import CrossingEntry, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import ShownLinks
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.links import ShownLinks
 from slrl_sumo.sumo.road_users import person_edge, walk_of, walking_speed
 
 AIM = 1.0

@@ -25,8 +25,8 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.arrivals import Arrivals
-from slrl_sumo.sumo.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.road_users import allowed_speed, route_id, vehicle_lane, vehicle_parameters, vehicle_route
 
 DISPLACED = 0.5

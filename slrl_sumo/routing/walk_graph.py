@@ -14,9 +14,9 @@ from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.routing.walk_path import PathDrawing, Step, WalkPath
 from slrl_sumo.routing.walking_area import distance_to
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import Lane
-from slrl_sumo.sumo.links import LaneLinks, edge_junctions
 from slrl_sumo.sumo.network import Network, is_walking_area
+from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.links import LaneLinks, edge_junctions
 
 RANDOM_EDGES = 12
 """Edges of a path without destination."""

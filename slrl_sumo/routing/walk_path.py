@@ -9,8 +9,8 @@ import numpy as np
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
 from slrl_sumo.routing.walking_area import BACK, back_from, distance_to, way_across
-from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import is_walking_area
+from slrl_sumo.sumo.network.lanes import Lane
 
 CLEARANCE = 0.3
 """m kept from the edges of lanes."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.nearest import PointIndex
-from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import LanePoints
 
 JUNCTION_RADIUS = 60.0
 """m, where none is given."""

@@ -19,7 +19,7 @@ from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import MOST_DECISIONS, Event, Started, Views
 from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
-from slrl_sumo.sumo.links import SignalChanges
+from slrl_sumo.sumo.network.links import SignalChanges
 from slrl_sumo.sumo.session import SumoSession
 
 SHORT_RUN = 150

@@ -11,8 +11,8 @@ from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.insertion import insertions, safe_speed
-from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 
 DEFAULT_MIX = np.array([0.5, 0.2, 0.3])
 """Shares of cars, bicycles and pedestrians when the user gives none."""

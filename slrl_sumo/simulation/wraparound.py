@@ -12,7 +12,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.insertion import boxes_of, insertions, safe_speed
 from slrl_sumo.simulation.spawn import starting_speed
-from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.network.lanes import LanePoints
 
 CANDIDATES = (24, 384)
 """Numbers of entry places that are tried for each returning road user: the second where the first ones are taken."""

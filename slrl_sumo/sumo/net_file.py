@@ -11,8 +11,8 @@ from lxml import etree
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.isolation import isolated
-from slrl_sumo.sumo.links import LaneLinks, SignalLink, signal_links
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.links import LaneLinks, SignalLink, signal_links
 from slrl_sumo.sumo.road_users import Motor, motors
 from slrl_sumo.sumo.scenario import Scenario, find_scenario, read_scenario
 from slrl_sumo.sumo.scenario.options import input_files

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import LanePoints
 
 MAY_BE_REMOVED = "it comes to an edge with a calibrator or vaporizer, which may remove vehicles"
 REACH = 10.0

@@ -22,8 +22,8 @@ from slrl_sumo.scene.geometry import Floats, front_from_centre, heading_to_sumo
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.api import RoadUserDomain, SumoApi
-from slrl_sumo.sumo.lanes import Lane, LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.removing_edges import MAY_BE_REMOVED, RemovingEdges
 from slrl_sumo.sumo.road_users import loaded_ids

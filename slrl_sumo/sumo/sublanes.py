@@ -16,8 +16,8 @@ from slrl_sumo.sumo.api import SumoApi
 
 if TYPE_CHECKING:
     # They import numba, which commands that only start a run do not need.
-    from slrl_sumo.sumo.lanes import Lane
     from slrl_sumo.sumo.network import Network
+    from slrl_sumo.sumo.network.lanes import Lane
 
 ROOM = 0.5
 """m behind a vehicle that is put onto a lane, so that its rear is on no other lane."""

@@ -10,8 +10,8 @@ import pytest
 from slrl_sumo.background.lane_paths import SPACING, Paths, resampled
 from slrl_sumo.background.swept_boxes import STRAIGHTENING, sweep
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane
 
 WITHOUT_LINKS: Any = SimpleNamespace(lane=SimpleNamespace(getLinks=lambda _: ()))
 """An API in which no lane leads on."""

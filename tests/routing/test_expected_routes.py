@@ -7,7 +7,7 @@ from builders import make_recording, make_world
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.expected_routes import ExpectedRoutes, routes_ahead
 from slrl_sumo.scene.route import HERE, POINTS
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 CARS = frozenset({"passenger"})
 

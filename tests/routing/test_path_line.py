@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.path_line import SIDEWAYS, VIEW, path_line
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 LIMIT = 25.0
 BEFORE = [(-10.0, 0.0)]

@@ -24,8 +24,8 @@ from slrl_sumo.simulation.spawn import (
     starting_speeds,
     type_counts,
 )
-from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -22,7 +22,7 @@ from slrl_sumo.scene.route import HERE, POINTS, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.network.lanes import LanePoints
 
 HORIZON = 4.8
 """s from a window's moment to its destination (paper, section 3.2)."""

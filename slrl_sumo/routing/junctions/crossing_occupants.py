@@ -16,8 +16,8 @@ from slrl_sumo.scene.nearest import PointIndex
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import ShownLinks
 from slrl_sumo.sumo.network import is_walking_area
+from slrl_sumo.sumo.network.links import ShownLinks
 
 BEFORE = 1.0
 """m before a crossing from which a pedestrian that walks towards it is about to step on it."""

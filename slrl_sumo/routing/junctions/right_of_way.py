@@ -7,7 +7,7 @@ from typing import Literal
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import Link, ShownLinks, foe_lanes, internal_foe_lanes, read_links
+from slrl_sumo.sumo.network.links import Link, ShownLinks, foe_lanes, internal_foe_lanes, read_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 LINE_OF_SIGHT = 4.5

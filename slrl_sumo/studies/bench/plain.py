@@ -11,7 +11,7 @@ from slrl_sumo.simulation.shares import parse_mix
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, type_counts
 from slrl_sumo.studies.bench.measurement_process import Workload
 from slrl_sumo.sumo.api import StageRecord
-from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.road_users import (
     arrived_ids,
     find_route,

@@ -11,8 +11,8 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.studies.compare.run import Record, emitted
-from slrl_sumo.sumo.lanes import LanePoints
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.road_users import Motor
 from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
 

@@ -23,7 +23,7 @@ from slrl_sumo.simulation.events import LEFT_SURFACE
 from slrl_sumo.simulation.insertion import boxes_of
 from slrl_sumo.simulation.spawn import draw_starts, starting_speeds, type_counts
 from slrl_sumo.simulation.wraparound import ROOM
-from slrl_sumo.sumo.lanes import LanePoints
+from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -1,7 +1,7 @@
 """Times at which the signals of lanes turn green."""
 
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.links import signal_links, signal_states
+from slrl_sumo.sumo.network.links import signal_links, signal_states
 
 
 class Greens:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.sumo.lanes import MOTOR_CLASSES, Lane, LanePoints
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, Lane, LanePoints
 
 SPACING = 1.0
 """m between lane points."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import WALKING, loaded_ids
 

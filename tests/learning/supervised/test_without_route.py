@@ -15,7 +15,7 @@ from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.routing.expected_routes import ExpectedRoutes
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 
 def test_a_correction_counts_as_much_as_it_makes_recorded_modes_likelier() -> None:

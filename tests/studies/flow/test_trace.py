@@ -5,7 +5,7 @@ import pytest
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.studies.flow.trace import TraceBuilder, on_lanes
-from slrl_sumo.sumo.lanes import MOTOR_CLASSES, Lane
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, Lane
 from tests.builders import make_world
 
 

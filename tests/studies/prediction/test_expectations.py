@@ -14,7 +14,7 @@ from slrl_sumo.routing.expected_routes import ExpectedRoutes
 from slrl_sumo.studies.prediction.evaluate import evaluate
 from slrl_sumo.studies.prediction.expectations import expectations
 from slrl_sumo.studies.prediction.rollout import cast_of
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 SHARES = [[0.15, 0.1], [0.0, 0.0], [0.0, 0.0]]
 

@@ -14,9 +14,9 @@ from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.types import MAX_POSITION
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.grade_separations import GradeSeparation, grade_separations, levels_of
-from slrl_sumo.sumo.lane_state import allowed_classes
-from slrl_sumo.sumo.lanes import MOTOR_CLASSES, Lane, LanePoints
+from slrl_sumo.sumo.network.grade_separations import GradeSeparation, grade_separations, levels_of
+from slrl_sumo.sumo.network.lane_state import allowed_classes
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, Lane, LanePoints
 from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, vaporized_edges
 
 LANE_WIDTH = 3.2

@@ -2,7 +2,7 @@
 
 import libsumo
 
-from slrl_sumo.sumo.links import ShownLinks, read_links
+from slrl_sumo.sumo.network.links import ShownLinks, read_links
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -7,9 +7,9 @@ import numpy as np
 import sumo
 
 from slrl_sumo.scene.levels import apart
-from slrl_sumo.sumo.grade_separations import AROUND, FROM_ENDS, SPACING
 from slrl_sumo.sumo.net_file import read_net_file
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.grade_separations import AROUND, FROM_ENDS, SPACING
 
 CROSS = {"w": (-100.0, 0.0), "e": (100.0, 0.0), "s": (0.0, -100.0), "n": (0.0, 100.0)}
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)

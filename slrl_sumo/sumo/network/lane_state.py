@@ -1,7 +1,7 @@
 """What SUMO changes of lanes while it runs, by variable speed signs, closings and scripts: limits and permissions."""
 
 from slrl_sumo.sumo.api import SumoApi
-from slrl_sumo.sumo.lanes import ALL_CLASSES
+from slrl_sumo.sumo.network.lanes import ALL_CLASSES
 
 
 def allowed_classes(api: SumoApi, lane: str) -> frozenset[str]:

@@ -12,8 +12,8 @@ import pytest
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Area, Ribbon, Surface
-from slrl_sumo.sumo.lanes import Lane
 from slrl_sumo.sumo.network import Network
+from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

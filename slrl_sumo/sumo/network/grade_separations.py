@@ -14,7 +14,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.levels import FLAT, Levels
-from slrl_sumo.sumo.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane
 
 FROM_ENDS = 5.0
 """m. Lanes that meet at a junction may touch over this length; those that cross beyond it do so on two levels."""

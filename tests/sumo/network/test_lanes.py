@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.sumo.lanes import Lane, LanePoints
+from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
