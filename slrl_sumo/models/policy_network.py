@@ -7,6 +7,7 @@ selector.safetensors   its weights
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -304,14 +305,15 @@ def normalised(vector: Singles, columns: tuple[str, ...] = FEATURES) -> Singles:
     return np.concatenate([motion, counts, history], axis=1)
 
 
-def history_scales(columns: tuple[str, ...]) -> list[float]:
+@cache
+def history_scales(columns: tuple[str, ...]) -> tuple[float, ...]:
     """Factors that bring the `columns` of a vector after those of the paper to order 1."""
-    return [
+    return tuple(
         MPS_SCALE
         if name.endswith("_mps")
         else next(scale for begin, scale in HISTORY_SCALES.items() if name.startswith(begin))
         for name in columns[len(FEATURES) :]
-    ]
+    )
 
 
 def log_softmax(logits: Singles) -> Singles:

@@ -11,6 +11,7 @@ from torch.nn import functional
 
 from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.learning.supervised.bounds import hardest_braking, set_bounds
 from slrl_sumo.learning.supervised.goals import HORIZONS, MODES_BY, Ranges, goals, modes_of, ranges, weigh
 from slrl_sumo.learning.supervised.model_card import model_card
 from slrl_sumo.learning.supervised.modes import cluster
@@ -34,27 +35,8 @@ MIRROR_BELOW = 20_000
 """A type with fewer windows than this is trained on their mirror images too. Left and right differ in traffic, but few
 road users cannot show how; on held-out recordings of HC and SDD mirroring lowered the errors of all types."""
 
-TURNING = 0.02
-"""rad/s; a road user with a higher yaw rate is turning."""
-
 MOVING_DISTANCE = 2.4
 """m in the 4.8 s of a window above which a road user is in motion: 0.5 m/s, as in the paper's r3."""
-
-STANDING = 0.1
-"""m/s; what was no faster, and is not afterwards, tells nothing of the bounds."""
-CORNERING = 10.0
-"""m/s below which the curvature of vehicles' turns is measured."""
-FREE_TURNING = 0.5
-"""m/s above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
-
-HARDEST = 0.2
-"""Percentile of the recorded accelerations of moving road users with which the type brakes in need. The 1st, which
-bounds the models, is a walk that slows down: pedestrians of whom one halves its speed in 0.4 s are rarer than that."""
-
-TOP_SPEED = {"paths": 99.9}
-"""Percentile of the recorded speeds that is the top speed of the models, where it is not the 99th. Joggers among SDD's
-pedestrians are faster than 99 % of the moments; models that slow them down err by 2.7 instead of 1.5 m there, which is
-0.04 of constant velocity's error over all pedestrians."""
 
 Longs = NDArray[np.int64]
 
@@ -143,7 +125,7 @@ def _fit(
 
     models = DisplacementModels(config.modes, config.displacement_hidden, len(config.features))
     prior = Prior(config.modes, config.prior_hidden, len(config.features))
-    _set_bounds(models, train, types, modes)
+    set_bounds(models, train, types, modes)
     for networks in (models.networks, prior.networks):
         _set_normalisation(networks, train, types)
         if preset != "paper":  # `turned` makes it noise
@@ -243,46 +225,6 @@ def _of_modes(goal: Floats, kind: Longs, mode: Longs, centres: Floats) -> tuple[
     return means, counts
 
 
-def _set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadUserType], modes: str) -> None:
-    """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
-    before = train.vector[:, SPEED].astype(np.float64)
-    after = before + train.acceleration * DECISION_INTERVAL
-    in_motion = _in_motion(train)
-    for t in types:
-        rows = train.type == t
-        moving = rows & in_motion
-        rows = moving if moving.any() else rows
-        # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
-        turning = rows & (np.abs(train.yaw_rate) > TURNING)
-        turning = turning if turning.any() else rows
-        for bounds, values in (
-            (models.acceleration_bounds, train.acceleration[rows]),
-            (models.yaw_rate_bounds, train.yaw_rate[turning]),
-        ):
-            lowest, highest = np.percentile(values, (1, 99))
-            bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
-        # Sharp turns are driven slowly: long straight drives in the recordings must not lower the bound.
-        steering = rows & (after > 1.0) & (after < CORNERING)
-        steering = steering if steering.any() else rows & (after > 1.0)
-        if t == RoadUserType.PEDESTRIAN:
-            models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
-        elif steering.any():
-            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[steering]) / after[steering], 99.7))
-        models.max_speed[t] = float(np.percentile(before[train.type == t], TOP_SPEED.get(modes, 99.0)))
-
-
-def _in_motion(train: Windows) -> NDArray[np.bool_]:
-    """Which windows are of road users that move, before or after the first interval, (N,)."""
-    before = train.vector[:, SPEED].astype(np.float64)
-    return np.asarray(np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING)
-
-
-def _hardest_braking(train: Windows) -> float:
-    """m/s² with which the road users of one type brake in need, not positive."""
-    moving = _in_motion(train)
-    return min(float(np.percentile(train.acceleration[moving], HARDEST)), 0.0) if moving.any() else 0.0
-
-
 def _set_normalisation(networks: StackedNetworks, train: Windows, types: Sequence[RoadUserType]) -> None:
     """Mean and 1 / standard deviation of each feature and type; 0 for features that are constant in a type."""
     for t in types:
@@ -354,7 +296,7 @@ def _measured(
         "speed_percentiles_mps": np.percentile(train.vector[:, SPEED], (1, 99)).tolist(),
         "within_20_m_percentiles": np.percentile(train.vector[:, WITHIN_20].sum(1), (1, 99)).tolist(),
         "acceleration_percentiles_mps2": np.percentile(train.acceleration, (1, 99)).tolist(),
-        "hardest_braking_mps2": _hardest_braking(train),
+        "hardest_braking_mps2": hardest_braking(train),
         "acceleration_bounds_mps2": models.acceleration_bounds[t].tolist(),
         "yaw_rate_bounds_radps": models.yaw_rate_bounds[t].tolist(),
         "max_curvature_per_m": float(models.max_curvature[t]),

@@ -1,0 +1,69 @@
+"""Bounds of the motion of each type, from the recorded one."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from slrl_sumo.learning.supervised.windows import Windows
+from slrl_sumo.models.displacement import SPEED, DisplacementModels
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+
+TURNING = 0.02
+"""rad/s; a road user with a higher yaw rate is turning."""
+STANDING = 0.1
+"""m/s; what was no faster, and is not afterwards, tells nothing of the bounds."""
+CORNERING = 10.0
+"""m/s below which the curvature of vehicles' turns is measured."""
+FREE_TURNING = 0.5
+"""m/s above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
+
+HARDEST = 0.2
+"""Percentile of the recorded accelerations of moving road users with which the type brakes in need. The 1st, which
+bounds the models, is a walk that slows down: pedestrians of whom one halves its speed in 0.4 s are rarer than that."""
+
+TOP_SPEED = {"paths": 99.9}
+"""Percentile of the recorded speeds that is the top speed of the models, where it is not the 99th. Joggers among SDD's
+pedestrians are faster than 99 % of the moments; models that slow them down err by 2.7 instead of 1.5 m there, which is
+0.04 of constant velocity's error over all pedestrians."""
+
+
+def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadUserType], modes: str) -> None:
+    """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
+    before = train.vector[:, SPEED].astype(np.float64)
+    after = before + train.acceleration * DECISION_INTERVAL
+    in_motion = _in_motion(train)
+    for t in types:
+        rows = train.type == t
+        moving = rows & in_motion
+        rows = moving if moving.any() else rows
+        # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
+        turning = rows & (np.abs(train.yaw_rate) > TURNING)
+        turning = turning if turning.any() else rows
+        for bounds, values in (
+            (models.acceleration_bounds, train.acceleration[rows]),
+            (models.yaw_rate_bounds, train.yaw_rate[turning]),
+        ):
+            lowest, highest = np.percentile(values, (1, 99))
+            bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
+        # Sharp turns are driven slowly: long straight drives in the recordings must not lower the bound.
+        steering = rows & (after > 1.0) & (after < CORNERING)
+        steering = steering if steering.any() else rows & (after > 1.0)
+        if t == RoadUserType.PEDESTRIAN:
+            models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
+        elif steering.any():
+            models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[steering]) / after[steering], 99.7))
+        models.max_speed[t] = float(np.percentile(before[train.type == t], TOP_SPEED.get(modes, 99.0)))
+
+
+def _in_motion(train: Windows) -> NDArray[np.bool_]:
+    """Which windows are of road users that move, before or after the first interval, (N,)."""
+    before = train.vector[:, SPEED].astype(np.float64)
+    return np.asarray(np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING)
+
+
+def hardest_braking(train: Windows) -> float:
+    """m/s² with which the road users of one type brake in need, not positive."""
+    moving = _in_motion(train)
+    return min(float(np.percentile(train.acceleration[moving], HARDEST)), 0.0) if moving.any() else 0.0
