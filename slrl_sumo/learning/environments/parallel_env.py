@@ -11,6 +11,7 @@ from pettingzoo import ParallelEnv
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.observations import Seen
 from slrl_sumo.learning.environments.options import scenario_wanted
+from slrl_sumo.learning.environments.seeds import given_seed, next_seed
 from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
 from slrl_sumo.learning.environments.slot_view import first_info, next_info, outcome_of, row_of, view_space
 from slrl_sumo.learning.environments.source import ArenaSource
@@ -30,7 +31,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
     are no agents: those of agents that have terminated, and those for which no agent is left.
 
     An episode is over when no agent is left, at the latest after `episode_steps` decisions. `reset` loads SUMO anew:
-    same seed and actions, same episodes; without a seed the one after the last is taken.
+    same seed and actions, same episodes; without a seed the one after the last is taken, and any at first.
     """
 
     metadata: dict[str, Any] = {"name": "slrl_sumo_v0", "render_modes": []}  # noqa: RUF012 (PettingZoo's own way)
@@ -47,7 +48,8 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         }
         self._simulation = SimulationProcess(source)
         self._steps_limit = source.settings.episode_steps
-        self._seed = self._steps = 0
+        self._seed: int | None = None
+        self._steps = 0
         self._slot: dict[str, int] = {}
         self._id: dict[str, str] = {}
         self._ready = False
@@ -65,7 +67,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
     ) -> tuple[dict[str, Seen], dict[str, dict[str, Any]]]:
         """See the class; `options={"scenario": ...}` puts another scenario in place, from then on."""
         wanted = scenario_wanted(options)
-        self._seed = self._seed + 1 if seed is None else seed
+        self._seed = next_seed(given_seed(seed), self._seed)
         self._ready, self._steps = False, 0
         self._slot, self._id, self.agents = {}, {}, []
         reply = self._simulation.reset(self._seed, wanted)
@@ -113,7 +115,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         if missing := set(self.agents) - set(actions):
             raise InputError(f"there is none for {', '.join(sorted(missing))}", argument="actions")
         for agent in self.agents:
-            if not 0 <= actions[agent] < MODES:
+            if not self.action_spaces[agent].contains(actions[agent]):
                 raise InputError(
                     f"{agent}: {actions[agent]} is no mode; give a whole number from 0 to {MODES - 1}",
                     argument="actions",

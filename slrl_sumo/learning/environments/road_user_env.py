@@ -17,6 +17,7 @@ from slrl_sumo.learning.environments.options import (
     make_source,
     scenario_wanted,
 )
+from slrl_sumo.learning.environments.seeds import given_seed
 from slrl_sumo.learning.environments.simulation_env import ACTION_SPACE
 from slrl_sumo.learning.environments.simulation_process import Reply, SimulationProcess
 from slrl_sumo.learning.environments.slot_view import first_info, next_info, outcome_of, row_of, view_space
@@ -109,6 +110,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
         """See the class and gymnasium.Env."""
+        seed = given_seed(seed)
         super().reset(seed=seed)
         wanted = scenario_wanted(options)
         self._scenario = wanted or self._scenario

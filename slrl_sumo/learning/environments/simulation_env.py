@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import InvalidAction
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena
 from slrl_sumo.learning.environments.observations import Observer
 from slrl_sumo.learning.environments.options import scenario_wanted
+from slrl_sumo.learning.environments.seeds import given_seeds, next_seed
 from slrl_sumo.learning.environments.slots import SpawnedSlots, TripSlots
 from slrl_sumo.learning.environments.source import ArenaSource, found_scenario
 from slrl_sumo.learning.environments.trip_arena import TripArena
@@ -43,9 +45,10 @@ class SimulationVectorEnv(VectorEnv):
     `type`, `steps` (decisions of the episode so far), with trips `gone`, `reached` and `clean` (see TripOutcome), all
     (n,), and `teacher_costs` (n, modes).
 
-    `reset(seed=...)` opens a scenario, drawn by the seed: same seed and actions, same episodes. Only one of these may
-    be open in a process. `options={"scenario": ...}` of a reset puts another scenario in place of the source's, from
-    then on. Raises InputError where scenario or bundle cannot be loaded, SumoError where SUMO gives up.
+    `reset(seed=...)` opens a scenario, drawn by the seed: same seed and actions, same episodes; a list of n seeds draws
+    one. Only one of these may be open in a process. `options={"scenario": ...}` of a reset puts another scenario in
+    place of the source's, from then on. Raises InputError where scenario or bundle cannot be loaded and for what is no
+    seed, InvalidAction for what is no mode, SumoError where SUMO gives up.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 (gymnasium's own way)
@@ -62,16 +65,16 @@ class SimulationVectorEnv(VectorEnv):
         self._others: Selector | None = None
         self._open = ExitStack()
         self._slots: SpawnedSlots | TripSlots | None = None
-        self._seed = 0
+        self._seed: int | None = None
         self.scenario = ""
         """Name of the scenario that is open."""
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """See the class; without a seed the one after the last is taken."""
+        """See the class; without a seed the one after the last is taken, and any at first."""
         wanted = scenario_wanted(options)
-        self._seed = seed if isinstance(seed, int) else self._seed + 1
+        self._seed = next_seed(given_seeds(seed, self.num_envs), self._seed)
         if wanted is not None:
             self._scenarios = (wanted,)
         self._slots = None
@@ -83,9 +86,9 @@ class SimulationVectorEnv(VectorEnv):
         return self._observer.shown(seen), infos
 
     def step(self, actions: NDArray[np.int64]) -> Stepped:
-        """See gymnasium.vector.VectorEnv; `actions` (n,) are modes."""
+        """See gymnasium.vector.VectorEnv; `actions` (n,) are modes. Raises InvalidAction where they are not."""
         slots = self.slots
-        modes = np.asarray(actions, np.int64)
+        modes = self._checked(actions)
         if self._others is not None:
             modes = self._filled(modes, self._others)
         seen, reward, terminated, truncated, infos = slots.step(modes)
@@ -122,6 +125,17 @@ class SimulationVectorEnv(VectorEnv):
             self._open = opened.pop_all()
         self.scenario = scenario.name
         return slots
+
+    def _checked(self, actions: Any) -> NDArray[np.int64]:
+        """`actions` as an array of their own. Raises InvalidAction where they are not (n,) modes."""
+        given, least = np.asarray(actions), 0 if self._others is None else -1
+        if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
+            what = f"actions of shape {given.shape} and type {given.dtype}"
+        elif given.min() < least or given.max() >= MODES:
+            what = f"action {given[(given < least) | (given >= MODES)][0]}"
+        else:
+            return given.astype(np.int64)
+        raise InvalidAction(f"{what}: give {self.num_envs} whole numbers from {least} to {MODES - 1}")
 
     def _filled(self, modes: NDArray[np.int64], others: Selector) -> NDArray[np.int64]:
         """`modes` (n,) with those of the selector `others` where they are -1."""

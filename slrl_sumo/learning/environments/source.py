@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
-
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.environments.observations import OwnObservation
 from slrl_sumo.learning.rewards.transition import RewardFunction
@@ -42,8 +40,3 @@ def found_scenario(name: str, seed: int, opened: ExitStack) -> Scenario:
         return find_scenario(name)
     folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="slrl_sumo_")))
     return find_scenario(str(generate(name, seed, folder / f"{name}-{seed}")))
-
-
-def drawn_seed(*numbers: int) -> int:
-    """A seed drawn by some numbers."""
-    return int(np.random.SeedSequence(numbers).generate_state(1)[0] >> 1)

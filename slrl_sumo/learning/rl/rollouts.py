@@ -20,9 +20,10 @@ from slrl_sumo.jobs.pool import Backend, Failures, ask_all
 from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.ray_workers import RayActors
 from slrl_sumo.jobs.workers import LocalWorkers, MachineLostError
+from slrl_sumo.learning.environments.seeds import drawn_seed
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
 from slrl_sumo.learning.environments.simulation_process import MEMORY_LIMIT
-from slrl_sumo.learning.environments.source import ArenaSource, drawn_seed
+from slrl_sumo.learning.environments.source import ArenaSource
 from slrl_sumo.learning.rl.actor import Actor, Agent
 from slrl_sumo.learning.rl.batch import Batch, joined
 from slrl_sumo.learning.rl.rollout import rollout

@@ -123,6 +123,8 @@ def test_actions_must_be_there_and_modes(env: ParallelRoadUserEnv) -> None:
         env.step({"road_user_0": np.int64(0)})
     with pytest.raises(InputError, match="road_user_0: 20 is no mode; give a whole number from 0 to 19"):
         env.step(dict.fromkeys(env.agents, np.int64(20)))
+    with pytest.raises(InputError, match=r"road_user_0: 2\.9 is no mode"):
+        env.step(dict.fromkeys(env.agents, 2.9))  # type: ignore[arg-type]
 
 
 def test_functions_of_a_script_reach_the_simulation_and_the_script_runs_once(tmp_path: Path) -> None:

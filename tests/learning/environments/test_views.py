@@ -1,16 +1,19 @@
 """The vector environment, the single one and the parallel one show the same simulation."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from gymnasium.error import InvalidAction
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.learning.environments.make import parallel_env, vector_env
+from slrl_sumo.learning.environments.options import make_source
 from slrl_sumo.learning.environments.road_user_env import RoadUserEnv
 from slrl_sumo.learning.environments.simulation_env import SimulationVectorEnv
 from slrl_sumo.learning.rewards.transition import Transition
@@ -163,4 +166,39 @@ def test_a_shipped_selector_drives_through_any_of_them(options: dict[str, Any]) 
         actions = {agent: int(chosen({k: v[None] for k, v in views[agent].items()})[0]) for agent in env.agents}
         assert all(active[slots[agent]] and actions[agent] == modes[slots[agent]] for agent in env.agents)
         views, *_, told = env.step(actions)  # type: ignore[arg-type]
+    env.close()
+
+
+WRONG = {
+    "2 of 6": (np.zeros(2, np.int64), r"actions of shape \(2,\) and type int64: give 6 whole numbers from -1 to 19"),
+    "a column": (np.zeros((N, 1), np.int64), r"actions of shape \(6, 1\)"),
+    "below": (np.array([0, 0, -7, 0, 0, 0]), "action -7: give 6 whole numbers from -1 to 19"),
+    "above": (np.array([0, 33, 0, 0, 0, 0]), "action 33: give 6 whole numbers from -1 to 19"),
+    "unsigned": (np.full(N, 200, np.uint8), "action 200"),
+    "between": (np.full(N, 2.9), "type float64"),
+    "true": (np.ones(N, np.bool_), "type bool"),
+    "none": ([None] * N, "type object"),
+}
+
+
+@pytest.mark.parametrize("options", [SPAWNED, pytest.param(TRIPS, marks=pytest.mark.slow)])
+def test_actions_of_the_vector_environment_must_be_modes(options: dict[str, Any]) -> None:
+    env = vector_env("intersection", num_envs=N, **options)
+    env.reset(seed=5)
+    for actions, message in WRONG.values():
+        with pytest.raises(InvalidAction, match=message):
+            env.step(actions)
+    after, *_ = env.step([0, 1, 19, 0, 0, 0])  # type: ignore[arg-type]
+    env.reset(seed=5)
+    again, *_ = env.step(np.array([0, 1, 19, 0, 0, 0], np.uint8))  # type: ignore[arg-type]
+    same(after, again)  # what was refused has left no trace
+    env.close()
+
+
+def test_a_training_has_no_selector_to_leave_a_road_user_to() -> None:
+    source = replace(make_source("intersection", N, None, warm_up=0.0), others=None)
+    env = SimulationVectorEnv(source)
+    env.reset(seed=5)
+    with pytest.raises(InvalidAction, match="action -1: give 6 whole numbers from 0 to 19"):
+        env.step(np.full(N, -1))
     env.close()
