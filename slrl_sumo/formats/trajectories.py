@@ -1,7 +1,7 @@
 """Tracks of road users over time."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -264,3 +264,15 @@ def track_names(ids: Iterable[str]) -> tuple[str, ...]:
         taken.add(new)
         names.append(new)
     return tuple(names)
+
+
+def road_users(names: Sequence[str]) -> tuple[str, ...]:
+    """The id of the road user of each track: the reverse of `track_names`. `a#1` without a track `a` is an id."""
+    known = set(names)
+    parts = [name.rpartition("#") for name in names]
+    return tuple(
+        [
+            user if number.isdecimal() and user in known else name
+            for name, (user, _, number) in zip(names, parts, strict=True)
+        ]
+    )

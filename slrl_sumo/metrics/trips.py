@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectories import Trajectories, road_users
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
@@ -101,9 +101,10 @@ class Trips:
 def trips_of_trace(tracks: Trajectories, desired: Floats | None = None) -> dict[str, Trip]:
     """Trips of the road users of a trace that appear after its first time step; those before its last have arrived.
 
-    A trip runs from the first moment of a road user to that at which it is gone, in tracks `id`, `id#1`, … A trace
-    does not tell waits to depart: `departure_delay` is 0. `desired`: m/s in each row, (R,), for
-    `time_loss`, which is 0 where it is 0; None: everywhere.
+    A trip runs from the first moment of a road user to that at which it is gone, in tracks `id`, `id#1`, … Where one
+    follows the other at once (at a jump), the interval between them has the speed of the next one. A trace does not
+    tell waits to depart: `departure_delay` is 0. `desired`: m/s in each row, (R,), for `time_loss`, which is 0 where it
+    is 0; None: everywhere.
     """
     trips: dict[str, Trip] = {}
     stops, frames = Stops(), tracks.frames
@@ -111,16 +112,18 @@ def trips_of_trace(tracks: Trajectories, desired: Floats | None = None) -> dict[
     limit = np.zeros(len(tracks)) if desired is None else desired
     share = np.divide(tracks.speed, limit, out=np.ones(len(tracks)), where=limit > 0.0)
     lost = tracks.dt * np.maximum(0.0, 1.0 - share)
-    for track, name in enumerate(tracks.ids):
+    seen: dict[str, int] = {}  # last frame of each road user's track before
+    for track, road_user in enumerate(road_users(tracks.ids)):
         first, end = tracks.starts[track : track + 2].tolist()
         begin, last = (int(tracks.frame[row]) for row in (first, end - 1))
-        road_user = name.partition("#")[0]
-        if begin == 0:
+        before, seen[road_user] = seen.get(road_user, -1), last
+        if begin == 0 or (before >= 0 and road_user not in trips):
             continue
         departed, gone = (tracks.t0 + frame * tracks.dt for frame in (begin, last + 1))
         trip = trips.setdefault(road_user, Trip(int(tracks.type[track]), "", departed, 0.0))
         trip.arrived = gone if last < frames[-1] else None
-        trip.time_loss += float(lost[first + 1 : end].sum())
-        for row in range(first + 1, end):
+        since = first if before == begin - 1 else first + 1
+        trip.time_loss += float(lost[since:end].sum())
+        for row in range(since, end):
             stops.add(trip, road_user, speed[row], tracks.dt)
     return trips

@@ -1,8 +1,9 @@
 """Jumps of road users between two moments, which are no motion."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from slrl_sumo.scene.geometry import wrap_angle
+from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
@@ -21,11 +22,32 @@ def jumped(before: WorldState, after: WorldState) -> list[str]:
     row_before = {road_user: i for i, road_user in enumerate(before.ids)}
     rows = np.array([i for i, road_user in enumerate(after.ids) if road_user in row_before], np.intp)
     old = np.array([row_before[after.ids[i]] for i in rows], np.intp)
-    dx, dy = after.x[rows] - before.x[old], after.y[rows] - before.y[old]
-    kind = after.type[rows]
-    turn = np.abs(wrap_angle(after.heading[rows] - before.heading[old]))
-    middle = before.heading[old] + 0.5 * wrap_angle(after.heading[rows] - before.heading[old])
-    aside = np.abs(np.cos(middle) * dy - np.sin(middle) * dx)
-    odd = np.hypot(dx, dy) > MAX_SPEED[kind] * DECISION_INTERVAL
-    odd |= (turn > MAX_TURN[kind]) | (aside > MAX_SIDESTEP[kind])
+    odd = beyond_type(
+        after.type[rows],
+        dx=after.x[rows] - before.x[old],
+        dy=after.y[rows] - before.y[old],
+        heading=before.heading[old],
+        turn=wrap_angle(after.heading[rows] - before.heading[old]),
+    )
     return [after.ids[i] for i in rows[odd]]
+
+
+def beyond_type(
+    kind: NDArray[np.int8],
+    *,
+    dx: Floats,
+    dy: Floats,
+    heading: Floats,
+    turn: Floats,
+    seconds: float = DECISION_INTERVAL,
+) -> NDArray[np.bool_]:
+    """Whether motions are more than their type can do in `seconds` of at least 0.4 s, (n,).
+
+    `kind`: RoadUserType; `dx`, `dy`: m; `heading` before the motion and `turn` during it (from -pi to pi): rad; each
+    (n,). The limits grow with the time.
+    """
+    middle = heading + 0.5 * turn
+    aside = np.abs(np.cos(middle) * dy - np.sin(middle) * dx)
+    share = seconds / DECISION_INTERVAL
+    odd = np.hypot(dx, dy) > MAX_SPEED[kind] * seconds
+    return odd | (np.abs(turn) > MAX_TURN[kind] * share) | (aside > MAX_SIDESTEP[kind] * share)

@@ -72,7 +72,7 @@ def test_a_comparison_is_a_table(tmp_path: Path) -> None:
         slrl_sumo.compare("intersection", out=tmp_path / "d", seeds=0)
 
 
-def test_trajectories_are_those_of_the_trace_with_modes(result: slrl_sumo.RunResult) -> None:
+def test_trajectories_are_a_table_with_modes(result: slrl_sumo.RunResult) -> None:
     tracks = result.trajectories
     frame = tracks.to_pandas()
     assert len(frame) == len(tracks)
@@ -88,12 +88,44 @@ def test_trajectories_are_those_of_the_trace_with_modes(result: slrl_sumo.RunRes
     assert learned[learned.time_s > learned.time_s.min()]["mode"].notna().mean() > 0.9
     assert frame[~frame.learned]["mode"].isna().all()
     assert set(frame.type.unique()) <= {"car", "bicycle", "pedestrian"}
-    assert result.fcd is not None
-    trace = slrl_sumo.read_fcd(result.fcd)
-    first, theirs = frame[frame.id == "learned_car.0"], trace.ids.index("learned_car.0")
-    here = trace.track == theirs
-    stay = np.isin(trace.frame[here], np.arange(len(first)))
-    assert np.abs(trace.x[here][stay] - first.x_m.to_numpy()).max() < 0.002
+
+
+@pytest.mark.parametrize(
+    ("scenario", "words", "suffix"),
+    [
+        # Added road users leave the scene and are reinserted at its other side.
+        ("intersection", {"agents": 24, "steps": 60, "seed": 1}, ".csv"),
+        ("intersection", {"agents": 24, "steps": 60, "seed": 1}, ".xml"),
+        ("intersection", WORDS, ".parquet"),
+        # In CSV a trace begins with its first road user: here between two decisions.
+        ("signalised", {"takeover": {"car": 0.5, "pedestrian": 0.5}, "steps": 100, "step_length": 0.1}, ".xml"),
+    ],
+)
+def test_a_trace_is_read_as_the_trajectories_of_its_run(
+    tmp_path: Path, scenario: str, words: dict[str, Any], suffix: str
+) -> None:
+    result = slrl_sumo.run(scenario, **words, fcd=tmp_path / f"t{suffix}")
+    tracks, trace = result.trajectories, slrl_sumo.read_fcd(tmp_path / f"t{suffix}")
+    assert sorted(trace.ids) == sorted(tracks.ids)
+    assert trace.t0 == pytest.approx(tracks.t0)
+    if "takeover" not in words:
+        assert result.summary.wrapped_around > 5
+        assert len(tracks.ids) > len({name.partition("#")[0] for name in tracks.ids}) + 5
+    for number, name in enumerate(tracks.ids):
+        theirs = trace.ids.index(name)
+        mine, same = tracks.track == number, trace.track == theirs
+        np.testing.assert_array_equal(trace.frame[same], tracks.frame[mine], name)
+        np.testing.assert_array_equal(trace.mode[same], tracks.mode[mine], name)
+        assert trace.learned[theirs] == tracks.learned[number]
+        # Traces have no lengths: where the default is another, centres turn about the front bumpers otherwise.
+        usual = abs(tracks.length[number] - trace.length[theirs]) < 1e-9
+        for axis, along in (("x", np.cos), ("y", np.sin)):
+            fronts = [
+                getattr(each, axis)[rows] + 0.5 * each.length[k] * along(each.heading[rows])
+                for each, rows, k in ((trace, same, theirs), (tracks, mine, number))
+            ]
+            np.testing.assert_allclose(*fronts, atol=0.002, err_msg=name)
+        np.testing.assert_allclose(trace.speed[same], tracks.speed[mine], atol=0.01 if usual else 0.5, err_msg=name)
 
 
 def test_report_and_replay_can_be_written_afterwards(result: slrl_sumo.RunResult, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from builders import make_world
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.trajectories import Trajectories, track_names
+from slrl_sumo.formats.trajectories import Trajectories, road_users, track_names
 from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.scene.advance import advance
@@ -326,3 +326,9 @@ def test_pipes_and_folders_are_no_trajectories(tmp_path: Path) -> None:
     for file in (tmp_path / "pipe.npz", tmp_path):
         with pytest.raises(InputError, match="cannot read"):
             load_trajectories(file)
+
+
+def test_road_users_of_tracks_are_those_they_were_named_after() -> None:
+    ids = ["a", "b", "a", "a#1", "flow#3", "a", "b#x"]
+    assert track_names(ids) == ("a", "b", "a#2", "a#1", "flow#3", "a#3", "b#x")
+    assert road_users(("a", "b", "a#2", "flow#3", "b#x")) == ("a", "b", "a", "flow#3", "b#x")

@@ -2,14 +2,17 @@
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.table import FcdTable, read_table, user_types
+from slrl_sumo.formats.fcd.trace import add_learned, learned_file
 from slrl_sumo.formats.trajectories import Trajectories, track_names
-from slrl_sumo.scene.geometry import centre_from_front, heading_from_sumo, wrap_angle
+from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo, wrap_angle
+from slrl_sumo.scene.jumps import beyond_type
 from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES
 
 _INTERVAL_MS = round(1000 * DECISION_INTERVAL)
@@ -23,8 +26,12 @@ def read_fcd(
     """Read an FCD file (.xml, .xml.gz, .csv, .parquet) of any constant step as Trajectories of 0.4 s.
 
     Rows at multiples of 0.4 s after its first time step are kept; others are interpolated linearly between two
-    neighbouring steps of the file. A road user that is absent for a step continues in a new track (`id#1`). Front
-    bumpers become centres.
+    neighbouring steps of the file. A road user that is absent for a step, that jumps (see `scene.jumps`), or that
+    becomes learned or SUMO's again, continues in a new track (`id#1`). Front bumpers become centres.
+
+    `learned` and `mode` come from the columns of CSV and Parquet, and of XML from the `.learned.csv` that a run leaves
+    beside its trace. Files whose step does not divide 0.4 s have no mode: their moments are others than those to which
+    modes led.
 
     `types` maps vehicle type ids to road user types ('car', 'bicycle', 'pedestrian'). Others are guessed: persons are
     pedestrians, ids with "bike" or "cycl" and without "motor" are bicycles, the rest cars. In CSV and Parquet, where
@@ -33,7 +40,7 @@ def read_fcd(
     and persons at exactly the position of a vehicle (riding in it), are omitted.
 
     Raises InputError, with file and line, if the file is missing, empty, malformed, cut off (with the number of
-    complete time steps), has irregular steps or geographic coordinates.
+    complete time steps), has irregular steps or geographic coordinates, or the file beside it is another trace's.
     """
     return read_fcd_types(path, types, sizes)[0]
 
@@ -50,6 +57,8 @@ def read_fcd_types(
     table, flaw = read_table(path)
     if flaw is not None:
         raise flaw
+    if (beside := learned_file(Path(path))) is not None and beside.is_file():
+        add_learned(table, beside)
     try:
         tracks = _resample(os.fspath(path), table, user_types(table, types or {}), sizes or {})
     except ValueError as error:  # Trajectories that cannot be
@@ -70,7 +79,12 @@ def _resample(
         )
 
     order = np.argsort(key, kind="stable")  # times came in order
-    key, time = key[order], time[order]
+    key, time, learned = key[order], time[order], np.frombuffer(table.learned, np.int8)[order] > 0
+    run = np.cumsum((np.diff(key, prepend=-1) != 0) | (np.diff(time, prepend=-1) != step))  # runs without a gap
+    on_grid = _INTERVAL_MS % step == 0
+    if on_grid:  # what lies between two moments can only be a gap
+        at = np.flatnonzero((time - times[0]) % _INTERVAL_MS == 0)
+        order, key, time, learned, run, step = order[at], key[at], time[at], learned[at], run[at], _INTERVAL_MS
     heading = heading_from_sumo(np.frombuffer(table.angle)[order])
     length, width = DEFAULT_LENGTH[user_type], DEFAULT_WIDTH[user_type]
     for user, (_, vtype) in enumerate(table.users):
@@ -78,9 +92,10 @@ def _resample(
             length[user], width[user] = sizes[vtype]
     x, y = centre_from_front(np.frombuffer(table.x)[order], np.frombuffer(table.y)[order], heading, length[key])
 
-    # Runs without a gap, [start, end), and the frames within each.
-    start = np.flatnonzero((np.diff(key, prepend=-1) != 0) | (np.diff(time, prepend=-1) != step))
-    end = np.append(start[1:], len(key))
+    # Runs without a jump, [start, end), and the frames within each.
+    new = (np.diff(run) != 0) | (np.diff(learned) != 0) | _jumps(user_type[key], x, y, heading, step / 1000)
+    start = np.flatnonzero(np.append(True, new)[: len(key)])
+    end = np.append(start, len(key))[1:]
     first = -((times[0] - time[start]) // _INTERVAL_MS)  # rounded up
     last = (time[end - 1] - times[0]) // _INTERVAL_MS
     kept = first <= last
@@ -106,4 +121,21 @@ def _resample(
         dt=DECISION_INTERVAL,
         t0=float(times[0] / 1000),
         source=name,
+        learned=learned[start],
+        mode=np.frombuffer(table.mode, np.int8)[order][row] - np.int8(1) if on_grid else np.zeros(0, np.int8),
+    )
+
+
+def _jumps(kind: NDArray[np.int8], x: Floats, y: Floats, heading: Floats, step: float) -> NDArray[np.bool_]:
+    """Whether each row but the first is a jump from the one before, (n - 1,), in a file with a step of `step` s.
+
+    SUMO's jumps take one step of any length: steps shorter than 0.4 s that do not divide it have the limits of 0.4 s.
+    """
+    return beyond_type(
+        kind[1:],
+        dx=np.diff(x),
+        dy=np.diff(y),
+        heading=heading[:-1],
+        turn=wrap_angle(np.diff(heading)),
+        seconds=max(step, DECISION_INTERVAL),
     )

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectories import Trajectories, road_users
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.studies.compare.run import Record, emitted
@@ -35,8 +35,8 @@ class TracedVehicles:
         """Vehicle type id of each track, (T,), '' of pedestrians. SUMO marks types of changed vehicles by "@"; those of
         learned road users, and of vehicles without a type, count as its default types."""
         names = []
-        for track, kind in zip(self.tracks.ids, self.tracks.type.tolist(), strict=True):
-            vtype = self.vtypes.get(track.partition("#")[0], "").partition("@")[0]
+        for road_user, kind in zip(road_users(self.tracks.ids), self.tracks.type.tolist(), strict=True):
+            vtype = self.vtypes.get(road_user, "").partition("@")[0]
             usual = not vtype or vtype.startswith(SPAWNED_PREFIX)
             names.append("" if kind == RoadUserType.PEDESTRIAN else SUMO_TEMPLATES[kind] if usual else vtype)
         return tuple(names)

@@ -2,13 +2,15 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.read import read_fcd_types
-from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectories import Trajectories, road_users
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.trips import Trip, trips_of_trace
@@ -92,9 +94,13 @@ def compare_traces(
 
 def _record(traced: TracedVehicles, network: Network, road_map: RoadMap) -> Record:
     tracks = traced.tracks
-    stats = DrivingStats(road_map)
+    stats, names = DrivingStats(road_map), np.array(road_users(tracks.ids), np.object_)
     for frame in tracks.frames:
         world = tracks.world(frame)
+        # A pair that collides counts once, also where one of them goes on in a new track.
+        users = tuple(names[tracks.track[tracks.rows_at(frame)]].tolist())
+        if len(set(users)) == len(users):  # a vehicle and a person may have the same id
+            world = replace(world, ids=users)
         stats.add(world, frozenset(world.ids))
     trips = trips_of_trace(tracks, traced.desired_speed(network))
     return {
@@ -115,7 +121,7 @@ def _notices(spans: list[tuple[float, float]]) -> list[str]:
 
 def _trips(tracks: Sequence[Trajectories], records: Sequence[Record]) -> dict[str, Any]:
     """Of road users, by id: counts, and the whole trips whose travel times differ most."""
-    here, there = ({name.partition("#")[0] for name in each.ids} for each in tracks)
+    here, there = (set(road_users(each.ids)) for each in tracks)
     first, second = ({i: Trip(*trip) for i, trip in record["trips"].items()} for record in records)
     times = [
         (road_user, one.arrived - one.departed, other.arrived - other.departed)

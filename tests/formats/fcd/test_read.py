@@ -13,8 +13,9 @@ from lxml import etree
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, Places
 from slrl_sumo.formats.fcd.read import read_fcd
+from slrl_sumo.formats.fcd.trace import TraceWriter
 from slrl_sumo.formats.fcd.write import open_fcd
-from slrl_sumo.formats.trajectories import Trajectories
+from slrl_sumo.formats.trajectories import Trajectories, road_users
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH
 
@@ -49,8 +50,9 @@ def worlds(n: int, steps: int) -> list[tuple[WorldState, Places]]:
     )
     out = []
     for k in range(steps):
-        x, y = x + rng.normal(0, 2, n), y + rng.normal(0, 2, n)
-        heading = np.mod(heading + rng.normal(0, 0.5, n) + np.pi, 2 * np.pi) - np.pi
+        way = rng.uniform(0, 1.5, n)
+        x, y = x + way * np.cos(heading), y + way * np.sin(heading)
+        heading = np.mod(heading + rng.normal(0, 0.2, n) + np.pi, 2 * np.pi) - np.pi
         world = make_world(x, y, heading, type=kind, ids=[f"a{i}" for i in range(n)], learned=False, time=7.2 + 0.4 * k)
         out.append((world, places))
     return out
@@ -86,13 +88,17 @@ def test_speeds_of_sumo_are_ours(cross_fcd: Path, suffix: str) -> None:
     Up to the rounding of lane lengths in the network (1fi_0: 40.70 m, its shape 40.69 m).
     """
     t = read_fcd(cross_fcd.with_name(f"cross{suffix}"))
+    user_of = dict(
+        zip(t.ids, road_users(t.ids), strict=True)
+    )  # those that turn by 90° in one step go on in a new track
     compared = 0
     for frame, step in enumerate(etree.parse(cross_fcd).getroot()):
         world = t.world(frame)
         assert world.time == pytest.approx(float(step.attrib["time"]))
-        assert sorted(world.ids) == sorted(v.attrib["id"] for v in step)
+        users = [user_of[name] for name in world.ids]
+        assert sorted(users) == sorted(v.attrib["id"] for v in step)
         for vehicle in step:
-            i = world.ids.index(vehicle.attrib["id"])
+            i = users.index(vehicle.attrib["id"])
             before = t.world(frame - 1)
             if world.ids[i] in before.ids and before.heading[before.ids.index(world.ids[i])] == world.heading[i]:
                 assert world.speed[i] == pytest.approx(float(vehicle.attrib["speed"]), rel=3e-4, abs=1e-4)
@@ -111,13 +117,13 @@ def test_a_finer_file_gives_the_same_moments(tmp_path: Path) -> None:
 
 
 def test_a_file_of_another_step_is_interpolated(tmp_path: Path) -> None:
-    steps = {str(k): [row("a", 10.0 * k, angle=(85 + 10 * k) % 360)] for k in range(4) if k}
+    steps = {str(k): [row("a", 10.0 * k, angle=(70 + 10 * k) % 360)] for k in range(4) if k}
     t = read_fcd(fcd(tmp_path / "t.xml", steps))
     frames, _ = track(t, "a")
     assert frames == [0, 1, 2, 3, 4, 5]  # 1.0 to 3.0 s
     front = t.x + 2.5 * np.cos(t.heading)
     assert t.t0 == 1.0
-    np.testing.assert_allclose(np.degrees(t.heading), [-5.0, -9.0, -13.0, -17.0, -21.0, -25.0])
+    np.testing.assert_allclose(np.degrees(t.heading), [10.0, 6.0, 2.0, -2.0, -6.0, -10.0])
     np.testing.assert_allclose(front, [10.0, 14.0, 18.0, 22.0, 26.0, 30.0], atol=0.02)  # centres are interpolated
 
 
@@ -140,6 +146,71 @@ def test_left_out_empty_steps_are_gaps(tmp_path: Path) -> None:
     t = read_fcd(fcd(tmp_path / "t.xml", {k: [row("a", 0.0)] for k in ("0", "0.4", "2.0", "2.4")}))
     assert t.ids == ("a", "a#1")
     assert t.frame.tolist() == [0, 1, 5, 6]
+
+
+def test_a_jump_ends_a_track(tmp_path: Path) -> None:
+    """At each step of the file: a reinserted at the other rim, b changes the lane in one step, c drives on."""
+    for step in (0.1, 0.2, 0.25, 0.4, 1.0):
+        moments = np.round(np.arange(0.0, 8.0 + 1e-9, step), 2)
+        steps = {
+            f"{t:.2f}": [
+                row("a", 8.0 * t - (300.0 if t > 4.0 else 0.0)),
+                row("b", 8.0 * t, 20.0 + (4.0 if t > 4.0 else 0.0)),
+                row("c", 20.0 * t, 40.0),
+            ]
+            for t in moments.tolist()
+        }
+        t = read_fcd(fcd(tmp_path / "t.xml", steps))
+        assert t.ids == ("a", "a#1", "b", "b#1", "c"), step
+        speed = {name: t.speed[t.track == number] for number, name in enumerate(t.ids)}
+        np.testing.assert_allclose(np.concatenate([speed[name] for name in t.ids[:4]]), 8.0, err_msg=str(step))
+        np.testing.assert_allclose(speed["c"], 20.0)
+
+
+def test_what_a_type_can_do_is_no_jump(tmp_path: Path) -> None:
+    """A pedestrian turns on the spot, a car takes a curve of 6 m at 5 m/s, another is twice as fast as most cars."""
+    for step in (0.1, 0.3, 0.4, 1.0):
+        moments = np.round(np.arange(0.0, 4.0 + 1e-9, step), 2).tolist()
+        angle = [5.0 / 6.0 * t for t in moments]
+        steps = {
+            f"{t:.2f}": [
+                row("p", 1.0, 0.0, 90.0 if t < 2.0 else 270.0, tag="person"),
+                row("c", 6.0 * np.sin(a), 60.0 - 6.0 * np.cos(a), 90.0 - np.degrees(a)),
+                row("f", 55.0 * t, 90.0),
+            ]
+            for t, a in zip(moments, angle, strict=True)
+        }
+        assert read_fcd(fcd(tmp_path / "t.xml", steps)).ids == ("p", "c", "f"), step
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xml", ".parquet"])
+def test_learned_road_users_and_their_modes_are_read(tmp_path: Path, suffix: str) -> None:
+    """a is taken over after 0.8 s, b is learned from the start, c never; modes change every 0.4 s."""
+    for step, modes in ((0.2, True), (0.4, True), (0.8, False)):
+        path = tmp_path / f"t{suffix}"
+        places = Places(("t",) * 3, ("l",) * 3, np.zeros(3), np.zeros(3, np.bool_))
+        with TraceWriter(path) as writer:
+            for now in np.arange(0.0, 2.4 + 1e-9, step):
+                number = int(np.ceil(now / 0.4 - 1e-6))  # of the interval that leads to this moment
+                learned = np.array([number > 2, True, False])
+                world = make_world(2.0 * now, np.arange(3.0) * 10, 0.0, learned=learned, ids=["a", "b", "c"])
+                chosen = np.array([number, 10 + number])[-learned.sum() :] if number else None
+                writer.write(now, world, places, chosen)
+        t = read_fcd(path)
+        assert t.ids == ("a", "a#1", "b", "c")
+        assert t.learned.tolist() == [False, True, True, False]
+        expected = [*[-1] * 3, 3, 4, 5, 6, -1, 11, 12, 13, 14, 15, 16, *[-1] * 7]
+        if modes:
+            assert t.mode.tolist() == expected
+        else:
+            assert (t.mode == -1).all()
+
+
+def test_a_table_of_learned_road_users_of_another_trace_is_refused(tmp_path: Path) -> None:
+    path = fcd(tmp_path / "t.xml", {"0": [row("a", 0)], "0.4": [row("a", 1)]})
+    (tmp_path / "t.learned.csv").write_text("timestep_time;vehicle_id;person_id;mode\n0.00;b;;3\n")
+    with pytest.raises(InputError, match=r"t\.learned\.csv: 1 of its 1 rows are not in the trace"):
+        read_fcd(path)
 
 
 def test_types_and_sizes(tmp_path: Path) -> None:
@@ -194,10 +265,11 @@ def test_sumos_own_csv_with_persons(tmp_path: Path, first: str) -> None:
         subprocess.run([*command, "--fcd-output", path], check=True, capture_output=True, timeout=60)
     assert out.read_text().startswith(f"timestep_time;{first}_id;")
     from_csv, from_xml = read_fcd(out), read_fcd(out.with_suffix(".xml"))
-    assert dict(zip(from_csv.ids, from_csv.type.tolist(), strict=True)) == {"v": 0, "p": 2, "w": 0, "r": 2}
+    users = road_users(from_csv.ids)  # w turns by 90° in one step
+    assert dict(zip(users, from_csv.type.tolist(), strict=True)) == {"v": 0, "p": 2, "w": 0, "r": 2}
     for name in ("ids", "type", "track", "frame", "x", "y", "heading"):
         np.testing.assert_array_equal(getattr(from_csv, name), getattr(from_xml, name), name)
-    rider, car = (from_csv.track == from_csv.ids.index(i) for i in ("r", "w"))
+    rider, car = (np.array([user == i for user in users])[from_csv.track] for i in ("r", "w"))
     assert from_csv.frame[rider].max() < from_csv.frame[car].max()
 
     # SUMO's xml2csv.py keeps persons and vehicles in columns of their own.
