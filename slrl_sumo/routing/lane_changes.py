@@ -39,9 +39,18 @@ EASY = 1.5
 """m/s²: no one brakes harder for a change."""
 ACTS_IN = 0.8
 """s until the allowed speed is compared with that of a mode (lookahead.route_fit)."""
-OVERTAKES, GAIN, PAUSE = 15.0, 2.0, 6.0
-"""m/s from which vehicles overtake on the next lane, m/s that they want to gain by it, and s from one change to the
-next: slower ones, as on city streets, change for the shorter queue only."""
+GAIN, PAUSE = 2.0, 6.0
+"""m/s that vehicles want to gain by overtaking on the next lane, and s from one change to the next."""
+KEEPS_RIGHT = 15.0
+"""m/s of its desired speed from which a vehicle goes back to the right; slower ones, as on city streets, choose their
+lane freely."""
+FORESEEN = 4.0
+"""s for which a vehicle ahead is expected to speed up as it does: behind one that starts at a signal none overtakes."""
+FAR = 30.0, 300.0
+"""s and m before the end of its lane, whichever is longer, from which a vehicle seeks the lane that its route needs;
+before that it overtakes on any lane."""
+CHANGES_WITHIN = 4.0, 50.0
+"""s, and at most m, before the end of its lane from which no vehicle begins to overtake."""
 QUEUED, SHORTER = 2.0, 12.0
 """m/s below which a vehicle ahead is in a queue, and m by which the queue in the next lane ends later, two cars less;
 the change needs that distance, too."""
@@ -83,6 +92,11 @@ def is_soon(left: float, speed: float) -> bool:
     return left <= max(SOON[0] * speed, SOON[1])
 
 
+def is_far(left: float, speed: float) -> bool:
+    """Whether the end of a lane, in `left` m, is so far at `speed` (m/s) that any lane serves the route."""
+    return left > max(FAR[0] * speed, FAR[1])
+
+
 def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels: Levels = FLAT) -> bool:
     """Whether there is room in the next lane; `entering`: rows of vehicles that are changing to it as well."""
     around, speed = _around(world, wish, levels), world.speed[wish.row]
@@ -95,11 +109,13 @@ def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels:
 
 
 def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels = FLAT) -> bool:
-    """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: to the left where it is
-    held up, back to the right where it is not held up there."""
+    """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: where it is held up and
+    the next lane is faster; a fast one also back to the right, where it is not held up there."""
     here = min(_ahead(world, wish, 0.0, levels), desired)
     there = min(_ahead(world, wish, -wish.lateral_offset, levels), desired)
-    return there > here + GAIN if wish.lateral_offset < 0.0 else there > desired - 0.5 * GAIN
+    if wish.lateral_offset > 0.0 and desired >= KEEPS_RIGHT:
+        return there > desired - 0.5 * GAIN
+    return there > here + GAIN
 
 
 def shorter_queue(world: WorldState, wish: Wish, left: float, levels: Levels = FLAT) -> bool:
@@ -110,9 +126,13 @@ def shorter_queue(world: WorldState, wish: Wish, left: float, levels: Levels = F
 
 
 def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
-    """m/s of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is none."""
+    """m/s to expect of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is
+    none."""
     rows, along = _in_lane_ahead(world, wish, aside, levels)
-    return math.inf if not len(rows) else world.speed.item(rows[along.argmin()])
+    if not len(rows):
+        return math.inf
+    next_one = rows[along.argmin()]
+    return world.speed.item(next_one) + FORESEEN * max(world.acceleration.item(next_one), 0.0)
 
 
 def _queue(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:

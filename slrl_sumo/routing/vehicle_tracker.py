@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from slrl_sumo.routing.lane_changes import (
-    OVERTAKES,
+    CHANGES_WITHIN,
     PAUSE,
     QUEUED,
     SETTLES,
@@ -13,6 +13,7 @@ from slrl_sumo.routing.lane_changes import (
     Wish,
     faster_there,
     has_gap,
+    is_far,
     is_soon,
     shorter_queue,
 )
@@ -270,18 +271,23 @@ class VehicleTracker:
             return Wish(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
         # SUMO inserts vehicles beside one that is on its way to their lane, because it is not on it yet.
         settles = world.time < track.begun + SETTLES
-        if path.next_lane is not None:
-            left = path.ends[0] - track.s
+        left = path.ends[0] - track.s
+        if path.next_lane is not None and not is_far(left, track.speed):
             if settles and not is_soon(left, track.speed):
                 return None
             return self._change(road_user, track, world, i, path.next_lane, left, always=True)
-        return self._overtake(road_user, track, world, i) if path.route and not settles else None
+        return self._overtake(road_user, track, world, i, left) if path.route and not settles else None
 
-    def _overtake(self, road_user: str, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
+    def _overtake(self, road_user: str, track: VehicleTrack, world: WorldState, i: int, left: float) -> Wish | None:
         """Change to a lane that serves the route as well, where the vehicle gets on better there."""
         if track.speed < QUEUED or world.time < track.changed + PAUSE:
             return None
-        for target in self._graph.equal_lanes(track.path.lanes[0], track.vehicle_class, track.path.route):
+        lane, vehicle_class = track.path.lanes[0], track.vehicle_class
+        if is_far(left, track.speed):
+            lanes = self._graph.neighbours(lane, vehicle_class)
+        else:
+            lanes = self._graph.equal_lanes(lane, vehicle_class, track.path.route)
+        for target in lanes:
             wish = self._change(road_user, track, world, i, target, math.inf, always=False)
             if wish is not None:
                 return wish
@@ -307,9 +313,12 @@ class VehicleTracker:
         return wish
 
     def _gets_on_better(self, track: VehicleTrack, world: WorldState, wish: Wish) -> bool:
-        """Whether a vehicle gets on better in the next lane: by its speed there, slow ones by the queue."""
-        if track.speed < OVERTAKES:
-            return shorter_queue(world, wish, track.path.ends[0] - track.s, self._levels)
+        """Whether a vehicle gets on better in the next lane: by the queue, or by the speed there."""
+        left = track.path.ends[0] - track.s
+        if shorter_queue(world, wish, left, self._levels):
+            return True
+        if left < min(CHANGES_WITHIN[0] * track.speed, CHANGES_WITHIN[1]):
+            return False
         desired = min(self._graph.limit(track.path.lanes[0]) * track.speed_factor, track.max_speed)
         return faster_there(world, wish, desired, self._levels)
 

@@ -93,6 +93,15 @@ def test_it_goes_back_to_the_right_where_it_is_not_held_up_there(there: float | 
     assert faster_there(world, LEFT._replace(lateral_offset=3.2), 30.0) is back
 
 
+@pytest.mark.parametrize(("ahead", "acceleration", "faster"), [(5.0, 0.0, True), (5.0, 2.5, False), (13.0, 0.0, False)])
+@pytest.mark.parametrize("aside", [-3.2, 3.2])
+def test_on_a_street_it_overtakes_to_either_side_but_none_that_speeds_up(
+    aside: float, ahead: float, acceleration: float, faster: bool
+) -> None:
+    world = make_world([0.0, 30.0], [0.0, 0.0], speed=[6.0, ahead], acceleration=[0.0, acceleration])
+    assert faster_there(world, LEFT._replace(lateral_offset=aside), 13.9) is faster
+
+
 def test_a_vehicle_that_changes_to_the_same_lane_from_its_other_side_takes_the_gap() -> None:
     world = make_world([0.0, 3.0], [0.0, 6.4], speed=10.0)
     assert has_gap(world, LEFT)

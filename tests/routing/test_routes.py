@@ -299,7 +299,7 @@ def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSessi
 
 def test_a_vehicle_that_has_just_been_inserted_stays_on_its_lane(tmp_path: Path) -> None:
     """SUMO inserts others beside it on the lane that it would change to."""
-    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 600), ("c", 800)))
+    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 290), ("c", 490)))
     edges = '<edge id="ab" from="a" to="b" numLanes="2"/><edge id="bc" from="b" to="c" numLanes="1"/>'
     car = '<trip id="car" from="ab" to="bc" depart="0" departLane="0" departSpeed="10"/>'
     (tmp_path / "left.con.xml").write_text(
@@ -314,6 +314,30 @@ def test_a_vehicle_that_has_just_been_inserted_stays_on_its_lane(tmp_path: Path)
             now = replace(world, time=world.time + later)
             asides.append(on_path(routes.ahead(now, 1), now.x[:, None], now.y[:, None])[1].item())
         assert asides == pytest.approx([0.0, 0.0, -libsumo.lane.getWidth("ab_0")], abs=0.2)
+
+
+@pytest.mark.parametrize(("length", "overtakes"), [(800, True), (290, False)])
+def test_far_from_its_end_a_vehicle_overtakes_on_a_lane_that_does_not_lead_on(
+    tmp_path: Path, length: int, overtakes: bool
+) -> None:
+    nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", length), ("c", length + 90)))
+    edges = '<edge id="ab" from="a" to="b" numLanes="2"/><edge id="bc" from="b" to="c" numLanes="1"/>'
+    demand = (
+        '<vType id="bike" vClass="bicycle"/>'
+        '<trip id="ahead" type="bike" from="ab" to="bc" depart="0" departPos="60" departSpeed="5"/>'
+        '<trip id="car" from="ab" to="bc" depart="0" departPos="10" departSpeed="5"/>'
+    )
+    (tmp_path / "right.con.xml").write_text(
+        '<connections><connection from="ab" to="bc" fromLane="0" toLane="0"/></connections>'
+    )
+    scenario = make_scenario(tmp_path, nodes, edges, demand, "--connection-files", "right.con.xml")
+    with SumoSession(find_scenario(str(scenario))) as session:
+        session.step()
+        world, routes = _seen(session, "car"), Routes(libsumo, session.network)
+        routes.ahead(world, 1)
+        later = replace(world, time=world.time + SETTLES + 0.1)
+        aside = on_path(routes.ahead(later, 1), later.x[:1, None], later.y[:1, None])[1].item()
+        assert (abs(aside) > 1.0) is overtakes
 
 
 def test_a_vehicle_that_waits_where_no_lane_leads_on_remains_learned(signalised: SumoSession) -> None:
