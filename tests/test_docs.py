@@ -39,7 +39,8 @@ SCENARIOS = {
 PRINTED = {
     "README.md": r"\d+\.\d+ m/s\n[1-9]\d* of \d+ road users are learned\n"
     r"a bicycle at \d+\.\d m/s earned -?\d+\.\d\d: \{'close': ",
-    "docs/how-to/attach-to-a-script.md": r"([6-9]|\d\d+) of \d+ road users are learned",
+    "docs/how-to/attach-to-a-script.md": r"([6-9]|\d\d+) of \d+ road users are learned\n(.|\n)*"
+    r"[1-9]\d* road users are learned, and the ego drives 3\.0 m/s",
     "docs/how-to/use-the-environments.md": r"a bicycle at \d+\.\d m/s earned -?\d+\.\d\d: \{'close': (.|\n)*"
     r"4 road users earned -?\d+\.\d(.|\n)*arrived after \d+ decisions(.|\n)*\(2, 40, 80, 3\)",
     "docs/how-to/report-a-run.md": r"\d+ conflicts with a TTC below 1.5 s, \d+ with a PET below 1 s",

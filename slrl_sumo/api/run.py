@@ -28,6 +28,7 @@ from slrl_sumo.models.bundle_folder import find_bundle
 from slrl_sumo.report.recorder import RunRecord, RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Event, Started
+from slrl_sumo.simulation.excluded import Excluded
 from slrl_sumo.simulation.isolated_run import run_isolated
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
@@ -54,6 +55,7 @@ def run(
     mix: Shares | None = None,
     takeover: Shares | None = None,
     region: "str | RegionSpec | None" = None,
+    exclude: Excluded = (),
     bundle: str | Path = DEFAULT_BUNDLE,
     selector: str | None = None,
     guard: bool = False,
@@ -81,9 +83,10 @@ def run(
 
     `scenario`: shipped name, folder, .sumocfg file or Scenario. `agents`: road users to add, shared out among the types
     by `mix`. `takeover`: share of each type of the scenario's own road users that become learned, inside `region`
-    (text as on the command line, or a JunctionRegion, EdgesRegion or BoxRegion). `bundle`: shipped name or folder.
-    `selector`: prior, rule, greedy, sampled or lane. `guard`: modes that run into a conflict are not chosen
-    where others are left. `without`: names of constraints to switch off (see agent.constraints).
+    (text as on the command line, or a JunctionRegion, EdgesRegion or BoxRegion). `exclude`: ids of road users that are
+    left alone, neither taken over nor held for learned ones. `bundle`: shipped name or folder. `selector`: prior, rule,
+    greedy, sampled or lane. `guard`: modes that run into a conflict are not chosen where others are left. `without`:
+    names of constraints to switch off (see agent.constraints).
     `steps`: decisions of 0.4 s; `until`: simulation time in s; without both the run goes to the
     scenario's end, or, where it has none, until its road users have left.
     `step_length`: SUMO's step in s. `background_yields`: whether SUMO's vehicles and persons stop for learned ones.
@@ -106,6 +109,7 @@ def run(
         mix=mix,
         takeover=takeover,
         region=region,
+        exclude=exclude,
         bundle=bundle,
         selector=selector,
         guard=guard,

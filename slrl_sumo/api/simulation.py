@@ -8,6 +8,7 @@ from typing import Self
 from slrl_sumo.errors import InputError
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started
+from slrl_sumo.simulation.excluded import Excluded
 from slrl_sumo.simulation.region import RegionSpec
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
@@ -36,6 +37,7 @@ class Simulation:
         mix: Shares | None = None,
         takeover: Shares | None = None,
         region: str | RegionSpec | None = None,
+        exclude: Excluded = (),
         bundle: str | Path = DEFAULT_BUNDLE,
         selector: str | None = None,
         guard: bool = False,
@@ -55,6 +57,7 @@ class Simulation:
             mix=mix,
             takeover=takeover,
             region=region,
+            exclude=exclude,
             bundle=bundle,
             selector=selector,
             guard=guard,

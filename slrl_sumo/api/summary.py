@@ -60,7 +60,7 @@ class RunSummary:
     taken_over: int
     left_to_sumo: dict[str, int]
     """Road users that `takeover` wanted in the region but could not take, by reason: `class bus`, `size`, `fast lane`,
-    `stop ahead`, `no walk`, `no lane`, `refused` (docs/how-to/take-over-road-users.md)."""
+    `stop ahead`, `no walk`, `no lane`, `refused`, `excluded` (docs/how-to/take-over-road-users.md)."""
     handed_back: int
     returned_to_route: int
     arrived: int

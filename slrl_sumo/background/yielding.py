@@ -45,12 +45,12 @@ vehicles touch others that wait beside their lane. By then learned road users th
 class Yielding:
     """Holds back the background vehicles and persons of a simulation for learned road users.
 
-    `step_length`: SUMO's step in s. Call `apply` before each SUMO step. `interventions` counts how often one began to
-    be held; `refusals`: road users for which SUMO has refused a call.
+    `step_length`: SUMO's step in s; `exclude`: ids of road users that are not held. Call `apply` before each SUMO step.
+    `interventions` counts how often one began to be held; `refusals`: road users for which SUMO has refused a call.
     """
 
-    def __init__(self, api: SumoApi, network: Network, step_length: float) -> None:
-        self._api = api
+    def __init__(self, api: SumoApi, network: Network, step_length: float, exclude: Collection[str] = ()) -> None:
+        self._api, self._exclude = api, frozenset(exclude)
         self._dt = step_length
         self._paths, self._levels = Paths(api, network), network.levels
         self._control = SpeedControl(api)
@@ -81,7 +81,7 @@ class Yielding:
             [
                 i
                 for i, (road_user, lane) in enumerate(zip(snapshot.ids, snapshot.lane, strict=True))
-                if lane and road_user not in own and not snapshot.person[i]
+                if lane and road_user not in own and road_user not in self._exclude and not snapshot.person[i]
             ],
             np.intp,
         )
@@ -98,7 +98,7 @@ class Yielding:
         for vehicle, (speed, hard) in speeds.items():
             self._control.hold(vehicle, speed, hard)
         self._control.let_pass(self._passing(snapshot, rows, learned))
-        stopping, stopped = self._persons.stopping(snapshot, learned), self._walks.held
+        stopping, stopped = self._persons.stopping(snapshot, learned) - self._exclude, self._walks.held
         self._walks.release(stopped - stopping)
         self._walks.hold(stopping - stopped)
         self.interventions += len(stopping - stopped)

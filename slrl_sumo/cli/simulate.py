@@ -37,6 +37,14 @@ def run(
             "[default: everywhere]"
         ),
     ] = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="IDS",
+            help="Road users that are neither taken over nor held for learned ones, as ego,bus_3; may be given several "
+            "times.",
+        ),
+    ] = None,
     bundle: BundleName = DEFAULT_BUNDLE,
     selector: Annotated[
         str | None,
@@ -104,6 +112,7 @@ def run(
         mix=mix,
         takeover=takeover,
         region=region,
+        exclude=",".join(exclude or ()),
         guard=guard,
         without=tuple(without or ()),
         steps=steps,

@@ -11,6 +11,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.excluded import Excluded
 from slrl_sumo.simulation.learned import add_learned, load_models
 from slrl_sumo.simulation.region import RegionSpec
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings, constraint_names
@@ -103,6 +104,7 @@ def attach(
     mix: Shares | None = None,
     takeover: Shares | None = None,
     region: str | RegionSpec | None = None,
+    exclude: Excluded = (),
     bundle: str | Path = DEFAULT_BUNDLE,
     selector: str | None = None,
     guard: bool = False,
@@ -118,10 +120,11 @@ def attach(
                 learned.step()  # in place of libsumo.simulationStep()
 
     `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. `agents` road users are added,
-    shared out by `mix`; the shares `takeover` of the scenario's own are taken over inside `region`; the other arguments
-    are those of `slrl_sumo.run`. `step` returns all road users; everything else in the script works as before, its
-    subscriptions and PyTorch's thread count included. Three vTypes (learned_car, learned_bicycle, learned_pedestrian)
-    and the routes of added vehicles stay in SUMO afterwards.
+    shared out by `mix`; the shares `takeover` of the scenario's own are taken over inside `region`. Those in `exclude`
+    are left alone, as an ego vehicle that the script drives. The other arguments are those of `slrl_sumo.run`. `step`
+    returns all road users; everything else in the script works as before, its subscriptions and PyTorch's thread count
+    included. Three vTypes (learned_car, learned_bicycle, learned_pedestrian) and the routes of added vehicles stay in
+    SUMO afterwards.
 
     Start SUMO with --time-to-teleport -1 and --collision.action warn: its defaults remove road users that stand or
     touch. Raises InputError, before a road user is added or taken over, where an argument is wrong, where SUMO's step
@@ -133,6 +136,7 @@ def attach(
         mix=mix,
         takeover=takeover,
         region=region,
+        exclude=exclude,
         bundle=bundle,
         selector=selector,
         guard=guard,

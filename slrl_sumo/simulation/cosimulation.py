@@ -1,5 +1,6 @@
 """The simulation loop: learned road users and SUMO, decision by decision."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -65,7 +66,8 @@ class CoSimulation:
 
     Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
     at the end. `population`: the learned road users; `world`: all road users as they are now; `surfaces` and
-    `road_map`: the ground; `points`: the places per type where road users may start.
+    `road_map`: the ground; `points`: the places per type where road users may start. Ids in `exclude` are neither
+    taken over nor held.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class CoSimulation:
         *,
         takeover: Takeover | None = None,
         yielding: bool = True,
+        exclude: Collection[str] = (),
         stopwatch: Stopwatch | None = None,
     ) -> None:
         self.surfaces = simulation.network.surfaces()
@@ -84,10 +87,18 @@ class CoSimulation:
         self._taken_over_control = TakenOverControl(simulation.api, simulation.network)
         self.population = Population(simulation.spawned, self._taken_over_control)
         self._handover = Handover(
-            takeover, self.population, self._taken_over_control, driver, simulation.network, self.road_map
+            takeover,
+            self.population,
+            self._taken_over_control,
+            driver,
+            simulation.network,
+            self.road_map,
+            frozenset(exclude),
         )
         self.points = starting_points(simulation.network)
-        self._yielding = Yielding(simulation.api, simulation.network, simulation.step_length) if yielding else None
+        self._yielding = (
+            Yielding(simulation.api, simulation.network, simulation.step_length, exclude) if yielding else None
+        )
         self._differences = Differences()
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None

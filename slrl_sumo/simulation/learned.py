@@ -8,6 +8,7 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation
+from slrl_sumo.simulation.excluded import parse_excluded
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.settings import LearnedSettings
 from slrl_sumo.simulation.shares import parse_mix, parse_shares, served_shares
@@ -57,7 +58,13 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         constraints=constraints_of(settings.guard, settings.without),
         threads=settings.threads,
     )
-    loop = CoSimulation(simulation, driver, takeover=takeover, yielding=settings.background_yields)
+    loop = CoSimulation(
+        simulation,
+        driver,
+        takeover=takeover,
+        yielding=settings.background_yields,
+        exclude=parse_excluded(settings.exclude),
+    )
     if takeover is not None and (fast := len(fast_lanes(simulation.network, driver.max_speed))):
         notices.append(
             f"{'1 lane has a limit' if fast == 1 else f'{fast} lanes have limits'} far above the top speed of bundle "

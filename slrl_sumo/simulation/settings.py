@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slrl_sumo.errors import InputError, check_type, check_whole_number
+from slrl_sumo.simulation.excluded import Excluded, parse_excluded
 from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares, shares_text
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
@@ -41,6 +42,8 @@ class LearnedSettings:
     """Share of each type of the scenario's own road users that becomes learned; None takes over none."""
     region: "str | RegionSpec | None" = None
     """Where road users are taken over; None: everywhere."""
+    exclude: Excluded = ()
+    """Ids of road users that are neither taken over nor held for learned ones, as an ego vehicle of a script."""
     bundle: str | Path = DEFAULT_BUNDLE
     """Shipped bundle, or folder of one."""
     selector: str | None = None
@@ -83,6 +86,7 @@ class LearnedSettings:
             parse_mix(self.mix)
         if self.takeover is not None:
             parse_shares(self.takeover)
+        parse_excluded(self.exclude)
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,8 @@ class RunSettings(LearnedSettings):
         numbers = ("agents", "steps", "seed", "threads")
         values |= {name: operator.index(values[name]) for name in numbers if values[name] is not None}
         texts = {name: str(values[name]) for name in ("scenario", "bundle", "region") if values[name] is not None}
-        return {**values, **texts, "scenario": self.where, "without": list(self.without)}
+        lists = {"exclude": list(parse_excluded(self.exclude)), "without": list(self.without)}
+        return {**values, **texts, **lists, "scenario": self.where}
 
     @property
     def where(self) -> str:

@@ -35,6 +35,8 @@ TURNING = 10.0
 """s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
 FAST = "fast lane"
 """Why a road user stays SUMO's there."""
+EXCLUDED = "excluded"
+"""Why one stays SUMO's, or the script's, by its id."""
 NEAR_JUNCTION = 2.0
 """m before the end of its lane, and those of one decision, within which a vehicle is not taken over: after its first
 step it could be in a turn that it cannot follow, or beyond its destination, where SUMO does not take it back."""
@@ -58,7 +60,7 @@ class Takeover:
 
 
 class Handover:
-    """Takes road users of the scenario over, and hands them back to SUMO.
+    """Takes road users of the scenario over, but none in `exclude`, and hands them back to SUMO.
 
     `left`: road users in the network that a takeover wants but cannot take, and why; `finished`: ids of those that are
     not taken over again; `handed_back`: ids of those that were learned before, and have not arrived.
@@ -72,9 +74,10 @@ class Handover:
         driver: Driver,
         network: Network,
         road_map: RoadMap,
+        exclude: frozenset[str] = frozenset(),
     ) -> None:
         self._takeover, self._population, self._control = takeover, population, control
-        self._driver, self._road_map = driver, road_map
+        self._driver, self._road_map, self._exclude = driver, road_map, exclude
         self._fast = fast_lanes(network, driver.max_speed)
         self._lane_ends = {lane.id: lane.length for lane in network.lanes if not lane.internal}
         self.left: dict[str, str] = {}
@@ -140,6 +143,8 @@ class Handover:
         wanted &= rule.region.inside(users.x, users.y)
         # Ids of spawned road users are those of road users without a route.
         wanted &= np.array([i not in skip and not i.startswith(SPAWNED_PREFIX) for i in users.ids], np.bool_)
+        excluded = [users.ids[row] for row in np.flatnonzero(wanted) if users.ids[row] in self._exclude]
+        wanted &= np.array([i not in self._exclude for i in users.ids], np.bool_)
         vehicles = np.flatnonzero(wanted & (users.type != RoadUserType.PEDESTRIAN))
         if len(vehicles):
             wanted[vehicles] = ~self._near_junction(vehicles, users, snapshot)
@@ -158,7 +163,7 @@ class Handover:
         # Where one was learned before, it is counted as handed back.
         self.left = {
             user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self.handed_back
-        }
+        } | dict.fromkeys(excluded, EXCLUDED)
         rows = rows[np.array([not why for why in obstacles], np.bool_)][:room]
         taken = tuple(users.ids[row] for row in rows)
         if taken:

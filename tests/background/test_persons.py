@@ -63,6 +63,16 @@ def _held(session: SumoSession) -> tuple[Yielding, WorldState]:
     return yielding, learned
 
 
+def test_a_person_that_is_excluded_is_not_held(session: SumoSession) -> None:
+    learned = _ahead(session, 1.0, type=RoadUserType.PEDESTRIAN)
+    yielding = Yielding(session.api, session.network, STEP, [PERSON])
+    for _ in range(3):
+        yielding.apply(session.reader.read(), learned)
+        session.step()
+    assert yielding.held == frozenset()
+    assert yielding.interventions == 0
+
+
 def test_a_person_stops_before_one_that_stands_and_walks_on_after_a_while(session: SumoSession) -> None:
     factor = session.api.person.getSpeedFactor(PERSON)
     learned = _ahead(session, 4.0, type=RoadUserType.PEDESTRIAN)

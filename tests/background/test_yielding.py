@@ -57,13 +57,18 @@ class Scene:
     """One car on its way north along x = `x`, and one learned road user beside or on its way."""
 
     def __init__(
-        self, session: SumoSession, kind: RoadUserType, yields: bool = True, width: float | None = None
+        self,
+        session: SumoSession,
+        kind: RoadUserType,
+        yields: bool = True,
+        width: float | None = None,
+        exclude: tuple[str, ...] = (),
     ) -> None:
         self._width = width
         self.session, self.kinds, self.ids = session, np.array([kind], np.int8), ("learned.0",)
         shape = next(lane.shape for lane in session.network.lanes if lane.id == "in3_2")
         self.x, self.y = float(shape[0, 0]), float(shape[:, 1].mean())
-        self.yielding = Yielding(session.api, session.network, STEP)
+        self.yielding = Yielding(session.api, session.network, STEP, exclude)
         self._yields = yields
         # On the sidewalk of another street, so that SUMO does not have it on the edge of the car.
         side = next(lane.shape for lane in session.network.lanes if lane.id == "in2_0").mean(axis=0)
@@ -120,6 +125,13 @@ def test_a_person_on_the_lane_is_run_over_without_yielding(session: SumoSession,
     scene = Scene(session, RoadUserType.PEDESTRIAN, yields=False)
     scene.stand((scene.x + beside, scene.y, 0.0), 20.0)
     assert scene.overlap
+
+
+def test_a_car_that_is_excluded_is_not_held(session: SumoSession) -> None:
+    scene = Scene(session, RoadUserType.PEDESTRIAN, exclude=("another", CAR))
+    scene.stand((scene.x, scene.y, 0.0), 20.0)
+    assert scene.overlap
+    assert scene.yielding.interventions == 0
 
 
 @pytest.mark.parametrize("beside", [0.0, 0.9, -0.9])

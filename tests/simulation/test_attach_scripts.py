@@ -362,6 +362,7 @@ def test_leaving_at_once_and_closing_without_a_step(user: User) -> None:
         ({"agents": 1, "without": 5}, "without=5: give a list"),
         ({"agents": 1, "without": "speed_cap"}, "without='speed_cap': give a list"),
         ({"takeover": "car=1", "region": 5}, "region=5: not understood"),
+        ({"takeover": "car=1", "exclude": ["ego", 5]}, r"exclude=\['ego', 5\]: give ids of road users"),
     ],
 )
 def test_arguments_of_wrong_types_are_named(user: User, words: dict[str, Any], message: str) -> None:

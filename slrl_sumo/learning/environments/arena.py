@@ -95,6 +95,7 @@ class OpenedSimulation(ABC):
     """A simulation that is open inside a `with` block, set up by `_start`. One per process: SUMO allows no more.
 
     `reward`: in place of the weighted sum of the terms. `image`: whether images are drawn; None: as in `settings`.
+    `exclude`: ids of road users that are neither taken over nor held for learned ones.
     """
 
     def __init__(
@@ -106,11 +107,12 @@ class OpenedSimulation(ABC):
         *,
         reward: RewardFunction | None = None,
         image: bool | None = None,
+        exclude: tuple[str, ...] = (),
     ) -> None:
         self.bundle, self.settings = bundle, settings
         self._modes = GivenModes(settings.preset)
         self._modes.needs_image = settings.image if image is None else image
-        self._own_reward = reward
+        self._own_reward, self._exclude = reward, exclude
         self._session = SumoSession(scenario, seed=seed % 2**31)
         self._scenario, self._seed = scenario, seed
 
@@ -172,7 +174,7 @@ class Arena(OpenedSimulation):
             self._session.step()
         routes = Routes(self._session.api, self._session.network) if PRESETS[self.settings.preset].knows_route else None
         self.driver = ModelDriver(Agent(self.bundle, self._modes), routes)
-        self.simulation = CoSimulation(self._session, self.driver)
+        self.simulation = CoSimulation(self._session, self.driver, exclude=self._exclude)
         desired = np.array(self.settings.desired_speed or recorded_speed(self.bundle))
         self._ground = Ground(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
         mix = None if self.settings.mix is None else np.array(self.settings.mix)

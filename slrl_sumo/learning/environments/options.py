@@ -18,6 +18,7 @@ from slrl_sumo.learning.rewards.transition import RewardFunction
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.scene.geometry import Floats
+from slrl_sumo.simulation.excluded import Excluded, parse_excluded
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -38,6 +39,7 @@ class EnvOptions(TypedDict, total=False):
 
     takeover: Shares | None
     mix: Shares | None
+    exclude: Excluded
     bundle: str
     preset: str | None
     image: bool | None
@@ -89,6 +91,7 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
         _checked_others(others, bundle, preset),
         _own_observation(options.get("observe"), options.get("observation_space")),
         _checked_function("reward", options.get("reward")),
+        parse_excluded(options.get("exclude", ())),
     )
 
 

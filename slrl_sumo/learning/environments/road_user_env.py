@@ -52,10 +52,11 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     learned one, a car unless `ego` says otherwise, and `agents` has no effect.
 
     `takeover`: shares of the scenario's own road users that are learned, as {"car": 0.3} or 'car=0.3', at most `agents`
-    at a time, from departure to destination; None: `agents` road users are added, with the types of `mix`. `bundle`:
-    name or folder. `preset`, `image`: what is observed; None: what the bundle's selector reads, and an image in the
-    preset `image`. `weights`: of the reward's terms. `episode_steps`: None is 128, with a takeover 1500. `warm_up`: s
-    of traffic before the first episode.
+    at a time, from departure to destination; None: `agents` road users are added, with the types of `mix`. `exclude`:
+    ids of road users that are neither taken over nor held for learned ones. `bundle`: name or folder. `preset`,
+    `image`: what is observed; None: what the bundle's selector reads, and an image in the preset `image`. `weights`: of
+    the reward's terms. `episode_steps`: None is 128, with a takeover 1500. `warm_up`: s of traffic before the first
+    episode.
 
     `reward(transition)`: a reward of one's own, (n,), of a learning.rewards.transition.Transition of n road users.
     `observe(situation)` and `observation_space`: an observation of one's own of an agent.decide.Situation: an array of

@@ -114,13 +114,14 @@ class SimulationVectorEnv(VectorEnv):
         self._bundle = bundle = self._bundle or load_bundle(source.bundle)
         self._others = None if source.others is None else make_selector(source.others, bundle, seed)
         image = source.settings.image or (self._others is not None and self._others.needs_image)
+        own: dict[str, Any] = {"reward": source.reward, "image": image, "exclude": source.exclude}
         with ExitStack() as opened:
             scenario = found_scenario(name, seed, opened)
             if source.settings.trips:
-                trips = TripArena(scenario, bundle, source.settings, seed, reward=source.reward, image=image)
+                trips = TripArena(scenario, bundle, source.settings, seed, **own)
                 slots: SpawnedSlots | TripSlots = TripSlots(opened.enter_context(trips), self._observer)
             else:
-                arena = Arena(scenario, bundle, source.settings, seed, reward=source.reward, image=image)
+                arena = Arena(scenario, bundle, source.settings, seed, **own)
                 slots = SpawnedSlots(opened.enter_context(arena), self._observer)
             self._open = opened.pop_all()
         self.scenario = scenario.name

@@ -27,6 +27,8 @@ class ArenaSource:
     """An observation of one's own; None: that of the selectors."""
     reward: RewardFunction | None = None
     """A reward of one's own; None: the terms by `settings.weights`."""
+    exclude: tuple[str, ...] = ()
+    """Ids of road users that are neither taken over nor held for learned ones."""
 
 
 def is_family(name: str) -> bool:

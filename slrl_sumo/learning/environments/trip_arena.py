@@ -73,7 +73,7 @@ class TripArena(OpenedSimulation):
         everywhere = parse_region(None, network)
         shares = self.settings.takeover or self.bundle.types
         takeover = Takeover(np.array(shares, np.float64), everywhere, self._seed, self.settings.agents)
-        self.simulation = CoSimulation(self._session, self.driver, takeover=takeover)
+        self.simulation = CoSimulation(self._session, self.driver, takeover=takeover, exclude=self._exclude)
         desired = np.array(self.settings.desired_speed or recorded_speed(self.bundle))
         self._ground = Ground(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
         self._slot: dict[str, int] = {}
