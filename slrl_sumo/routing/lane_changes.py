@@ -42,8 +42,8 @@ ACTS_IN = 0.8
 GAIN, PAUSE = 2.0, 6.0
 """m/s that vehicles want to gain by overtaking on the next lane, and s from one change to the next."""
 KEEPS_RIGHT = 15.0
-"""m/s of its desired speed from which a vehicle goes back to the right; slower ones, as on city streets, choose their
-lane freely."""
+"""m/s of its desired speed from which a vehicle goes back towards the kerb, in left-hand traffic to the left; slower
+ones, as on city streets, choose their lane freely."""
 FORESEEN = 4.0
 """s for which a vehicle ahead is expected to speed up as it does: behind one that starts at a signal none overtakes."""
 FAR = 30.0, 300.0
@@ -108,12 +108,12 @@ def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels:
     return bool(np.all(around.clear[around.in_lane] > needed[around.in_lane]))
 
 
-def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels = FLAT) -> bool:
+def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels = FLAT, *, back: bool = False) -> bool:
     """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: where it is held up and
-    the next lane is faster; a fast one also back to the right, where it is not held up there."""
+    the next lane is faster; a fast one also `back` towards the kerb, where it is not held up there."""
     here = min(_ahead(world, wish, 0.0, levels), desired)
     there = min(_ahead(world, wish, -wish.lateral_offset, levels), desired)
-    if wish.lateral_offset > 0.0 and desired >= KEEPS_RIGHT:
+    if back and desired >= KEEPS_RIGHT:
         return there > desired - 0.5 * GAIN
     return there > here + GAIN
 

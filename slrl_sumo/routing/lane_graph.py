@@ -127,14 +127,14 @@ class LaneGraph:
         return table.towards[lane]
 
     def equal_lanes(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> list[str]:
-        """The neighbouring lanes, the left one first, from which the route `edges`, which begin with the lane's edge,
+        """The neighbouring lanes, the one farther from the kerb first, from which the route `edges`, which begin with the lane's edge,
         needs no more lane changes than from the lane itself."""
         ahead = self._lane_changes(edges, vehicle_class).after
         near = self.neighbours(lane, vehicle_class)
         return [other for other in near if other in ahead and ahead[other] <= ahead.get(lane, -math.inf)]
 
     def neighbours(self, lane: str, vehicle_class: str) -> list[str]:
-        """The neighbouring lanes that are open to a vehicle class, the left one first."""
+        """The neighbouring lanes that are open to a vehicle class, the one farther from the kerb first."""
         lanes = self._of_edge[self.lanes[lane].edge]
         here = lanes.index(lane)
         near = [lanes[k] for k in (here + 1, here - 1) if 0 <= k < len(lanes)]

@@ -306,21 +306,22 @@ class VehicleTracker:
         if abs(lateral_offset) > MOST_ASIDE:
             return None
         wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
-        if not always and not self._gets_on_better(track, world, wish):
+        if not always and not self._gets_on_better(track, world, wish, target):
             return None
         if has_gap(world, wish, self._entering(target, track, world), self._levels):
             track.path, track.s, track.lateral_offset, track.changed = path, s, lateral_offset, world.time
         return wish
 
-    def _gets_on_better(self, track: VehicleTrack, world: WorldState, wish: Wish) -> bool:
-        """Whether a vehicle gets on better in the next lane: by the queue, or by the speed there."""
+    def _gets_on_better(self, track: VehicleTrack, world: WorldState, wish: Wish, target: str) -> bool:
+        """Whether a vehicle gets on better in the next lane, `target`: by the queue, or by the speed there."""
         left = track.path.ends[0] - track.s
         if shorter_queue(world, wish, left, self._levels):
             return True
         if left < min(CHANGES_WITHIN[0] * track.speed, CHANGES_WITHIN[1]):
             return False
-        desired = min(self._graph.limit(track.path.lanes[0]) * track.speed_factor, track.max_speed)
-        return faster_there(world, wish, desired, self._levels)
+        lane = track.path.lanes[0]
+        desired = min(self._graph.limit(lane) * track.speed_factor, track.max_speed)
+        return faster_there(world, wish, desired, self._levels, back=_number(target) < _number(lane))
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
         """Rows of the other vehicles near a track that are changing to a lane, or come to it out of a junction."""
@@ -335,6 +336,11 @@ def _enters(track: VehicleTrack, lane: str) -> bool:
     if not lanes[here].startswith(":"):
         return lanes[0] == lane and abs(track.lateral_offset) > CHANGING
     return next((name for name in lanes[here:] if not name.startswith(":")), None) == lane
+
+
+def _number(lane: str) -> int:
+    """Of a lane on its edge, from the one nearest to the kerb."""
+    return int(lane.rsplit("_", 1)[1])
 
 
 def _seed(road_user: str) -> str:

@@ -90,7 +90,7 @@ def test_it_goes_back_to_the_right_where_it_is_not_held_up_there(there: float | 
     world = make_world(
         [0.0] if there is None else [0.0, 70.0], [0.0] if there is None else [0.0, -3.2], speed=there or 9.0
     )
-    assert faster_there(world, LEFT._replace(lateral_offset=3.2), 30.0) is back
+    assert faster_there(world, LEFT._replace(lateral_offset=3.2), 30.0, back=True) is back
 
 
 @pytest.mark.parametrize(("ahead", "acceleration", "faster"), [(5.0, 0.0, True), (5.0, 2.5, False), (13.0, 0.0, False)])
