@@ -127,8 +127,8 @@ class LaneGraph:
         return table.towards[lane]
 
     def equal_lanes(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> list[str]:
-        """The neighbouring lanes, the one farther from the kerb first, from which the route `edges`, which begin with the lane's edge,
-        needs no more lane changes than from the lane itself."""
+        """The neighbouring lanes, the one farther from the kerb first, from which the route `edges`, which begin with
+        the lane's edge, needs no more lane changes than from the lane itself."""
         ahead = self._lane_changes(edges, vehicle_class).after
         near = self.neighbours(lane, vehicle_class)
         return [other for other in near if other in ahead and ahead[other] <= ahead.get(lane, -math.inf)]
