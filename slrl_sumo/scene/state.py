@@ -20,11 +20,15 @@ class WorldState:
     time: float
     """Simulation time in s."""
     ids: tuple[str, ...]
+    """SUMO's ids, (n,)."""
     type: NDArray[np.int8]
-    """RoadUserType of each, (n,)."""
+    """RoadUserType of each, (n,): 0 car, 1 bicycle, 2 pedestrian."""
     x: Floats
+    """m, of the centre of the box; SUMO's own positions of vehicles are those of front bumpers."""
     y: Floats
+    """m, of the centre of the box."""
     heading: Floats
+    """rad, counter-clockwise from +x, in (-pi, pi]."""
     speed: Floats
     """m/s along the direction of motion, not negative: distance covered in the last interval over its length."""
     acceleration: Floats

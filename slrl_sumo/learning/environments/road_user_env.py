@@ -42,8 +42,9 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
       `speed_mps`, `type`, `id`, `slot` (its row in the vector environment) and `action_mask`, and with `takeover`
       `reached` and `clean` (see TripOutcome). After reset it also has `scenario`.
-    - Terminated: in contact with a road user by own fault, or lost. Truncated: after `episode_steps` decisions, with
-      `takeover` also at the destination.
+    - Terminated: in contact with a road user by own fault, or lost; with `takeover` also at the destination, where
+      `info["reached"]` is True. Truncated: after `episode_steps` decisions; with `takeover` also where SUMO drives the
+      road user again before its destination, as on a lane that is too fast for the models.
 
     `scenario`: as `slrl-sumo run` names it, or a family of `slrl-sumo generate`, which gives a new network at every
     reset. `options={"scenario": ...}` of a reset puts another one in its place, from then on. `ego`: its type; None
