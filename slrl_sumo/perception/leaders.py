@@ -142,7 +142,8 @@ def _leaders(
             in_way[found] = way_code(ego, other, len(users.type))
             found += 1
         # Pedestrians walk around a road user in their way, unless it waits where they want to wait.
-        if not (same > COS_ALIKE or stands):
+        walks = kind == PEDESTRIAN and users.speed[other] >= STANDING
+        if walks or not (same > COS_ALIKE or stands):
             continue
         # One that is already beside the follower does not lead, unless the follower would drive into it.
         if between < 0.0 and clear > -BESIDE:

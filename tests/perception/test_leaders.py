@@ -85,9 +85,14 @@ def test_one_that_stands_beyond_the_leader_is_seen_in_time(further: float, first
     assert stops[first] == min(stops.values())
 
 
-@pytest.mark.parametrize(("heading", "leads"), [(0.0, True), (np.pi, False), (np.pi / 2, False)])
-def test_pedestrians_wait_behind_others_and_walk_round_oncoming_ones(heading: float, leads: bool) -> None:
-    scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, 0.0, 0.2, 0.5))
+@pytest.mark.parametrize(
+    ("heading", "speed", "leads"),
+    [(0.0, 0.0, True), (np.pi, 0.0, False), (np.pi / 2, 0.0, False), (0.0, 0.6, False), (0.0, 0.4, True)],
+)
+def test_pedestrians_wait_behind_others_that_wait_and_walk_round_all_others(
+    heading: float, speed: float, leads: bool
+) -> None:
+    scene = world((0.0, 0.0, 0.0, 1.3, 0.2, 0.5), (3.0, 0.2, heading, speed, 0.2, 0.5))
     walking = replace(scene, type=np.full(2, RoadUserType.PEDESTRIAN, np.int8))
     assert np.isfinite(found_by(eastwards(0.0), walking)[0][0]) == leads
     # Drivers stop for whoever stands in their way.
