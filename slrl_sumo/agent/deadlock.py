@@ -55,8 +55,10 @@ class DeadlockTimer:
         # Also where the exit of the junction is taken: inside, it would stop others, until all stand in a circle.
         waits = (route.stop < WAITING) | (~inside & (context.stop_distance < WAITING))
         waits &= route.stop > -BEYOND
-        # Inside a junction, a red signal at the next one is no reason to stand.
-        closed = route.closed & ~inside
+        # A red signal is a reason to stand at its line, and behind others that may stand there: not 260 m before it,
+        # and inside a junction not at the next one.
+        held = context.queues & (allowed_speed <= FREE)
+        closed = route.closed & ~inside & ((route.stop < WAITING) | held)
         standing = route.known & (users.speed < STANDING)
         rows = np.flatnonzero(standing & ~closed & ~waits).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []

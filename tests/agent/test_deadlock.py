@@ -12,7 +12,7 @@ from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.capability import STOPPING, Capability
 from slrl_sumo.perception.route_context import GAP, RouteContext, route_context
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 ABLE = Capability(np.zeros((3, 2, 2)), np.broadcast_to(STOPPING, (3, len(STOPPING))))
 
@@ -62,9 +62,23 @@ def test_a_vehicle_in_a_queue_waits_for_its_leader_as_long_as_that_stands() -> N
     assert _first(replace(_context(gap=40.0), queues=np.array([True])), 10.0)[0] == pytest.approx(IDLE)
 
 
-@pytest.mark.parametrize("waits", [_context(stop=2.0), _context(stop=2.0, closed=True), _context(closed=True)])
+@pytest.mark.parametrize("waits", [_context(stop=2.0), _context(stop=2.0, closed=True)])
 def test_lines_to_stop_at_are_waited_for_as_long_as_it_takes(waits: RouteContext) -> None:
     assert _first(waits, 120.0)[0] == np.inf
+
+
+def test_a_red_signal_far_ahead_is_no_reason_to_stand() -> None:
+    assert _first(_context(stop=260.0, closed=True), 10.0)[0] == pytest.approx(IDLE)
+    # Nor is it one for two that stand before each other; behind others that go the same way it may be.
+    after, _ = _first(_context(gap=1.0, stop=260.0, closed=True), 60.0)
+    assert BLOCKED <= after <= BLOCKED + SPREAD + DECISION_INTERVAL
+    on_foot = replace(_car(0.0), type=np.full(1, RoadUserType.PEDESTRIAN, np.int8))
+    queues = replace(_context(gap=0.2, stop=12.0, closed=True), queues=np.array([True]))
+    green = replace(queues, route=replace(queues.route, closed=np.zeros(1, np.bool_)))
+    for context, forced in ((queues, False), (green, True)):
+        timer = DeadlockTimer()
+        seen = [_tolerance(timer, replace(on_foot, time=k * DECISION_INTERVAL), context) for k in range(150)]
+        assert any(seen) == forced
 
 
 def test_beyond_its_line_a_road_user_goes_on_as_one_that_stands_before_others() -> None:
@@ -75,7 +89,7 @@ def test_beyond_its_line_a_road_user_goes_on_as_one_that_stands_before_others() 
 
 
 def test_a_red_signal_interrupts_the_time_that_a_road_user_has_stood() -> None:
-    timer, blocked, red = DeadlockTimer(), _context(gap=1.0), _context(gap=1.0, closed=True)
+    timer, blocked, red = DeadlockTimer(), _context(gap=1.0), _context(gap=1.0, stop=3.0, closed=True)
     # Green for 8 s, red for 20 s: less than BLOCKED in each green.
     seen = [_tolerance(timer, _car(k * DECISION_INTERVAL), blocked if k % 70 < 20 else red) for k in range(4 * 70)]
     assert not any(seen[:70])
@@ -92,7 +106,7 @@ def test_in_the_end_any_mode_counts_that_does_not_collide_at_once() -> None:
     first = next(k for k, tolerance in enumerate(seen) if tolerance == 1.0)
     assert LONG <= (first + 1) * DECISION_INTERVAL <= LONG + 2 * DECISION_INTERVAL
     # A signal that closes is obeyed even then.
-    assert _tolerance(timer, _car(61.0), _context(closed=True)) == 0.0
+    assert _tolerance(timer, _car(61.0), _context(stop=3.0, closed=True)) == 0.0
     # After driving for a while, the time begins anew.
     _tolerance(timer, _car(70.0, speed=5.0), held)
     assert _tolerance(timer, _car(70.4), held) == 0.0

@@ -117,7 +117,7 @@ def test_what_is_no_trace_gets_one_line(text: str | None, message: str, tmp_path
 
 
 def test_another_network_says_how_much_lies_off_it(sumo_traces: Path, tmp_path: Path) -> None:
-    where = r"^\d\d% of the positions in .*own.xml lie off the network district, which reaches from \(-3, -7\) to"
+    where = r"^\d\d% of the positions in .*own.xml lie off the network district, which reaches from \(-3, -8\) to"
     with pytest.raises(InputError, match=where):
         write_replay(sumo_traces / "own.xml", "district", tmp_path / "page.html")
 

@@ -23,6 +23,9 @@ LANE_WIDTH = 3.2
 """m: SUMO's default, which stands for widths that no lane has."""
 WIDEST = 200.0
 """m."""
+STRIPE = 0.65
+"""m: width of one of SUMO's stripes for persons. Where a street ends, netconvert's walking areas are lines of no width
+between the ends of its sidewalks; SUMO's persons walk along them as on a sidewalk, up to 1 m beside."""
 
 _WALKING_AREA = re.compile(r"^:.+_w\d+_\d+$")
 _CROSSING = re.compile(r"^:.+_c\d+_\d+$")
@@ -84,10 +87,12 @@ class Network:
             for lane in self.lanes:
                 if lane.surface != surface:
                     continue
-                if is_walking_area(lane.id):
-                    yield Area(surface, lane.shape), lane
-                else:
+                if not is_walking_area(lane.id):
                     yield Ribbon(surface, lane.shape, lane.width), lane
+                elif _mean_width(lane.shape) < STRIPE:
+                    yield Ribbon(surface, np.append(lane.shape, lane.shape[:1], axis=0), lane.width), lane
+                else:
+                    yield Area(surface, lane.shape), lane
 
 
 def is_walking_area(lane_id: str) -> bool:
@@ -98,6 +103,15 @@ def is_walking_area(lane_id: str) -> bool:
 def is_crossing(lane_id: str) -> bool:
     """Whether a lane is a crossing for pedestrians."""
     return _CROSSING.match(lane_id) is not None
+
+
+def _mean_width(outline: NDArray[np.float64]) -> float:
+    """m: area of a polygon (k, 2) over half of the way around it; 0 of a line."""
+    x, y = (outline - outline[:1]).T
+    step_x, step_y = np.roll(x, -1) - x, np.roll(y, -1) - y
+    area = 0.5 * abs(float(np.sum(x * step_y - y * step_x)))
+    around = float(np.hypot(step_x, step_y).sum())
+    return 2.0 * area / max(around, 1e-9)
 
 
 def _is_on_foot(lane_id: str) -> bool:

@@ -81,7 +81,8 @@ def test_the_ground_is_painted_with_them(intersection: Network) -> None:
 def test_walking_areas_are_filled_and_lanes_are_ribbons(intersection: Network) -> None:
     shapes = intersection.surfaces().shapes
     count = Counter((type(shape), shape.surface) for shape in shapes)
-    assert count[Area, Surface.SIDEWALK] == 8
+    # The other four have no width.
+    assert count[Area, Surface.SIDEWALK] == 4
     assert count[Area, Surface.ROAD] == len(intersection.junctions)
     assert count[Ribbon, Surface.CROSSING] == 4
     widths = {shape.width for shape in shapes if isinstance(shape, Ribbon) and shape.surface == Surface.CYCLEWAY}
@@ -90,6 +91,16 @@ def test_walking_areas_are_filled_and_lanes_are_ribbons(intersection: Network) -
     ribbons = [shape.surface for shape in shapes if isinstance(shape, Ribbon)]
     order = [Surface.SIDEWALK, Surface.CYCLEWAY, Surface.ROAD, Surface.CROSSING]
     assert sorted(ribbons, key=order.index) == ribbons
+
+
+def test_a_walking_area_of_no_width_is_as_wide_as_a_sidewalk(intersection: Network) -> None:
+    # Where a street ends, it is a line between the ends of the sidewalks; SUMO's persons turn up to 1 m beyond it.
+    line = by_id(intersection)[":arm2_w0_0"]
+    assert line.width == 2.0
+    assert line.shape[:, 0].tolist() == [0.0] * 4
+    beyond, y = np.array([-1.3, -0.8, -0.3]), np.linspace(line.shape[:, 1].min(), line.shape[:, 1].max(), 10)
+    found = RoadMap(intersection.surfaces()).surface_at(np.tile(beyond, 10), np.repeat(y, 3)).reshape(10, 3)
+    assert found.tolist() == [[Surface.NONE, Surface.SIDEWALK, Surface.SIDEWALK]] * 10
 
 
 def test_a_shared_space_is_road_for_all_types(shared_space: Network) -> None:
