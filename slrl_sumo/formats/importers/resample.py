@@ -1,14 +1,16 @@
 """From positions at the times of a recording to Trajectories of 0.4 s."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.formats.importers.gaps import MISSING, check_waits, periods, split_notes
 from slrl_sumo.formats.importers.headings import against_motion, checked_headings
 from slrl_sumo.formats.importers.motion import heading_from_motion
+from slrl_sumo.formats.importers.speeds import speed_notes
 from slrl_sumo.formats.trajectories import Integers, Trajectories, track_names
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, MAX_POSITION, TYPE_NAMES, RoadUserType
@@ -49,7 +51,7 @@ class Samples:
     heading: Floats
     """(N,); NaN for road users whose heading follows from their motion."""
     period: float
-    """s between two rows of a road user; where more than 1.5 of it is missing there is a gap."""
+    """s between two rows; of a road user with longer ones, its own counts (see `gaps.periods`)."""
     ids: tuple[str, ...]
     """(U,)"""
     type: NDArray[np.int8]
@@ -71,8 +73,9 @@ def resample(samples: Samples) -> Trajectories:
 
     Road users of unknown class (type below 0) are left out, of two rows of a road user at one time the later one in
     the file counts. At gaps and jumps a road user continues in a new track (`id#1`); pieces between two frames are
-    dropped. Positions with `smoothing` are smoothed (penalised spline), others interpolated linearly. The notes tell
-    what was corrected. Raises InputError where positions, times or headings make no sense in metres, seconds and
+    dropped. There is a gap where 1.5 periods of the road user pass without a row. Positions with `smoothing` are
+    smoothed (penalised spline), others interpolated linearly. The notes tell what was corrected, split or left out, and
+    where speeds are unusual. Raises InputError where positions, times or headings make no sense in metres, seconds and
     radians, or a road user is in two places again and again.
     """
     order, twice_note = _ordered(samples)
@@ -80,9 +83,11 @@ def resample(samples: Samples) -> Trajectories:
     x, y, heading = samples.x[order], samples.y[order], samples.heading[order]
     wait, step = np.diff(time), np.hypot(np.diff(x), np.diff(y))
     same = np.diff(user) == 0
-    close = same & (wait < 1.5 * samples.period)
+    between = np.flatnonzero(same)
+    period = periods(user[between], wait[between], samples.type, samples.period)
+    close = same & (wait < MISSING * period[user[:-1]])
     jump = close & (step > TOP_SPEED[samples.type[user[:-1]]] * wait + JUMP)
-    _check_period(samples, wait[same], close)
+    check_waits(samples.file, samples.type[user[between]], wait[between], close[between], samples.period)
     _check_units(samples, user, time, x, y, close, jump)
     _, firsts = np.unique(user, return_index=True)
     still = samples.still.copy()
@@ -101,6 +106,7 @@ def resample(samples: Samples) -> Trajectories:
     first = np.ceil((time[start] - t0) / DECISION_INTERVAL - 1e-6).astype(np.int64)
     last = np.floor((time[end - 1] - t0) / DECISION_INTERVAL + 1e-6).astype(np.int64)
     kept = first <= last
+    notes = (*samples.notes, *twice_note, *heading_notes, *split_notes(user[start], kept))
     start, end, first, count = start[kept], end[kept], first[kept], (last - first + 1)[kept]
     track = np.repeat(np.arange(len(start)), count)
     frame = np.arange(len(track)) - np.repeat(np.cumsum(count) - count, count) + first[track]
@@ -115,13 +121,13 @@ def resample(samples: Samples) -> Trajectories:
     share = np.where(after > before, (when - time[before]) / np.where(after > before, time[after] - time[before], 1), 0)
     new_x, new_y = x[before] + share * (x[after] - x[before]), y[before] + share * (y[after] - y[before])
     if samples.smoothing:
-        _smooth(new_x, new_y, when, track, x, y, time, start, end, samples.smoothing / samples.period)
+        _smooth(new_x, new_y, when, track, x, y, time, start, end, samples.smoothing / period[user[start]])
 
     users = user[start]
     given = ~np.isnan(heading[before])
     new_heading = heading_from_motion(new_x, new_y, track, samples.type[users], DECISION_INTERVAL, still[users])
     turned = wrap_angle(heading[before] + share * wrap_angle(heading[after] - heading[before]))
-    return Trajectories(
+    tracks = Trajectories(
         track=track,
         frame=frame,
         x=new_x,
@@ -135,8 +141,9 @@ def resample(samples: Samples) -> Trajectories:
         source=samples.source,
         licence=samples.licence,
         parked=_parked(samples)[users],
-        notes=(*samples.notes, *twice_note, *heading_notes),
+        notes=notes,
     )
+    return replace(tracks, notes=(*speed_notes(tracks), *notes))
 
 
 def _ordered(samples: Samples) -> tuple[Integers, tuple[str, ...]]:
@@ -177,7 +184,7 @@ def _smooth(
     time: Floats,
     start: Integers,
     end: Integers,
-    smoothing: float,
+    smoothing: Floats,
 ) -> None:
     """Put smoothed positions in place of interpolated ones, run by run; runs of less than 5 rows stay as they are."""
     frames = np.searchsorted(track, np.arange(len(start) + 1))
@@ -187,16 +194,7 @@ def _smooth(
         at = slice(frames[run], frames[run + 1])
         t = time[s:e] - time[s]
         for new, old in ((new_x, x), (new_y, y)):
-            new[at] = make_smoothing_spline(t, old[s:e], lam=smoothing)(when[at] - time[s])
-
-
-def _check_period(samples: Samples, wait: Floats, close: NDArray[np.bool_]) -> None:
-    """Raise InputError where most rows follow the one before, of the same road user, after a gap."""
-    if close.sum() < 0.5 * len(wait):
-        raise InputError(
-            f"{samples.file}: rows of a road user follow each other every {np.median(wait):.3g} s (median) instead of "
-            f"{samples.period:.3g} s; check that times or frame rate are right"
-        )
+            new[at] = make_smoothing_spline(t, old[s:e], lam=smoothing[run])(when[at] - time[s])
 
 
 def _check_units(

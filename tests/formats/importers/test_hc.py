@@ -73,6 +73,7 @@ def test_the_real_street(
     whole = [t.type[k] for k, name in enumerate(t.ids) if "#" not in name]
     assert [whole.count(kind) for kind in (PEDESTRIAN, BICYCLE, CAR)] == [382, 40, 15]
     assert len(t.ids) == 438  # one pedestrian jumps by 15 m
+    assert t.notes == ("D1: 1 of 254 road users split at gaps or jumps",)
     assert np.ptp(t.x) < 20
     assert 55 < np.ptp(t.y) < 70
 

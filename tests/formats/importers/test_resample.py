@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,90 @@ def test_rows_that_mostly_follow_after_a_gap_have_wrong_times() -> None:
     with pytest.raises(InputError, match=r"f\.csv: .* follow each other every 1 s \(median\) instead of 0\.04 s"):
         resample(samples(time, 0.0, 0.0))
     assert len(resample(samples(time[:-2], 0.0, 0.0)).ids) > 1  # 9 and 9
+
+
+def mixed(*rates: float, seconds: float = 20.0, **changes: Any) -> Samples:
+    """Two cars and two pedestrians, each with rows at a rate of its own, 1/s."""
+    times = [np.arange(round(seconds * rate) + 1) / rate for rate in rates]
+    user = np.repeat(np.arange(4), [len(time) for time in times])
+    time = np.concatenate(times)
+    fields: dict[str, Any] = {
+        "user": user,
+        "period": 0.1,
+        "ids": ("c", "d", "p", "q"),
+        "type": np.array([0, 0, 2, 2], np.int8),
+        "length": np.ones(4),
+        "width": np.ones(4),
+        "still": np.zeros(4),
+    }
+    return samples(time, 1.5 * time, user * 5.0, **(fields | changes))
+
+
+@pytest.mark.parametrize("rates", [(5, 5, 10, 10), (10, 5, 10, 2.5), (2, 2.5, 25, 10)])
+def test_the_period_of_each_road_user_tells_its_gaps(rates: tuple[float, ...]) -> None:
+    whole = resample(mixed(*rates))
+    assert whole.ids == ("c", "d", "p", "q")
+    assert len(whole) == 4 * 51
+    assert not whole.notes
+    some = mixed(*rates)
+    kept = (some.user % 2 == 0) | (some.time < 8.1) | (some.time > 10.1)
+    thinned = replace(some, **{name: getattr(some, name)[kept] for name in ("user", "time", "x", "y", "heading")})
+    t = resample(thinned)
+    assert t.ids == ("c", "d", "d#1", "p", "q", "q#1")
+    assert t.notes == ("2 of 4 road users split at gaps or jumps",)
+
+
+def test_a_type_whose_times_are_in_another_unit_is_told() -> None:
+    some = mixed(10, 10, 10, 10)
+    wrong = replace(some, time=np.where(some.type[some.user] == 0, 1000.0 * some.time, some.time))
+    with pytest.raises(
+        InputError, match=r"f\.csv: rows of a car follow each other every 100 s \(median\) instead of 0\.1 s"
+    ):
+        resample(wrong)
+
+
+def test_what_is_split_or_left_out_is_counted() -> None:
+    time = np.r_[0.0, 0.04, 0.5, 0.54, 0.8, 0.84, np.arange(10) * 0.04 + 1.21]
+    t = resample(samples(time, 0.0, 0.0))
+    assert t.notes == ("1 of 1 road users split at gaps or jumps; 2 pieces shorter than 0.4 s left out",)
+    user = np.r_[np.zeros(20, np.int64), 1, 1]
+    two = {"ids": ("a", "b"), "type": np.array([2, 2], np.int8), "still": np.zeros(2)}
+    sizes = {"length": np.ones(2), "width": np.ones(2)}
+    t = resample(samples(np.r_[np.arange(20) * 0.04, 0.5, 0.54], 0.0, 0.0, user=user, **two, **sizes))
+    assert t.ids == ("a",)
+    assert t.notes == ("1 piece shorter than 0.4 s left out (1 road user altogether)",)
+
+
+def test_speeds_in_another_unit_are_told() -> None:
+    def notes(speeds: list[float], kind: int) -> tuple[str, ...]:
+        time = np.tile(np.arange(251) * 0.04, len(speeds))
+        user = np.repeat(np.arange(len(speeds)), 251)
+        n = len(speeds)
+        return resample(
+            samples(
+                time,
+                np.array(speeds)[user] * time,
+                user * 5.0,
+                user=user,
+                ids=tuple(f"u{i}" for i in range(n)),
+                type=np.full(n, kind, np.int8),
+                length=np.ones(n),
+                width=np.ones(n),
+                still=np.zeros(n),
+            )
+        ).notes
+
+    walk = [1.2, 1.4, 1.1, 0.0, 0.0, 0.0, 0.0]
+    assert not notes(walk, 2)
+    for factor, shown in ((0.001, "0.0012"), (1 / 21.1857, "0.057"), (3.28, "3.9")):
+        (note,) = notes([factor * speed for speed in walk], 2)
+        assert note.startswith(f"pedestrians that move do so at {shown} m/s (median), usual are 0.4 to 3.7; check that")
+    assert not notes([10.0, 14.0, 0.0], 0)
+    assert not notes([36.0, 33.0, 40.0], 0)  # a motorway
+    assert len(notes([0.01, 0.014, 0.012], 0)) == 1
+    assert not notes([4.0, 5.0, 6.0], 1)
+    assert len(notes([13.0, 14.0, 12.0], 1)) == 1
+    assert not notes([0.001, 0.001], 2)  # too few to tell
 
 
 def test_pieces_between_two_frames_are_dropped_and_single_rows_kept() -> None:

@@ -166,6 +166,14 @@ def test_the_real_campus(
     assert np.percentile(sideslip(t), 99) < np.radians(25)
 
 
+def test_real_speeds_are_usual(data: Path) -> None:
+    """The recordings nearest to the bounds: 18 parked cars with noise, and "pedestrians" most of whom ride."""
+    names = {"nexus-video5", "quad-video2", "quad-video3"}
+    found = [r.read() for r in find_recordings("sdd", data / "sdd") if r.name in names]
+    assert len(found) == 3
+    assert [note for t in found for note in t.notes if "usual" in note] == []
+
+
 def test_the_same_bytes_twice(data: Path, tmp_path: Path) -> None:
     for name in ("a.npz", "b.npz"):
         read_sdd(data / "sdd" / "quad" / "video0" / "annotations.txt").save(tmp_path / name)

@@ -145,6 +145,7 @@ def test_the_published_taf_bw(data: Path) -> None:
     assert len({name.partition("#")[0] for name in t.ids}) == 132
     assert t.notes[0].startswith("104 of 12079 rows twice")
     assert t.notes[1].startswith("48 of 132 road users: headings against the motion")
+    assert t.notes[2:] == ("1 of 132 road users split at gaps or jumps",)
     assert t.speed.max() < 20
     assert np.percentile(np.abs(t.acceleration), 90) < 2
     assert np.percentile(np.abs(t.acceleration), 99) < 4
