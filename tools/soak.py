@@ -282,7 +282,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
             bundle = load_bundle("intersection")
             driver = make_driver("lane" if taking else motion, bundle, session.api, session.network, options.seed)
         rule = Takeover(np.ones(3), Region("everywhere"), options.seed) if taking else None
-        simulation = CoSimulation(session, driver, takeover=rule)
+        simulation = CoSimulation(session, driver, takeover=rule, traced=fcd is not None)
         agents = 0 if taking else spawn(simulation, session, options.agents, options.seed)
         begin, wall = session.time, time.perf_counter()
         simulation.start()

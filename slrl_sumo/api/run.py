@@ -234,7 +234,9 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
     with ExitStack() as stack:
         bar = stack.enter_context(progress_bar("{task.fields[factor]:.1f}x real time", quiet=quiet))
         views_at = VIEWS_AT if keep else frozenset[int]()
-        events = stack.enter_context(closing(run_isolated(settings, views_at, with_surfaces=keep)))
+        events = stack.enter_context(
+            closing(run_isolated(settings, views_at, with_surfaces=keep, traced=fcd is not None))
+        )
         try:
             with interruptible_to_the_end():  # nothing is written yet
                 started = next(events)

@@ -20,6 +20,7 @@ from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speeds
 from slrl_sumo.simulation.takeover import Handover, Takeover
+from slrl_sumo.simulation.trace_places import TracePlaces
 from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
@@ -67,7 +68,8 @@ class CoSimulation:
     Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
     at the end. `population`: the learned road users; `world`: all road users as they are now; `surfaces` and
     `road_map`: the ground; `points`: the places per type where road users may start. Ids in `exclude` are neither
-    taken over nor held.
+    taken over nor held. `traced`: whether the places in its steps go into a trace; else those of learned persons are
+    what SUMO takes them for, which costs nothing.
     """
 
     def __init__(
@@ -79,6 +81,7 @@ class CoSimulation:
         yielding: bool = True,
         exclude: Collection[str] = (),
         stopwatch: Stopwatch | None = None,
+        traced: bool = False,
     ) -> None:
         self.surfaces = simulation.network.surfaces()
         self.road_map = RoadMap(self.surfaces)
@@ -106,6 +109,7 @@ class CoSimulation:
         self._refusals = [simulation.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
         self._refusals += [] if self._yielding is None else [self._yielding.refusals]
         self._refused: dict[str, str] = {}
+        self._trace_places = TracePlaces(simulation.network) if traced else None
         self._time: float | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
@@ -211,6 +215,8 @@ class CoSimulation:
         self.population.check(users, frozenset(self._snapshot.ids))
         background = background_world(self._snapshot, self._simulation.time, self.population.ids)
         places = places_of(users, self.population.sumo_types, background, self._snapshot)
+        if self._trace_places is not None:
+            places = self._trace_places.of_learned(places, users)
         self._stopwatch.lap("read")
         return Step(time, replace(users, time=time).join(background), places)
 

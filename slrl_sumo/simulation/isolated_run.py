@@ -13,7 +13,11 @@ from slrl_sumo.sumo.isolation import death_message, loading_error
 
 
 def run_isolated(
-    settings: RunSettings, views_at: frozenset[int] = frozenset(), *, with_surfaces: bool = False
+    settings: RunSettings,
+    views_at: frozenset[int] = frozenset(),
+    *,
+    with_surfaces: bool = False,
+    traced: bool = False,
 ) -> Generator[Event, None, None]:
     """The same events as `slrl_sumo.simulation.run.run`, from a child process. Started.surfaces have no shapes unless
     `with_surfaces`: those of a city take 80 MiB in each of the two processes.
@@ -23,7 +27,7 @@ def run_isolated(
     a defect of this package. Closing the generator ends the child, and so does the death of this process.
     """
     process = WorkerProcess(pickle.dumps(_events))
-    process.send(pickle.dumps((settings, views_at, with_surfaces)))
+    process.send(pickle.dumps((settings, views_at, with_surfaces, traced)))
     time = None
     exit_s = 0.0
     try:
@@ -46,12 +50,12 @@ def run_isolated(
         process.close(exit_s)
 
 
-def _events(job: tuple[RunSettings, frozenset[int], bool]) -> Generator[Event, None, None]:
+def _events(job: tuple[RunSettings, frozenset[int], bool, bool]) -> Generator[Event, None, None]:
     """The run of the child process."""
     from slrl_sumo.simulation.run import run
 
-    settings, views_at, with_surfaces = job
-    with closing(run(settings, views_at)) as events:
+    settings, views_at, with_surfaces, traced = job
+    with closing(run(settings, views_at, traced=traced)) as events:
         for event in events:
             if isinstance(event, Started) and not with_surfaces:
                 event = replace(event, surfaces=replace(event.surfaces, shapes=()))

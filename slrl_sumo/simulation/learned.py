@@ -35,11 +35,13 @@ class Learned:
     """What was decided for the user, one line each."""
 
 
-def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: ModelBundle, where: str) -> Learned:
+def add_learned(
+    simulation: Simulation, settings: LearnedSettings, bundle: ModelBundle, where: str, *, traced: bool = False
+) -> Learned:
     """Add the road users that `settings` asks for to a simulation, and prepare the takeover of others.
 
-    `where` names the simulation in messages. Raises InputError before a road user is added where the settings do not
-    suit the network or the bundle.
+    `where` names the simulation in messages; `traced`: see CoSimulation. Raises InputError before a road user is added
+    where the settings do not suit the network or the bundle.
     """
     notices: list[str] = []
     takeover = None
@@ -64,6 +66,7 @@ def add_learned(simulation: Simulation, settings: LearnedSettings, bundle: Model
         takeover=takeover,
         yielding=settings.background_yields,
         exclude=parse_excluded(settings.exclude),
+        traced=traced,
     )
     if takeover is not None and (fast := len(fast_lanes(simulation.network, driver.max_speed))):
         notices.append(

@@ -26,14 +26,17 @@ SHORT_RUN = 150
 """Decisions of a run that neither its settings nor the scenario's end or traffic limit."""
 
 
-def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Generator[Event, None, None]:
+def run(
+    settings: RunSettings, views_at: frozenset[int] = frozenset(), *, traced: bool = False
+) -> Generator[Event, None, None]:
     """Run learned road users in a scenario: yields one Started, then a Decision for every 0.4 s.
 
     Before the Decisions whose numbers (from 0) are in `views_at`, also yields the Views that the first learned road
-    user of each type had in them. PyTorch's thread count is the caller's between two events.
+    user of each type had in them. `traced`: whether its steps go into a trace, see CoSimulation. PyTorch's thread count
+    is the caller's between two events.
     Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO fails.
     """
-    with closing(_run(settings, views_at)) as events:
+    with closing(_run(settings, views_at, traced)) as events:
         while True:
             with one_thread():
                 event = next(events, None)
@@ -42,7 +45,7 @@ def run(settings: RunSettings, views_at: frozenset[int] = frozenset()) -> Genera
             yield event
 
 
-def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, None, None]:
+def _run(settings: RunSettings, views_at: frozenset[int], traced: bool) -> Generator[Event, None, None]:
     compiling = what_to_expect()
     scenario = settings.found()
     bundle = load_models(settings)
@@ -55,7 +58,7 @@ def _run(settings: RunSettings, views_at: frozenset[int]) -> Generator[Event, No
     ) as session:
         begin = session.time
         decisions = _decisions(settings, begin, session.end)
-        learned = add_learned(session, settings, bundle, str(scenario.config))
+        learned = add_learned(session, settings, bundle, str(scenario.config), traced=traced)
         simulation = learned.loop
         notices = []
         if decisions is None and session.expected <= len(simulation.population.spawned_ids):

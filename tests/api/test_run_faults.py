@@ -109,7 +109,7 @@ def recorded() -> list[Event]:
 
 def replay(monkeypatch: pytest.MonkeyPatch, events: Iterator[Event]) -> None:
     """Give `write_run` these events in place of a simulation's."""
-    monkeypatch.setattr(outputs, "run_isolated", lambda settings, views_at, *, with_surfaces: events)
+    monkeypatch.setattr(outputs, "run_isolated", lambda settings, views_at, *, with_surfaces, traced: events)
 
 
 def test_an_impatient_interrupt_leaves_a_valid_trace(

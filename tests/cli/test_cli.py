@@ -319,7 +319,7 @@ def test_wrong_input_gets_one_line_and_exit_code_1(cli_process: Cli, tmp_path: P
 def test_all_wrong_input_gets_one_line(cli: Cli, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, what: str) -> None:
     # Refused before SUMO starts: in this process, that saves the imports of the child of each run.
     monkeypatch.setattr(
-        "slrl_sumo.api.run.run_isolated", lambda settings, views_at, with_surfaces: run(settings, views_at)
+        "slrl_sumo.api.run.run_isolated", lambda settings, views_at, with_surfaces, traced: run(settings, views_at)
     )
     refused(cli(*WRONG[what][0], cwd=tmp_path), WRONG[what][1], tmp_path)
 

@@ -77,7 +77,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
             stopwatch=stopwatch,
             threads=work.threads,
         )
-        simulation = CoSimulation(session, driver, stopwatch=stopwatch)
+        simulation = CoSimulation(session, driver, stopwatch=stopwatch, traced=True)
         counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config), bundle)
         try:
             simulation.spawn(counts, bundle.max_speed, work.seed)
