@@ -52,6 +52,8 @@ DEMAND = """<routes>
     <walk from="A2A1" busStop="stop"/><ride busStop="end" lines="ANY"/><walk to="B2C2"/></personFlow>
   <personFlow id="passes" begin="0" end="200" period="7">
     <walk edges="A0A1 A1B1" busStop="stop"/><walk to="C1C0"/></personFlow>
+  <personFlow id="beside" begin="0" end="200" period="7">
+    <walk edges="A0B0 B0B1" busStop="stop"/><walk to="C1C0"/></personFlow>
   <personFlow id="stops" begin="0" end="200" period="8"><walk from="C0B0" to="B0A0" arrivalPos="30"/>
     <stop lane="B0A0_0" duration="5" startPos="30" endPos="40"/><walk to="A1A2"/></personFlow>
   <personFlow id="rides" begin="0" end="200" period="20">
@@ -105,7 +107,7 @@ def test_stages_and_removals_of_all_kinds_cost_nothing(town: Path) -> None:
     kinds = {road_user.rpartition(".")[0] for road_user in learned}
     assert {"rerouted", "vaporized", "stops", "rides"} <= kinds
     # Persons on the way to an <access> and vehicles before a calibrator are left to SUMO ...
-    assert "passes" not in kinds
+    assert not {"passes", "beside"} & kinds
     # ... so that no call is refused, and no road user is lost.
     assert counters.refused == {}
     assert counters.lost == []

@@ -1,5 +1,5 @@
-"""What libsumo does not tell, from the files that SUMO has loaded: vaporizers, and where vehicles end on their last
-edge."""
+"""What libsumo does not tell, from the files that SUMO has loaded: vaporizers, from where stops have an <access>, and
+where vehicles end on their last edge."""
 
 import os
 import re
@@ -21,6 +21,17 @@ def vaporized_edges(additional_files: str, configuration: str) -> frozenset[str]
     """The edges with a vaporizer; the arguments are what SUMO has for ADDITIONAL and CONFIGURATION, '' if nothing."""
     found = _loaded(additional_files, configuration, frozenset({"vaporizer"}), b"vaporizer")
     return frozenset(item.get("id", "") for item in found)
+
+
+def edges_of_access(additional_files: str, configuration: str) -> dict[str, frozenset[str]]:
+    """By id of the stops that have an <access>: the edges that these are on. Arguments as of `vaporized_edges`."""
+    found: dict[str, frozenset[str]] = {}
+    for item in _loaded(additional_files, configuration, frozenset({"access"}), b"<access"):
+        stop = item.getparent()
+        if stop is not None:
+            edge = item.get("lane", "").rpartition("_")[0]
+            found[stop.get("id", "")] = found.get(stop.get("id", ""), frozenset()) | {edge}
+    return found
 
 
 def arrival_positions(additional_files: str, route_files: str, configuration: str) -> dict[str, float]:

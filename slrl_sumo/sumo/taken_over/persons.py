@@ -10,6 +10,7 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import WALKING, loaded_ids
+from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, edges_of_access
 
 KEEP_ROUTE = 7
 MATCH_THRESHOLD = 0.1
@@ -45,6 +46,9 @@ class TakenOverPersons:
             if not lane.internal and "pedestrian" in lane.allowed:
                 self._lanes.setdefault(lane.edge, lane)
         self._edge_of_stop = {stop: api.busstop.getLaneID(stop).rpartition("_")[0] for stop in api.busstop.getIDList()}
+        files = (api.simulation.getOption(name) for name in (ADDITIONAL, CONFIGURATION))
+        self._access = edges_of_access(*files) if self._edge_of_stop else {}
+        """The edges from which each stop has an <access>."""
 
     @property
     def ids(self) -> frozenset[str]:
@@ -59,9 +63,12 @@ class TakenOverPersons:
         stage = person.getStage(road_user, 0)
         if stage.type != WALKING:
             return NOT_WALKING
-        # With <access>, SUMO ends the walk to a stop on another edge than that of the stop.
-        whole = not stage.edges or self._edge_of_stop.get(stage.destStop, stage.edges[-1]) == stage.edges[-1]
-        return "" if whole else NOT_WALKING
+        return NOT_WALKING if stage.edges and self._has_access(stage.destStop, stage.edges[-1]) else ""
+
+    def _has_access(self, stop: str, edge: str) -> bool:
+        """Whether a walk that ends on an edge reaches its `stop`, '' for none, by <access>: it does on another edge than
+        that of the stop, and the files of SUMO, if they can be read here, have the rest."""
+        return self._edge_of_stop.get(stop, edge) != edge or edge in self._access.get(stop, ())
 
     def does_not_walk(self, road_user: str) -> bool:
         """Whether SUMO or a script has begun another stage of a person."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from slrl_sumo.sumo.scenario.loaded_files import CHUNK, arrival_positions, vaporized_edges
+from slrl_sumo.sumo.scenario.loaded_files import CHUNK, arrival_positions, edges_of_access, vaporized_edges
 
 
 def test_vaporizers_are_found_at_any_depth_and_in_included_files(tmp_path: Path) -> None:
@@ -38,6 +38,16 @@ def test_paths_are_those_of_the_configuration_and_of_the_command_line(
     assert vaporized_edges("c/a.xml,c/ ${FOLDER}/b.xml", "c/x.sumocfg") == {"0", "1"}
     assert vaporized_edges("e.xml, c/a.xml", "c/x.sumocfg") == {"2", "0"}
     assert vaporized_edges("a.xml", "c/x.sumocfg") == frozenset()
+
+
+def test_the_edges_from_which_stops_have_an_access_are_found(tmp_path: Path) -> None:
+    (tmp_path / "a.xml").write_text(
+        '<additional><busStop id="s" lane="x_1"><access lane="x_0" pos="3"/><access lane=":j_w0_0" pos="1"/></busStop>'
+        '<busStop id="t" lane="x_1"/><trainStop id="u" lane="r_0"><access lane="a_b_2" pos="0"/></trainStop>'
+        "</additional>"
+    )
+    found = edges_of_access(str(tmp_path / "a.xml"), "")
+    assert found == {"s": {"x", ":j_w0"}, "u": {"a_b"}}
 
 
 def test_arrival_positions_are_those_of_vehicles_trips_and_flows(tmp_path: Path) -> None:
