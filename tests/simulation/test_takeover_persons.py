@@ -1,6 +1,7 @@
 """When persons of the scenario become learned."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.scene.contacts import COLLISION_DISTANCE
-from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.events import Decision, Started
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings
 
@@ -53,3 +54,22 @@ def test_a_walk_that_ends_on_an_edge_of_a_few_metres_ends(tmp_path: Path, depart
     decisions = [d for d in run(RunSettings(tmp_path, takeover="pedestrian=1", steps=500)) if isinstance(d, Decision)]
     assert any("one" in d.taken_over for d in decisions)
     assert "one" not in decisions[-1].steps[-1].world.ids
+
+
+def test_a_run_says_that_sumos_own_outputs_of_walks_are_wrong(tmp_path: Path) -> None:
+    def notices(settings: RunSettings) -> list[str]:
+        started, *_ = run(settings)
+        assert isinstance(started, Started)
+        return [notice for notice in started.notices if "a walk for each" in notice]
+
+    options = f"--tripinfo-output {tmp_path / 't.xml'} --vehroute-output {tmp_path / 'v.xml'}"
+    settings = RunSettings(
+        "intersection", takeover="pedestrian=0.5", steps=1, sumo_outputs=True, sumo_options=options, selector="lane"
+    )
+    (notice,) = notices(settings)
+    assert notice.startswith("SUMO's own tripinfo-output, vehroute-output cannot be used for persons")
+    # Without these outputs, or persons that are taken over, there is nothing to say.
+    assert not notices(replace(settings, sumo_outputs=False))
+    assert not notices(replace(settings, sumo_options=f"--statistic-output {tmp_path / 's.xml'}"))
+    assert not notices(replace(settings, takeover="car=1"))
+    assert not notices(replace(settings, takeover=None, agents=2))
