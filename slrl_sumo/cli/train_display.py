@@ -1,5 +1,6 @@
 """Progress of a training on the terminal."""
 
+import math
 import signal
 
 from rich.console import Console
@@ -60,13 +61,21 @@ def _text(stage: str, figures: Figures) -> str:
     """The most important figures, in one line."""
     if stage == "training":
         rate, mean_return = figures["speed/agent_steps_per_s"], figures["episode/return"]
-        text = f"{rate:.0f} steps/s  return {mean_return:.2f}  reward {figures['reward/total']:.3f}"
+        text = (
+            f"{rate:.0f} steps/s  return {_shown(mean_return, '.2f')}  reward {_shown(figures['reward/total'], '.3f')}"
+        )
         if "trips/reached" not in figures:
-            return f"{text}  completed {figures['episode/completed']:.0%}"
+            return f"{text}  completed {_shown(figures['episode/completed'], '.0%')}"
         contacts, off = (-1000.0 * figures.get(f"reward/{name}", 0.0) for name in ("contact", "off_surface"))
-        reached = f"{figures['trips/reached']:.0%} reached  {figures['trips/clean']:.1%} of them clean"
-        return f"{text}  {reached}  contacts {contacts:.2f}  off-surface penalty {off:.1f} per 1,000 steps"
+        reached, clean = _shown(figures["trips/reached"], ".0%"), _shown(figures["trips/clean"], ".1%")
+        text = f"{text}  {reached} reached  {clean} of them clean  contacts {_shown(contacts, '.2f')}"
+        return f"{text}  off-surface penalty {_shown(off, '.1f')} per 1,000 steps"
     if stage == "imitation":
         right, by_prior = figures["imitation/accuracy"], figures["imitation/prior_accuracy"]
         return f"{right:.0%} of modes predicted, {by_prior:.0%} by the prior"
     return ""
+
+
+def _shown(value: float, form: str) -> str:
+    """A figure as text: a dash where no episode has ended yet, and no sign at zero."""
+    return "–" if math.isnan(value) else f"{value:z{form}}"

@@ -1,5 +1,6 @@
 """Functions that make environments of several road users."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Unpack
 
 from slrl_sumo.extras import require
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def parallel_env(
-    scenario: str, *, agents: int = 16, others: Others | None = None, **options: Unpack[EnvOptions]
+    scenario: str | Path, *, agents: int = 16, others: Others | None = None, **options: Unpack[EnvOptions]
 ) -> "ParallelRoadUserEnv":
     """A PettingZoo parallel environment whose agents are the learned road users of one simulation.
 
@@ -30,7 +31,7 @@ def parallel_env(
 
 
 def vector_env(
-    scenario: str, *, num_envs: int = 16, others: Others | None = None, **options: Unpack[EnvOptions]
+    scenario: str | Path, *, num_envs: int = 16, others: Others | None = None, **options: Unpack[EnvOptions]
 ) -> SimulationVectorEnv:
     """All learned road users of one simulation as a gymnasium vector environment, in this process.
 

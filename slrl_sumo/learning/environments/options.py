@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from numbers import Real
+from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, Unpack, get_args
 
 from gymnasium import spaces
@@ -19,6 +20,7 @@ from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.excluded import Excluded, parse_excluded
+from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario
 
@@ -40,7 +42,7 @@ class EnvOptions(TypedDict, total=False):
     takeover: Shares | None
     mix: Shares | None
     exclude: Excluded
-    bundle: str
+    bundle: str | Path
     preset: str | None
     image: bool | None
     weights: RewardWeights | None
@@ -51,12 +53,15 @@ class EnvOptions(TypedDict, total=False):
     warm_up: float
 
 
-def make_source(scenario: str, agents: int, others: str | None, **options: Unpack[EnvOptions]) -> ArenaSource:
+def make_source(scenario: str | Path, agents: int, others: str | None, **options: Unpack[EnvOptions]) -> ArenaSource:
     """What the keywords of an environment ask for: see RoadUserEnv. Raises InputError."""
-    bundle = load_bundle(options.get("bundle", "intersection"))
+    check_type("scenario", scenario, (str, Path), "the name, folder or .sumocfg of a scenario")
+    named = options.get("bundle", DEFAULT_BUNDLE)
+    check_type("bundle", named, (str, Path), "the name or the folder of a bundle")
+    where, bundle = str(scenario), load_bundle(named)
     takeover, mix = options.get("takeover"), options.get("mix")
-    if not is_family(scenario):
-        find_scenario(scenario)
+    if not is_family(where):
+        find_scenario(where)
     preset = options.get("preset") or _usual_preset(bundle)
     check_known("preset", preset, tuple(PRESETS))
     image = options.get("image")
@@ -85,8 +90,8 @@ def make_source(scenario: str, agents: int, others: str | None, **options: Unpac
         takeover=None if takeover is None else _three(served_shares(takeover, bundle)),
     )
     return ArenaSource(
-        (scenario,),
-        options.get("bundle", "intersection"),
+        (where,),
+        str(named),
         settings,
         _checked_others(others, bundle, preset),
         _own_observation(options.get("observe"), options.get("observation_space")),

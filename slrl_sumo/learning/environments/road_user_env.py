@@ -1,5 +1,6 @@
 """A gymnasium environment in which one learned road user is driven from outside."""
 
+from pathlib import Path
 from typing import Any, Literal, Unpack, get_args
 
 import gymnasium
@@ -77,7 +78,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
     def __init__(
         self,
         *,
-        scenario: str,
+        scenario: str | Path,
         ego: Ego | None = None,
         agents: int = 16,
         others: Others | Literal["sumo"] | None = None,
@@ -95,15 +96,15 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
                     value=others,
                 )
             agents, options["mix"] = 1, {ego or "car": 1.0}
-        bundle = load_bundle(options.get("bundle", "intersection"))
+        source = make_source(scenario, agents, None if others == "sumo" else others, **options)
+        bundle = load_bundle(source.bundle)
         if ego is not None and not bundle.types[TYPE_NAMES.index(ego)]:
             raise InputError(f"bundle '{bundle.name}' has no models for it; give another", argument="ego", value=ego)
-        source = make_source(scenario, agents, None if others == "sumo" else others, **options)
         self.render_mode = render_mode
         self.action_space = ACTION_SPACE
         self.observation_space = view_space(source)
         self._simulation = SimulationProcess(source)
-        self._scenario, self._ego = scenario, ego
+        self._scenario, self._ego = source.scenarios[0], ego
         self._agents, self._steps_limit = agents, source.settings.episode_steps
         self._trips = source.settings.trips
         self._reply: Reply | None = None

@@ -20,7 +20,9 @@ import slrl_sumo
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.learning.environments.make import parallel_env
 from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
+from slrl_sumo.models.bundle_folder import SHIPPED
 from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.sumo.scenario import find_scenario
 
 EVERYBODY = {"car": 1, "bicycle": 1, "pedestrian": 1}
 
@@ -201,6 +203,18 @@ def test_keywords_and_options_that_are_unknown_are_named(env: ParallelRoadUserEn
         slrl_sumo.parallel_env("intersection", takover={"car": 1})  # type: ignore[call-arg]
     with pytest.raises(InputError, match="reset: there is no option 'scen'; did you mean 'scenario'"):
         env.reset(seed=1, options={"scen": "signalised"})
+
+
+def test_scenarios_and_bundles_may_be_paths(tmp_path: Path) -> None:
+    scenario = find_scenario("intersection").config
+    assert slrl_sumo.parallel_env(Path("intersection"), agents=2).possible_agents == ["road_user_0", "road_user_1"]
+    env = slrl_sumo.parallel_env(scenario, agents=2, warm_up=0.0, bundle=SHIPPED / "intersection")
+    seen, _ = env.reset(seed=1)
+    env.close()
+    assert seen["road_user_0"]["vector"].shape == (12,)
+    for words in ({"scenario": 5}, {"scenario": "intersection", "bundle": None}):
+        with pytest.raises(InputError, match="give the name"):
+            slrl_sumo.parallel_env(**words)  # type: ignore[arg-type]
 
 
 def test_without_pettingzoo_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
