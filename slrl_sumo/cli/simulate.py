@@ -190,6 +190,8 @@ def record(
         return
     if workers is not None or ray is not None:
         raise InputError(f"--{'ray' if ray else 'workers'}: one recording is one simulation; give --seeds, too")
+    if out.suffix != ".npz":
+        raise InputError(f"--out {out}: trajectories are files whose name ends in .npz; give it such a name")
     playing = record_isolated(scenario, seconds=seconds, seed=seed, step_length=step_length)
     with closing(playing), progress() as bar:
         task = bar.add_task("recording", total=1.0)
@@ -198,6 +200,10 @@ def record(
                 bar.update(task, completed=item)
             else:
                 trajectories = item
+    if not len(trajectories):
+        raise InputError(
+            f"{scenario}: no road user was there in the first {seconds:g} s, so nothing is written; give more --seconds"
+        )
     trajectories.save(out)
     typer.echo(f"{out}: {len(trajectories.ids)} tracks, {len(trajectories)} positions")
 

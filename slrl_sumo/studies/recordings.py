@@ -42,6 +42,7 @@ def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
     missing = (seed for seed in wanted.seeds if not _file(folder, seed).exists())
     work = partial(recorded_whole, portable_name(wanted.scenario), wanted.seconds, wanted.step_length)
     failed: list[Finished[int, Trajectories]] = []
+    empty: list[int] = []
     with interruptible() as caught, progress_bar("{task.fields[rate]:.2f} recordings/s") as bar:
         done = sum(_file(folder, seed).exists() for seed in wanted.seeds)
         task = bar.add_task(scenario.name, total=len(wanted.seeds), completed=done, rate=0.0)
@@ -53,6 +54,7 @@ def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
                         failed.append(finished)
                     else:
                         finished.record.save(_file(folder, finished.job))
+                        empty += [] if len(finished.record) else [finished.job]
                     bar.update(task, advance=1, rate=number / (time.perf_counter() - begin))
         except KeyboardInterrupt:
             bar.stop()
@@ -65,6 +67,11 @@ def write_recordings(wanted: Recordings, folder: Path, backend: Backend) -> int:
             file=sys.stderr,
         )
     print(f"{folder}: {len(wanted.seeds) - len(failed)} recordings of {wanted.seconds:g} s")
+    if empty:
+        print(
+            f"note: {len(empty)} of them hold no road user, as {_file(folder, min(empty))}; give more --seconds",
+            file=sys.stderr,
+        )
     if failed:
         raise SumoError(f"{len(failed)} of {len(wanted.seeds)} seeds could not be recorded")
     return 0

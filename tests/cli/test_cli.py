@@ -247,6 +247,11 @@ WRONG = {
     "record less than nothing": (["record", "intersection", "--out", "r.npz", "--seconds", "-3"], "--seconds -3"),
     "record seed": (["record", "intersection", "--out", "r.npz", "--seconds", "2", "--seed", "-1"], "--seed -1"),
     "record folder": (["record", "intersection", "--out", "no/r.npz", "--seconds", "2"], "no/r.npz"),
+    "record as a table": (["record", "intersection", "--out", "r.csv", "--seconds", "2"], "--out r.csv: traj"),
+    "record of no road user": (
+        ["record", "signalised", "--out", "r.npz", "--seconds", "0.4"],
+        "signalised: no road user was there in the first 0.4 s, so nothing is written; give more --seconds",
+    ),
     "record nothing": (["record", "nowhere", "--out", "r.npz"], "nowhere: no such file"),
     "fit nothing": (["fit", "none.npz", "--out", "b"], "none.npz"),
     "fit tested on its source": (

@@ -37,6 +37,19 @@ def test_what_is_there_is_not_recorded_again_and_other_settings_are_not_mixed_in
         write_recordings(Recordings("intersection", range(1, 3), 5.0), tmp_path / "many", Backend(1))
 
 
+def test_recordings_of_nobody_are_told(cli: Cli, tmp_path: Path) -> None:
+    done = cli("record", "signalised", "--seconds", 0.4, "--seeds", 2, "--out", tmp_path / "many")
+    assert done.returncode == 0
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("note: 2 of them hold no road user, as ")
+    assert line.endswith("seed-1.npz; give more --seconds")
+    done = cli("evaluate", tmp_path / "many" / "seed-1.npz", "--out", tmp_path / "e")
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "slrl-sumo: the recording holds no road user; make one with `slrl-sumo record` or `slrl-sumo import`"
+    ]
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [

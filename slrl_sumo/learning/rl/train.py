@@ -269,6 +269,8 @@ def _imitated(
         report("recording", number, len(sources), last)
         if isinstance(source, Path):
             recording = load_trajectories(source)
+            if not len(recording):
+                raise InputError(f"--recording {source}: holds no road user; give recordings with some")
             ground = everywhere_road(recording.x, recording.y)
         else:
             # SUMO seeds, like those of the networks, that no evaluation uses.

@@ -88,6 +88,8 @@ def evaluate(
                 f"bundle {bundle.name} has no trained selector" if name in POLICY_SELECTORS else "no such selector"
             )
             raise InputError(f"--selectors {name}: {missing}; use {', '.join(known)}")
+    if not len(recording):
+        raise InputError("the recording holds no road user; make one with `slrl-sumo record` or `slrl-sumo import`")
     if abs(recording.dt - DECISION_INTERVAL) > 1e-6:
         raise InputError(f"the recording has an interval of {recording.dt} s, evaluation needs {DECISION_INTERVAL} s")
     if starts_every < 1:
