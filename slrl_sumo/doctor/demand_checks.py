@@ -10,6 +10,11 @@ from slrl_sumo.sumo.scenario.options import is_output, option, switched_on
 from slrl_sumo.sumo.spawned import LEARNED_TYPES
 from slrl_sumo.sumo.vehicle_classes import MAX_LENGTH, MAX_WIDTH
 
+KEPT = {"pedestrian": (0.73, 1.57), "bicycle": (0.0, 6.93)}
+"""m/s at which learned ones of each class go on a free way, measured with the bundle `intersection`."""
+SLACK = 0.1
+"""Share by which a wanted speed may be beyond these: types in the usual spread are nothing to report."""
+
 
 def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
     """What the route and additional files mean for a run."""
@@ -70,7 +75,34 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
             f"{counted(demand.riding, 'person or person flow rides', 'persons or person flows ride')} in vehicles",
             "none needed: SUMO moves them while they ride or wait",
         )
+    yield from _speed_findings(demand)
     yield from _rerouting_findings(scenario, demand)
+
+
+def _speed_findings(demand: Demand) -> Iterator[Finding]:
+    """Speeds that learned pedestrians and bicycles do not keep."""
+    beyond = sorted(
+        name
+        for name, (of, wanted) in demand.wanted_speeds.items()
+        if not (1.0 - SLACK) * KEPT[of][0] <= wanted <= (1.0 + SLACK) * KEPT[of][1]
+    )
+    parts = []
+    if beyond:
+        parts.append(f"{counted(len(beyond), 'vehicle type wants', 'vehicle types want')} them ({some(beyond)})")
+    if count := demand.walks_of_own_speed:
+        parts.append(
+            f"{counted(count, 'person or person flow has', 'persons or person flows have')} a walk with speed or "
+            "duration, which SUMO does not tell"
+        )
+    if parts:
+        (slow, fast), (_, riding) = KEPT["pedestrian"], KEPT["bicycle"]
+        yield Finding(
+            "note",
+            "speeds",
+            f"speeds that learned road users do not keep: {'; '.join(parts)}. Learned pedestrians walk at {slow:g} to "
+            f"{fast:g} m/s, as their type wants, and learned bicycles ride at most at {riding:g} m/s",
+            "leave these road users to SUMO (take over cars alone), or give persons a type with the speed",
+        )
 
 
 def _name_findings(demand: Demand) -> Iterator[Finding]:

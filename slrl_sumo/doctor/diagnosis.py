@@ -15,6 +15,8 @@ from slrl_sumo.simulation.spawn import legal_lanes, starting_points
 from slrl_sumo.sumo.network import LANE_WIDTH, Network
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.demand import Demand, read_demand
+from slrl_sumo.sumo.scenario.loaded_files import overtaking_lanes
+from slrl_sumo.sumo.scenario.options import input_files
 from slrl_sumo.sumo.session import SumoSession
 
 __all__ = ["SEVERITIES", "Finding", "examine"]
@@ -59,6 +61,7 @@ def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
         return
     yield from unknown_names(scenario, demand, frozenset(lane.edge for lane in network.lanes))
     yield from network_findings(network)
+    yield from _overtaking(scenario)
     yield from beyond
 
 
@@ -157,7 +160,8 @@ def _junction_findings(network: Network) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "junctions",
-            "no lanes inside junctions: background vehicles jump across them",
+            "no lanes inside junctions: background vehicles jump across them, and learned ones collide there, because "
+            "there are no conflict areas to keep clear",
             "make the network again without --no-internal-links",
         )
     elif any(lane.surface == Surface.SIDEWALK and not lane.internal for lane in network.lanes) and not any(
@@ -168,6 +172,19 @@ def _junction_findings(network: Network) -> Iterator[Finding]:
             "crossings",
             "sidewalks, but no pedestrian crossings: learned pedestrians cross the carriageway where no vehicle yields",
             "netconvert -s NET --crossings.guess --walkingareas -o NEW adds them",
+        )
+
+
+def _overtaking(scenario: Scenario) -> Iterator[Finding]:
+    """Lanes on whose opposite lane SUMO's vehicles overtake."""
+    lanes = overtaking_lanes(",".join(str(path) for path in input_files(scenario, "net-file")))
+    if lanes:
+        yield Finding(
+            "note",
+            "overtaking",
+            f"{counted(len(lanes), 'lane has', 'lanes have')} an opposite lane for overtaking ({some(lanes)}): learned "
+            "vehicles do not overtake there, and SUMO's may be held up behind them",
+            "none needed; travel times behind slow vehicles are longer than in SUMO",
         )
 
 

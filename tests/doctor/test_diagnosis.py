@@ -243,6 +243,37 @@ def test_vehicles_that_jump_across_junctions(make: Make, tmp_path: Path) -> None
     net = netgenerate(tmp_path, "--no-internal-links", "--default.speed", "8")
     # Without lanes inside junctions, turns have no radius.
     assert network_topics(make, net) == [("warning", "junctions"), ("note", "sharp turns")]
+    assert "learned ones collide there" in one(make("", net=net), "junctions").what
+
+
+def test_lanes_for_overtaking_on_the_opposite_lane_are_named(make: Make, tmp_path: Path) -> None:
+    nodes = STRAIGHT + '<node id="m" x="50" y="0"/>'
+    edges = "".join(f'<edge id="{n}" from="{n[0]}" to="{n[1]}" speed="8"/>' for n in ("am", "mb", "bm", "ma"))
+    words = ("--no-turnarounds", "--opposites.guess")
+    assert network_topics(make, make_net(tmp_path, nodes, edges, *words)) == [("note", "overtaking")]
+    found = one(make("", net=tmp_path / "n.net.xml"), "overtaking").what
+    assert found.startswith("4 lanes have an opposite lane for overtaking (am_0, bm_0, ma_0, …)")
+    assert network_topics(make, make_net(tmp_path, nodes, edges, *words[:1])) == []
+
+
+def test_speeds_that_models_do_not_keep_are_named(make: Make) -> None:
+    types = (
+        '<vType id="slow" vClass="pedestrian" desiredMaxSpeed="0.6"/>'
+        '<vType id="usual" vClass="pedestrian" speedFactor="normc(1.0,0.1,0.2,2)"/><vType id="rides" vClass="bicycle"/>'
+        '<vTypeDistribution id="d"><vType id="runs" vClass="pedestrian" speedFactor="norm(2,.1)"/></vTypeDistribution>'
+        '<vType id="races" vClass="bicycle" desiredMaxSpeed="11" maxSpeed="12"/>'
+        '<vType id="held" vClass="bicycle" desiredMaxSpeed="11" maxSpeed="6"/><vType id="car" maxSpeed="50"/>'
+    )
+    found = one(make(CAR, types), "speeds")
+    assert found.severity == "note"
+    assert "3 vehicle types want them (races, runs, slow)" in found.what
+    assert "walk with speed" not in found.what
+    walks = "".join(
+        f'<person id="p{n}" depart="1"><walk edges="in0" {words}/></person>'
+        for n, words in enumerate(('speed="1"', 'duration="90"', ""))
+    )
+    assert "2 persons or person flows have a walk with speed or duration" in one(make(CAR + walks), "speeds").what
+    assert ("note", "speeds") not in grave(make(CAR + '<person id="p" depart="1"><walk edges="in0"/></person>'))
 
 
 STRAIGHT = '<node id="a" x="0" y="0"/><node id="b" x="100" y="0"/>'

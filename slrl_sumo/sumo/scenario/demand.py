@@ -1,5 +1,6 @@
 """The demand in a scenario's route and additional files, read in one pass with bounded memory."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.scenario.configuration import Scenario
 from slrl_sumo.sumo.scenario.input_check import unusable_inputs
 from slrl_sumo.sumo.scenario.options import input_files
-from slrl_sumo.sumo.vehicle_classes import Shape, usual_shape, without_models
+from slrl_sumo.sumo.vehicle_classes import DESIRED_SPEEDS, Shape, usual_shape, without_models
 
 VEHICLES = frozenset({"vehicle", "trip", "flow"})
 PERSONS = frozenset({"person", "personFlow"})
@@ -29,6 +30,9 @@ DETECTORS = frozenset(
 
 DEFAULT_TYPE = "DEFAULT_VEHTYPE"
 """Type of a vehicle that names none."""
+
+WANTED_SPEEDS = {**DESIRED_SPEEDS, "pedestrian": 5.0 / 3.6}
+"""m/s that pedestrians and bicycles want on the average (desiredMaxSpeed), defaults of SUMO 1.28."""
 
 
 @dataclass
@@ -45,6 +49,10 @@ class Demand:
     """Id of the first of them."""
     riding: int = 0
     """Persons and person flows with a ride."""
+    walks_of_own_speed: int = 0
+    """Persons and person flows with a walk that has a `speed` or `duration` of its own."""
+    wanted_speeds: dict[str, tuple[str, float]] = field(default_factory=dict)
+    """By type of pedestrians and bicycles: its class, and m/s that they want on the average."""
     rerouting_types: set[str] = field(default_factory=set)
     rerouters: int = 0
     writers: int = 0
@@ -146,6 +154,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
     if tag in ("vType", "vTypeDistribution"):
         demand.types.add(name)
         demand.shapes.setdefault(name, []).extend(_shapes(item, demand))
+        demand.wanted_speeds.update(_wanted_speeds(item))
         on = {key for p in item.iterfind("param") if (key := p.get("key")) and p.get("value", "").lower() == "true"}
         if "has.rerouting.device" in on:
             demand.rerouting_types.add(name)
@@ -180,6 +189,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
             demand.own_ids.append(name)
         if tag in PERSONS:
             demand.riding += item.find(".//ride") is not None or "public" in _modes(item)
+            demand.walks_of_own_speed += any("speed" in w.attrib or "duration" in w.attrib for w in item.iter("walk"))
         else:
             demand.vehicles_of_type[item.get("type", DEFAULT_TYPE)] += 1
             if item.find(".//stop") is not None or item.get("route") in stopping_routes:
@@ -201,6 +211,21 @@ def _shapes(item: etree._Element, demand: Demand) -> list[Shape]:
         ]
     except ValueError:  # SUMO itself says what is wrong with it
         return [usual]
+
+
+def _wanted_speeds(item: etree._Element) -> Iterator[tuple[str, tuple[str, float]]]:
+    """By id: class and speed wanted of a vType, or of those inside a distribution, of WANTED_SPEEDS."""
+    for vtype in item.iter("vType"):
+        of = vtype.get("vClass", "passenger")
+        if of not in WANTED_SPEEDS:
+            continue
+        # A factor may be a distribution, as normc(1.0,0.1,0.2,2.0).
+        factor = re.search(r"\d*\.?\d+", vtype.get("speedFactor", "1"))
+        try:
+            wanted = float(vtype.get("desiredMaxSpeed", WANTED_SPEEDS[of])) * float(factor[0] if factor else 1.0)
+            yield vtype.get("id", ""), (of, min(wanted, float(vtype.get("maxSpeed", wanted))))
+        except ValueError:  # SUMO itself says what is wrong with it
+            continue
 
 
 def _modes(person: etree._Element) -> set[str]:

@@ -1,5 +1,5 @@
-"""What libsumo does not tell, from the files that SUMO has loaded: vaporizers, from where stops have an <access>, and
-where vehicles end on their last edge."""
+"""What libsumo does not tell, from the files that SUMO has loaded: vaporizers, from where stops have an <access>,
+where vehicles end on their last edge, and on which lanes they may overtake on the opposite one."""
 
 import os
 import re
@@ -32,6 +32,14 @@ def edges_of_access(additional_files: str, configuration: str) -> dict[str, froz
             edge = item.get("lane", "").rpartition("_")[0]
             found[stop.get("id", "")] = found.get(stop.get("id", ""), frozenset()) | {edge}
     return found
+
+
+def overtaking_lanes(net_files: str) -> tuple[str, ...]:
+    """The lanes outside junctions with a `<neigh>`, the opposite lane on which SUMO's vehicles overtake; `net_files`:
+    paths, comma-separated."""
+    found = _loaded(net_files, "", frozenset({"neigh"}), b"<neigh")
+    lanes = (parent.get("id", "") for item in found if (parent := item.getparent()) is not None)
+    return tuple(lane for lane in lanes if not lane.startswith(":"))
 
 
 def arrival_positions(additional_files: str, route_files: str, configuration: str) -> dict[str, float]:

@@ -66,8 +66,8 @@ class TakenOverPersons:
         return NOT_WALKING if stage.edges and self._has_access(stage.destStop, stage.edges[-1]) else ""
 
     def _has_access(self, stop: str, edge: str) -> bool:
-        """Whether a walk that ends on an edge reaches its `stop`, '' for none, by <access>: it does on another edge than
-        that of the stop, and the files of SUMO, if they can be read here, have the rest."""
+        """Whether a walk that ends on an edge reaches its `stop`, '' for none, by <access>: it does on another edge
+        than that of the stop, and the files of SUMO, if they can be read here, have the rest."""
         return self._edge_of_stop.get(stop, edge) != edge or edge in self._access.get(stop, ())
 
     def does_not_walk(self, road_user: str) -> bool:

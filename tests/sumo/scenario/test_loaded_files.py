@@ -4,7 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from slrl_sumo.sumo.scenario.loaded_files import CHUNK, arrival_positions, edges_of_access, vaporized_edges
+from slrl_sumo.sumo.scenario.loaded_files import (
+    CHUNK,
+    arrival_positions,
+    edges_of_access,
+    overtaking_lanes,
+    vaporized_edges,
+)
 
 
 def test_vaporizers_are_found_at_any_depth_and_in_included_files(tmp_path: Path) -> None:
@@ -48,6 +54,14 @@ def test_the_edges_from_which_stops_have_an_access_are_found(tmp_path: Path) -> 
     )
     found = edges_of_access(str(tmp_path / "a.xml"), "")
     assert found == {"s": {"x", ":j_w0"}, "u": {"a_b"}}
+
+
+def test_lanes_with_an_opposite_one_are_found_outside_junctions(tmp_path: Path) -> None:
+    lanes = '<lane id="{0}_0"/><lane id="{0}_1"><neigh lane="b_1"/></lane>'
+    (tmp_path / "n.net.xml").write_text(
+        f'<net><edge id=":j">{lanes.format(":j")}</edge><edge id="a">{lanes.format("a")}</edge></net>'
+    )
+    assert overtaking_lanes(str(tmp_path / "n.net.xml")) == ("a_1",)
 
 
 def test_arrival_positions_are_those_of_vehicles_trips_and_flows(tmp_path: Path) -> None:
