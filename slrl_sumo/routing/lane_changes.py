@@ -46,6 +46,8 @@ KEEPS_RIGHT = 15.0
 ones, as on city streets, choose their lane freely."""
 FORESEEN = 4.0
 """s for which a vehicle ahead is expected to speed up as it does: behind one that starts at a signal none overtakes."""
+STEADY = 0.5
+"""m/s²: a vehicle ahead that brakes harder has a reason farther on, and holds up nobody."""
 FAR = 30.0, 300.0
 """s and m before the end of its lane, whichever is longer, from which a vehicle seeks the lane that its route needs;
 before that it overtakes on any lane."""
@@ -127,12 +129,14 @@ def shorter_queue(world: WorldState, wish: Wish, left: float, levels: Levels = F
 
 def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
     """m/s to expect of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is
-    none."""
+    none, and where it brakes on the own lane."""
     rows, along = _in_lane_ahead(world, wish, aside, levels)
     if not len(rows):
         return math.inf
-    next_one = rows[along.argmin()]
-    return world.speed.item(next_one) + FORESEEN * max(world.acceleration.item(next_one), 0.0)
+    speed, acceleration = (values.item(rows[along.argmin()]) for values in (world.speed, world.acceleration))
+    if aside == 0.0 and acceleration < -STEADY:
+        return math.inf
+    return float(speed + FORESEEN * max(acceleration, 0.0))
 
 
 def _queue(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:

@@ -93,9 +93,11 @@ def test_it_goes_back_to_the_right_where_it_is_not_held_up_there(there: float | 
     assert faster_there(world, LEFT._replace(lateral_offset=3.2), 30.0, back=True) is back
 
 
-@pytest.mark.parametrize(("ahead", "acceleration", "faster"), [(5.0, 0.0, True), (5.0, 2.5, False), (13.0, 0.0, False)])
+@pytest.mark.parametrize(
+    ("ahead", "acceleration", "faster"), [(5.0, 0.0, True), (5.0, 2.5, False), (5.0, -1.0, False), (13.0, 0.0, False)]
+)
 @pytest.mark.parametrize("aside", [-3.2, 3.2])
-def test_on_a_street_it_overtakes_to_either_side_but_none_that_speeds_up(
+def test_on_a_street_it_overtakes_to_either_side_what_neither_speeds_up_nor_brakes(
     aside: float, ahead: float, acceleration: float, faster: bool
 ) -> None:
     world = make_world([0.0, 30.0], [0.0, 0.0], speed=[6.0, ahead], acceleration=[0.0, acceleration])
