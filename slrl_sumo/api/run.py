@@ -254,7 +254,8 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
         counters = RunCounters(started.step.world, started.surfaces.levels)
         recorder = RunRecorder(started) if keep else None
         end = started.step.time
-        writer = TraceWriter(fcd) if fcd is not None else None
+        elevated = started.step.places.heights is not None
+        writer = TraceWriter(fcd, elevated=elevated) if fcd is not None else None
         if writer is not None:
             stack.enter_context(writer)
         with _collected(failures), suppress(KeyboardInterrupt):

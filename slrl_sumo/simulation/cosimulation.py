@@ -109,7 +109,7 @@ class CoSimulation:
         self._refusals = [simulation.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
         self._refusals += [] if self._yielding is None else [self._yielding.refusals]
         self._refused: dict[str, str] = {}
-        self._trace_places = TracePlaces(simulation.network) if traced else None
+        self._trace_places = TracePlaces(simulation.api, simulation.network) if traced else None
         self._time: float | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
@@ -215,10 +215,11 @@ class CoSimulation:
         self.population.check(users, frozenset(self._snapshot.ids))
         background = background_world(self._snapshot, self._simulation.time, self.population.ids)
         places = places_of(users, self.population.sumo_types, background, self._snapshot)
+        world = replace(users, time=time).join(background)
         if self._trace_places is not None:
-            places = self._trace_places.of_learned(places, users)
+            places = self._trace_places.complete(places, world)
         self._stopwatch.lap("read")
-        return Step(time, replace(users, time=time).join(background), places)
+        return Step(time, world, places)
 
     def _close(self, interval: _Interval) -> Decision:
         """The end of an interval: drop removed road users, hand back, take over, and assemble the world."""

@@ -1,12 +1,16 @@
-"""Where the trace has learned persons: on the edge, crossing or walking area under them."""
+"""What a trace says of where road users are: learned persons on the edge, crossing or walking area under them, and
+heights."""
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from slrl_sumo.formats.fcd.columns import Places
-from slrl_sumo.scene.geometry import front_from_centre
+from slrl_sumo.formats.fcd.columns import Heights, Places
+from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
+from slrl_sumo.sumo.api import SumoApi
+from slrl_sumo.sumo.elevation import Elevation, has_elevation
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.foot_lanes import FootLanes
 
@@ -18,33 +22,63 @@ class TracePlaces:
     and walking areas, and in 6 to 22 % of the rows names an edge that is more than 1 m away.
     """
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, api: SumoApi, network: Network) -> None:
         self._foot_lanes = FootLanes(network.lanes)
+        self._areas = frozenset(self._foot_lanes.lanes[k].edge for k in np.flatnonzero(self._foot_lanes.area))
+        self._elevation = Elevation(api, network) if has_elevation(api, network) else None
         self._walked: dict[str, tuple[int, float, float, float]] = {}
         """Those on walking areas: the area, x and y (m), and m walked since they came onto it."""
 
-    def of_learned(self, places: Places, learned: WorldState) -> Places:
-        """`places` with edges and positions by where the `learned` road users are, which are their first n ones.
+    def complete(self, places: Places, world: WorldState) -> Places:
+        """`places` of all road users of `world`, with edges and positions of learned persons by where they are, and
+        with heights where the network has them.
 
         As SUMO writes them for its persons, positions count from the begin of an edge or crossing, whichever way the
         person walks (measured: equal within rounding); on a walking area, they are m walked on it.
         """
-        rows = np.flatnonzero(places.person[: len(learned)])
-        if not len(rows):
-            self._walked = {}
-            return places
-        x, y = front_from_centre(learned.x[rows], learned.y[rows], learned.heading[rows], learned.length[rows])
+        rows = np.flatnonzero(places.person & world.learned)
+        x, y = front_from_centre(world.x[rows], world.y[rows], world.heading[rows], world.length[rows])
         lanes, along = self._foot_lanes.at(x, y)
-        walked = {}
-        on_lane = np.flatnonzero(lanes >= 0)
-        for k in on_lane[self._foot_lanes.area[lanes[on_lane]]].tolist():
-            name, area, here = learned.ids[rows[k]], int(lanes[k]), (x.item(k), y.item(k))
-            last, before_x, before_y, distance = self._walked.get(name, (-1, 0.0, 0.0, 0.0))
-            along[k] = distance + float(np.hypot(here[0] - before_x, here[1] - before_y)) if last == area else 0.0
-            walked[name] = area, *here, along.item(k)
-        self._walked = walked
+        self._walk_on([world.ids[row] for row in rows], lanes, x, y, along)
         edges, positions = list(places.lane), places.lane_position.copy()
         for row, lane in zip(rows.tolist(), lanes.tolist(), strict=True):
             edges[row] = self._foot_lanes.lanes[lane].edge if lane >= 0 else ""
         positions[rows] = along
-        return replace(places, lane=tuple(edges), lane_position=positions)
+        places = replace(places, lane=tuple(edges), lane_position=positions)
+        if self._elevation is None:
+            return places
+        return replace(places, heights=self._heights(self._elevation, places, world, rows, lanes, along))
+
+    def _walk_on(self, ids: list[str], lanes: NDArray[np.intp], x: Floats, y: Floats, along: Floats) -> None:
+        """Set `along` for the persons on walking areas: n persons, their lanes (-1: none) and positions (m), (n,)."""
+        on_lane = np.flatnonzero(lanes >= 0)
+        walked = {}
+        for k in on_lane[self._foot_lanes.area[lanes[on_lane]]].tolist():
+            area, here_x, here_y = int(lanes[k]), x.item(k), y.item(k)
+            last, before_x, before_y, distance = self._walked.get(ids[k], (-1, 0.0, 0.0, 0.0))
+            along[k] = distance + float(np.hypot(here_x - before_x, here_y - before_y)) if last == area else 0.0
+            walked[ids[k]] = area, here_x, here_y, along.item(k)
+        self._walked = walked
+
+    def _heights(
+        self,
+        elevation: Elevation,
+        places: Places,
+        world: WorldState,
+        rows: NDArray[np.intp],
+        lanes: NDArray[np.intp],
+        along: Floats,
+    ) -> Heights:
+        """Heights of all road users; those of the learned persons `rows` from the `lanes` under them, `along` m."""
+        z, slope = elevation.of_road_users(world.ids, places.person)
+        for row, number, place in zip(rows.tolist(), lanes.tolist(), along.tolist(), strict=True):
+            if number < 0:
+                z[row] = elevation.last(world.ids[row])
+            elif self._foot_lanes.area[number]:
+                z[row] = elevation.in_area(self._foot_lanes.lanes[number], world.x.item(row), world.y.item(row))
+            else:
+                z[row], slope[row] = elevation.on_lane(self._foot_lanes.lanes[number], place)
+        # A walking area has no direction. SUMO takes the slope of its outline there, -86 degrees where that is steep.
+        slope[[edge in self._areas for edge in places.lane]] = 0.0
+        elevation.keep(world.ids, places.person, z)
+        return Heights(z, slope)

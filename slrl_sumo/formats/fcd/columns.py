@@ -19,9 +19,21 @@ CSV_COLUMNS = (
     *("vehicle_speed", "vehicle_pos", "vehicle_lane", "vehicle_edge", "vehicle_slope"),
 )
 """Columns of the CSV and Parquet of SUMO 1.28. Persons use the same columns: they have an edge and no lane."""
+HEIGHT_COLUMN = "vehicle_z"
+"""The column that follows vehicle_y in networks that have heights."""
 OWN_COLUMNS = ("mode", "learned")
 """Additional columns: the mode of a learned road user, empty where there is none, and 1 for learned ones, else 0. The
 schema of SUMO's XML has neither: see `trace`."""
+
+
+@dataclass(frozen=True)
+class Heights:
+    """What traces have in networks with heights only."""
+
+    z: Floats
+    """m, (n,)."""
+    slope: Floats
+    """Degrees in the direction of the lane or edge, (n,); no meaning where the road user is on none."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +48,8 @@ class Places:
     """m from the start of the lane or edge, (n,); no meaning where `lane` is ''."""
     person: NDArray[np.bool_]
     """True for SUMO's persons, False for its vehicles, (n,)."""
+    heights: Heights | None = None
+    """None where the network is flat."""
 
 
 def check_fcd_path(path: str | os.PathLike[str]) -> str:
@@ -65,6 +79,29 @@ def figures(time: float, world: WorldState, places: Places) -> tuple[Floats, Flo
     numbers[2:] = np.maximum(numbers[2:], 0.0)  # the schema allows no negative speed or pos
     x, y, speed, position = numbers + 0.0  # no "-0.000"
     return x, y, angle, speed, position
+
+
+def table_columns(elevated: bool) -> tuple[str, ...]:
+    """CSV_COLUMNS with HEIGHT_COLUMN if `elevated`, and OWN_COLUMNS."""
+    after_y = CSV_COLUMNS.index("vehicle_y") + 1
+    return (*CSV_COLUMNS[:after_y], *((HEIGHT_COLUMN,) if elevated else ()), *CSV_COLUMNS[after_y:], *OWN_COLUMNS)
+
+
+def height_figures(places: Places, elevated: bool) -> tuple[Floats, Floats] | None:
+    """z (m) and slope (degrees) as in FCD, (n,) each; None in a trace that is not `elevated`.
+
+    Raises ValueError where that disagrees with `places`, or a value is not finite that has a meaning.
+    """
+    heights = places.heights
+    if (heights is not None) != elevated:
+        raise ValueError("heights are in all time steps of a trace or in none")
+    if heights is None:
+        return None
+    slope: Floats = np.where(np.array(places.lane, np.object_) == "", 0.0, heights.slope)
+    if not (np.isfinite(heights.z).all() and np.isfinite(slope).all()):
+        raise ValueError("heights and slopes must be finite")
+    z, slope = np.round(heights.z, 3), np.round(slope, 2)
+    return z + 0.0, slope + 0.0  # no "-0.00"
 
 
 def time_text(time: float) -> str:

@@ -12,7 +12,15 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, OWN_COLUMNS, Places, figures, learned_modes
+from slrl_sumo.formats.fcd.columns import (
+    CSV_COLUMNS,
+    HEIGHT_COLUMN,
+    Places,
+    figures,
+    height_figures,
+    learned_modes,
+    table_columns,
+)
 from slrl_sumo.formats.fcd.steps import FcdStep, missing_columns, steps_of_rows
 from slrl_sumo.input_files import check_content
 from slrl_sumo.scene.state import WorldState
@@ -20,14 +28,11 @@ from slrl_sumo.scene.state import WorldState
 _DOUBLES = ("timestep_time", "vehicle_x", "vehicle_y")
 _TEXTS = ("vehicle_id", "vehicle_type", "vehicle_lane", "vehicle_edge")
 _TYPES = (
-    {name: pa.float32() for name in CSV_COLUMNS}
+    {name: pa.float32() for name in (*CSV_COLUMNS, HEIGHT_COLUMN)}
     | {name: pa.float64() for name in _DOUBLES}
     | {name: pa.string() for name in _TEXTS}
     | {"mode": pa.int8(), "learned": pa.bool_()}
 )
-SCHEMA = pa.schema([(name, _TYPES[name]) for name in CSV_COLUMNS + OWN_COLUMNS])
-"""Types are those of SUMO's Parquet; missing values are null."""
-
 BYTES_PER_ROW = 50
 """Memory of a row that was read (FcdTable)."""
 ROW_GROUP = 1 << 16
@@ -35,21 +40,24 @@ ROW_GROUP = 1 << 16
 
 
 class ParquetWriter:
-    """Writes an FCD file as Parquet, step by step; a context manager with the methods of FcdWriter.
+    """Writes an FCD file as Parquet, step by step; a context manager with the arguments and methods of FcdWriter. Types
+    are those of SUMO's Parquet; missing values are null.
 
     Memory holds ROW_GROUP rows and those of one time step. Parquet is readable only after `close`: if the process is
     killed or writing fails, the file is unreadable. Raises InputError if the file cannot be written; an incomplete file
     is then removed.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, elevated: bool = False) -> None:
         self.path = Path(path)
-        self._columns: dict[str, list[Any]] = {name: [] for name in SCHEMA.names}
+        self._elevated = elevated
+        self._schema = pa.schema([(name, _TYPES[name]) for name in table_columns(elevated)])
+        self._columns: dict[str, list[Any]] = {name: [] for name in self._schema.names}
         self._rows = 0
         try:
             self._file = open(self.path, "wb")  # noqa: SIM115 (closed by close)
             self._file.tell()  # raises for pipes: Parquet needs seekable files
-            self._writer = pq.ParquetWriter(self._file, SCHEMA, compression="zstd")
+            self._writer = pq.ParquetWriter(self._file, self._schema, compression="zstd")
         except OSError as e:
             raise InputError(f"cannot write {self.path}: {e.strerror or e}") from e
 
@@ -59,6 +67,7 @@ class ParquetWriter:
             raise ValueError(f"{self.path} is closed")
         x, y, angle, speed, position = figures(time, world, places)
         n = len(world)
+        heights = height_figures(places, self._elevated)
         order = np.argsort(places.person, kind="stable")  # vehicles first
         lane = np.array(places.lane, np.object_)
         nowhere = lane == ""
@@ -78,10 +87,12 @@ class ParquetWriter:
             "vehicle_pos": np.where(nowhere, np.nan, position),
             "vehicle_lane": np.where(nowhere | places.person, null, lane),
             "vehicle_edge": np.where(nowhere | ~places.person, null, lane),
-            "vehicle_slope": np.zeros(n),
+            "vehicle_slope": np.zeros(n) if heights is None else np.where(nowhere, np.nan, heights[1]),
             "mode": mode,
             "learned": world.learned,
         }
+        if heights is not None:
+            step[HEIGHT_COLUMN] = heights[0]
         for name, column in step.items():
             self._columns[name].append(column[order])
         self._rows += n
@@ -110,16 +121,16 @@ class ParquetWriter:
                 raise
 
     def _flush(self) -> None:
-        columns, self._columns = self._columns, {name: [] for name in SCHEMA.names}
+        columns, self._columns = self._columns, {name: [] for name in self._schema.names}
         rows, self._rows = self._rows, 0
         if not rows:
             return
-        # NaN marks a missing `pos`; no other column has NaN.
+        # NaN marks a missing `pos` or slope; no other column has NaN.
         arrays = [
-            pa.array(np.concatenate(columns[name]), SCHEMA.field(name).type, from_pandas=True) for name in columns
+            pa.array(np.concatenate(columns[name]), self._schema.field(name).type, from_pandas=True) for name in columns
         ]
         try:
-            self._writer.write_table(pa.table(arrays, schema=SCHEMA), row_group_size=rows)
+            self._writer.write_table(pa.table(arrays, schema=self._schema), row_group_size=rows)
         except OSError as e:
             self._give_up(e)
 

@@ -51,11 +51,12 @@ class TraceWriter:
     """Writes a trace, and the files beside it where there are signals, or learned road users in XML; older files
     of these names are removed. A context manager.
 
-    Each file is whole after each `write` (see GrowingFile). Raises InputError where one cannot be written.
+    `elevated`: whether its places have heights. Each file is whole after each `write` (see GrowingFile). Raises
+    InputError where one cannot be written.
     """
 
-    def __init__(self, fcd: Path) -> None:
-        self._fcd = open_fcd(fcd)
+    def __init__(self, fcd: Path, *, elevated: bool = False) -> None:
+        self._fcd = open_fcd(fcd, elevated=elevated)
         for file in trace_files(fcd)[1:]:
             file.unlink(missing_ok=True)
         self._signals = SignalsWriter(signals_file(fcd))

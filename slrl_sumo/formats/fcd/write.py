@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.columns import (
-    CSV_COLUMNS,
-    OWN_COLUMNS,
     Places,
     check_fcd_path,
     figures,
+    height_figures,
     learned_modes,
+    table_columns,
     time_text,
 )
 from slrl_sumo.formats.growing_file import GrowingFile
@@ -35,31 +35,41 @@ _HEAD = (
 
 _TAIL = "</fcd-export>\n"
 
-# In the order (id, x, y, angle, type, speed, pos, lane or edge).
-_POSE = ' id="%s" x="%.3f" y="%.3f" angle="%.2f" type="%s" speed="%.3f"'
-_VEHICLE = f'        <vehicle{_POSE} pos="%.3f" lane="%s" slope="0.00"/>\n'
-_PERSON = f'        <person{_POSE} pos="%.3f" edge="%s" slope="0.00"/>\n'
-_VEHICLE_NOWHERE = f'        <vehicle{_POSE} slope="0.00"/>\n'
-_PERSON_NOWHERE = f'        <person{_POSE} slope="0.00"/>\n'
-_CSV_POSE = "%s;%.3f;%.3f;%.2f;%s;%.3f"
-_CSV_VEHICLE = f"{_CSV_POSE};%.3f;%s;;0.00;%s\n"
-_CSV_PERSON = f"{_CSV_POSE};%.3f;;%s;0.00;%s\n"
-_CSV_NOWHERE = f"{_CSV_POSE};;;;0.00;%s\n"
+_TAGS = "vehicle", "person"
 
 _TO_QUOTE = re.compile(r'[;"\n\r]')
 
 
-def open_fcd(path: str | os.PathLike[str]) -> "FcdWriter | ParquetWriter":
-    """A writer for the format of the file's suffix. Raises InputError as FcdWriter does."""
+def open_fcd(path: str | os.PathLike[str], *, elevated: bool = False) -> "FcdWriter | ParquetWriter":
+    """A writer for the format of the file's suffix, see FcdWriter, which raises the same."""
     if check_fcd_path(path) != ".parquet":
-        return FcdWriter(path)
+        return FcdWriter(path, elevated=elevated)
     from slrl_sumo.formats.fcd.parquet import ParquetWriter  # pyarrow is an extra
 
-    return ParquetWriter(path)
+    return ParquetWriter(path, elevated=elevated)
+
+
+class _Forms:
+    """Rows of the road users as text, from (id, x, y, angle, type, speed, pos, lane or edge); with heights z follows y,
+    and the slope comes last."""
+
+    def __init__(self, csv: bool, elevated: bool) -> None:
+        slope = "%.2f" if elevated else "0.00"
+        if csv:
+            z, unknown = ("%.3f;", "") if elevated else ("", "0.00")
+            pose = f"%s;%.3f;%.3f;{z}%.2f;%s;%.3f"
+            self.with_lane, self.with_edge = f"{pose};%.3f;%s;;{slope};%s\n", f"{pose};%.3f;;%s;{slope};%s\n"
+            self.vehicle_nowhere = self.person_nowhere = f"{pose};;;;{unknown};%s\n"
+        else:
+            z, unknown = (' z="%.3f"', "") if elevated else ("", ' slope="0.00"')
+            pose = f' id="%s" x="%.3f" y="%.3f"{z} angle="%.2f" type="%s" speed="%.3f"'
+            self.with_lane = f'        <vehicle{pose} pos="%.3f" lane="%s" slope="{slope}"/>\n'
+            self.with_edge = f'        <person{pose} pos="%.3f" edge="%s" slope="{slope}"/>\n'
+            self.vehicle_nowhere, self.person_nowhere = (f"        <{tag}{pose}{unknown}/>\n" for tag in _TAGS)
 
 
 class FcdWriter:
-    """Writes an FCD file as XML or CSV, step by step; a context manager.
+    """Writes an FCD file as XML or CSV, step by step; a context manager. `elevated`: whether its places have heights.
 
     The same worlds give the same bytes. Each time step is on disk when `write` returns, and the file is complete and
     valid after each, also if the process dies. Only a kill inside the one system call that writes a step can cut the
@@ -68,13 +78,14 @@ class FcdWriter:
     fails; the file then ends with the step before and is closed.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, elevated: bool = False) -> None:
         self.path = Path(path)
         suffix = check_fcd_path(path)
         if suffix == ".parquet":
             raise InputError(f"{self.path}: Parquet has a writer of its own; call open_fcd")
-        self._csv = suffix == ".csv"
-        head, tail = (";".join(CSV_COLUMNS + OWN_COLUMNS) + "\n", "") if self._csv else (_HEAD, _TAIL)
+        self._csv, self._elevated = suffix == ".csv", elevated
+        self._forms = _Forms(self._csv, elevated)
+        head, tail = (";".join(table_columns(elevated)) + "\n", "") if self._csv else (_HEAD, _TAIL)
         self._file = GrowingFile(self.path, head, tail)
 
     def write(self, time: float, world: WorldState, places: Places, modes: NDArray[np.integer] | None = None) -> None:
@@ -87,28 +98,34 @@ class FcdWriter:
             raise ValueError(f"{self.path} is closed")
         x, y, angle, speed, position = figures(time, world, places)
         escape = quoted if self._csv else escaped
+        heights = height_figures(places, self._elevated)
+        z, slope = ([], []) if heights is None else ([each.tolist()] for each in heights)
         columns = [
-            *(escape(world.ids), x.tolist(), y.tolist(), angle.tolist(), escape(places.sumo_type)),
-            *(speed.tolist(), position.tolist(), escape(places.lane)),
+            *(escape(world.ids), x.tolist(), y.tolist(), *z, angle.tolist(), escape(places.sumo_type)),
+            *(speed.tolist(), position.tolist(), escape(places.lane), *slope),
         ]
+        # The places of pos, lane and slope.
+        begin = 6 + len(z)
+        lane, end = begin + 1, begin + 2 + len(slope)
         stamp = time_text(time)
+        forms = self._forms
+        with_lane, with_edge, nowhere, person_nowhere = (
+            f"{stamp};{form}" if self._csv else form
+            for form in (forms.with_lane, forms.with_edge, forms.vehicle_nowhere, forms.person_nowhere)
+        )
         if self._csv:
-            with_lane, with_edge, nowhere = (f"{stamp};{form}" for form in (_CSV_VEHICLE, _CSV_PERSON, _CSV_NOWHERE))
-            person_nowhere = nowhere
             columns.append(_own_fields(world, modes))
-        else:
-            with_lane, with_edge, nowhere, person_nowhere = _VEHICLE, _PERSON, _VEHICLE_NOWHERE, _PERSON_NOWHERE
         rows = zip(*columns, strict=True)
         if places.person.any():
             vehicles, persons = [], []
             for person, row in zip(places.person.tolist(), rows, strict=True):
                 if person:
-                    persons.append(with_edge % row if row[7] else person_nowhere % (row[:6] + row[8:]))
+                    persons.append(with_edge % row if row[lane] else person_nowhere % (row[:begin] + row[end:]))
                 else:
-                    vehicles.append(with_lane % row if row[7] else nowhere % (row[:6] + row[8:]))
+                    vehicles.append(with_lane % row if row[lane] else nowhere % (row[:begin] + row[end:]))
             lines = vehicles + persons
         else:
-            lines = [with_lane % row if row[7] else nowhere % (row[:6] + row[8:]) for row in rows]
+            lines = [with_lane % row if row[lane] else nowhere % (row[:begin] + row[end:]) for row in rows]
         text = "".join(lines)
         if not self._csv:
             text = (

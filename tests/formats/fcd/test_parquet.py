@@ -1,6 +1,7 @@
 import resource
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,8 @@ from builders import make_world
 from slrl_sumo import extras
 from slrl_sumo.api import run as outputs
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.columns import Places
-from slrl_sumo.formats.fcd.parquet import ROW_GROUP, SCHEMA, ParquetWriter
+from slrl_sumo.formats.fcd.columns import Heights, Places
+from slrl_sumo.formats.fcd.parquet import ROW_GROUP, ParquetWriter
 from slrl_sumo.formats.fcd.read import read_fcd
 from slrl_sumo.formats.fcd.table import read_table
 from slrl_sumo.formats.fcd.write import open_fcd
@@ -62,7 +63,19 @@ def test_columns_and_types_are_those_of_sumo_and_our_two(tmp_path: Path) -> None
     ours, native = pq.read_schema(tmp_path / "t.parquet"), pq.read_schema(tmp_path / "n.parquet")
     assert ours.names == [*native.names, "mode", "learned"]
     assert ours.types[: len(native)] == native.types
-    assert ours == SCHEMA
+
+
+def test_heights_are_in_the_column_of_sumo(tmp_path: Path) -> None:
+    world, places = scene(0.0, 4)
+    slope = np.array([1.0, 2.0, 3.0, np.nan])
+    with open_fcd(tmp_path / "t.parquet", elevated=True) as writer:
+        writer.write(0.0, world, replace(places, heights=Heights(np.arange(4.0), slope)), np.arange(2))
+    table = pd.read_parquet(tmp_path / "t.parquet")
+    assert list(table.columns[:5]) == ["timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_z"]
+    assert str(table.vehicle_z.dtype) == "float32"
+    by_id = table.set_index("vehicle_id")
+    assert by_id.vehicle_z.to_dict() == {"u0": 0.0, "u1": 1.0, "u2": 2.0, "u3": 3.0}
+    assert by_id.vehicle_slope.dropna().to_dict() == {"u0": 1.0, "u1": 2.0, "u2": 3.0}
 
 
 def test_pandas_reads_what_was_written(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from builders import make_world
 from lxml import etree
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, Places
+from slrl_sumo.formats.fcd.columns import CSV_COLUMNS, Heights, Places
 from slrl_sumo.formats.fcd.write import FcdWriter, open_fcd
 from slrl_sumo.scene.state import WorldState, empty_world
 
@@ -60,6 +60,40 @@ def validate(path: Path) -> etree._Element:
     root = etree.fromstring(text_of(path).encode())
     schema.assertValid(root)
     return root
+
+
+def hill(time: float, n: int = 4) -> tuple[WorldState, Places]:
+    """`scene` in a network with heights."""
+    world, places = scene(time, n)
+    slope = np.where(np.arange(n) % 4 == 3, np.nan, -2.756)
+    return world, replace(places, heights=Heights(100.0 + np.arange(n), slope))
+
+
+def test_heights_are_where_sumo_writes_them(tmp_path: Path) -> None:
+    world, places = hill(0.0)
+    for name in ("t.xml", "t.csv"):
+        with open_fcd(tmp_path / name, elevated=True) as writer:
+            writer.write(0.0, world, places)
+    vehicle, _, nowhere, person = validate(tmp_path / "t.xml")[0]
+    assert list(vehicle.attrib) == ["id", "x", "y", "z", "angle", "type", "speed", "pos", "lane", "slope"]
+    assert list(person.attrib) == ["id", "x", "y", "z", "angle", "type", "speed", "pos", "edge", "slope"]
+    assert (person.get("z"), person.get("slope"), person.get("edge")) == ("102.000", "-2.76", "edge2")
+    assert list(nowhere.attrib) == ["id", "x", "y", "z", "angle", "type", "speed"]
+    head, *rows = text_of(tmp_path / "t.csv").splitlines()
+    table = [dict(zip(head.split(";"), row.split(";"), strict=True)) for row in rows]
+    assert head.split(";")[:5] == ["timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_z"]
+    assert [row["vehicle_z"] for row in table] == ["100.000", "101.000", "103.000", "102.000"]
+    assert [row["vehicle_slope"] for row in table] == ["-2.76", "-2.76", "", "-2.76"]
+
+
+@pytest.mark.parametrize("name", ["t.xml", "t.csv", "t.parquet"])
+def test_heights_are_in_all_steps_or_in_none(tmp_path: Path, name: str) -> None:
+    for elevated, step in ((True, scene), (False, hill)):
+        with (
+            open_fcd(tmp_path / name, elevated=elevated) as writer,
+            pytest.raises(ValueError, match="in all time steps"),
+        ):
+            writer.write(0.0, *step(0.0))
 
 
 def test_xml_is_what_sumo_would_write(tmp_path: Path) -> None:
