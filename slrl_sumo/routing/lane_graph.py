@@ -184,7 +184,7 @@ class LaneGraph:
                 remaining = remaining[1:]
         early = {here: self._early(here, via) for _, here, via, _ in entries}
         path = _joined([self.lanes[i] for i in chain], entries, before, self.lanes, early)
-        if not edges or self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
+        if rng is not None or self.lanes[lane].internal or len(self._of_edge[self.lanes[lane].edge]) == 1:
             return path
         route = (self.lanes[lane].edge, *edges)
         return replace(path, route=route, next_lane=self.lane_to_change_to(lane, vehicle_class, route))

@@ -265,7 +265,7 @@ class VehicleTracker:
         """Begin the lane change that the route needs, where there is a gap. Returns a change that is under way, or for
         which there is no gap."""
         path = track.path
-        if not track.edges or path.lanes[0].startswith(":") or path.lane_at(track.s) > 0:
+        if not (track.edges or path.route) or path.lanes[0].startswith(":") or path.lane_at(track.s) > 0:
             return None
         if abs(track.lateral_offset) > CHANGING:
             return Wish(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)

@@ -316,16 +316,16 @@ def test_a_vehicle_that_has_just_been_inserted_stays_on_its_lane(tmp_path: Path)
         assert asides == pytest.approx([0.0, 0.0, -libsumo.lane.getWidth("ab_0")], abs=0.2)
 
 
-@pytest.mark.parametrize(("length", "overtakes"), [(800, True), (290, False)])
-def test_far_from_its_end_a_vehicle_overtakes_on_a_lane_that_does_not_lead_on(
-    tmp_path: Path, length: int, overtakes: bool
+@pytest.mark.parametrize(("length", "to", "overtakes"), [(800, "bc", True), (290, "bc", False), (290, "ab", True)])
+def test_a_vehicle_overtakes_on_a_lane_that_does_not_lead_on_only_far_from_its_end_or_on_the_last_edge(
+    tmp_path: Path, length: int, to: str, overtakes: bool
 ) -> None:
     nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", length), ("c", length + 90)))
     edges = '<edge id="ab" from="a" to="b" numLanes="2"/><edge id="bc" from="b" to="c" numLanes="1"/>'
     demand = (
         '<vType id="bike" vClass="bicycle"/>'
-        '<trip id="ahead" type="bike" from="ab" to="bc" depart="0" departPos="60" departSpeed="5"/>'
-        '<trip id="car" from="ab" to="bc" depart="0" departPos="10" departSpeed="5"/>'
+        f'<trip id="ahead" type="bike" from="ab" to="{to}" depart="0" departLane="0" departPos="60" departSpeed="5"/>'
+        f'<trip id="car" from="ab" to="{to}" depart="0" departLane="0" departPos="10" departSpeed="5"/>'
     )
     (tmp_path / "right.con.xml").write_text(
         '<connections><connection from="ab" to="bc" fromLane="0" toLane="0"/></connections>'

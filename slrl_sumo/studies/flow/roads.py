@@ -45,6 +45,14 @@ def following(folder: Path) -> Path:
     return write_situation(folder, _straight(1200.0), demand, 240.0)
 
 
+def overtaking(folder: Path) -> Path:
+    """A street of two lanes with cars and, every 40 s, a bicycle at less than half of their speed."""
+    plan = Plan(nodes({"a": (0.0, 0.0), "b": (1000.0, 0.0)}), {"road": road("a", "b", 2)})
+    riders = {"type": "rider", "begin": 0, "end": 3600, "period": 40}
+    demand = [element("flow", id="riders", from_="road", to="road", **riders), flow("cars", "road", "road", 500.0)]
+    return write_situation(folder, plan, demand, 300.0)
+
+
 def merge(through: float, joining: float) -> Callable[[Path], Path]:
     """A ramp with an acceleration lane of 200 m joins a road of one lane; cars per hour on the road and on the ramp."""
     plan = Plan(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
-from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway
+from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway, overtaking
 from slrl_sumo.studies.flow.scenario_files import LIMIT
 from slrl_sumo.studies.flow.towns import city, crossings, crowd, grid, town
 from slrl_sumo.studies.flow.wheel import game
@@ -52,6 +52,7 @@ SITUATIONS: dict[str, Situation] = {
         BICYCLE_SPEED,
     ),
     "following": Situation("a platoon behind a car that stops twice, on one lane", 240.0, following),
+    "overtaking": Situation("cars and bicycles on a street of two lanes", 300.0, overtaking),
     "bends": Situation("a road with bends of 30, 60, 90, 110 and 130 degrees", 240.0, bends),
     "merge": Situation(
         "a ramp with an acceleration lane of 200 m joins a road of one lane", 300.0, merge(900.0, 500.0)
