@@ -65,6 +65,8 @@ class Way:
     """The lane outside the junction that leads to them."""
     turns: bool
     """Whether it turns (TURNS), so that vehicles on it need more room than their width."""
+    pace: float = math.inf
+    """m/s: the lowest limit of its lanes, which SUMO's networks have from the radius of the turn."""
 
 
 class ConflictAreas:
@@ -122,7 +124,8 @@ class ConflictAreas:
         if way is None:
             directions = np.concatenate([self._points_of(lane)[:, 3:] for lane in lanes])
             turns = bool((directions @ directions[0] < math.cos(TURNS)).any())
-            way = self._ways[lanes] = Way(lanes, self._graph.origin(lanes[0]), turns)
+            limits = [self._graph.lanes[lane].max_speed for lane in lanes if lane in self._graph.lanes]
+            way = self._ways[lanes] = Way(lanes, self._graph.origin(lanes[0]), turns, min(limits, default=math.inf))
         return way
 
     def of_ways(self, way: Way, other: Way, apart: float, abreast: float) -> tuple[SharedArea, ...]:
