@@ -7,7 +7,7 @@ import numpy as np
 
 from slrl_sumo.formats.importers.classes import BICYCLE
 from slrl_sumo.formats.importers.parts import Part, parts_of, samples_of
-from slrl_sumo.formats.importers.resample import Samples, resample
+from slrl_sumo.formats.importers.resampling.resample import Samples, resample
 from slrl_sumo.formats.importers.timed import period_of, read_timed
 from slrl_sumo.formats.trajectories import Trajectories
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.classes import users_of
-from slrl_sumo.formats.importers.resample import Samples, resample
+from slrl_sumo.formats.importers.resampling.resample import Samples, resample
 from slrl_sumo.formats.importers.table import codes, read_table
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.geometry import wrap_angle

@@ -7,7 +7,7 @@ import numpy as np
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.classes import CAR, RoadUserClass, users_of
-from slrl_sumo.formats.importers.resample import Samples, resample
+from slrl_sumo.formats.importers.resampling.resample import Samples, resample
 from slrl_sumo.formats.importers.table import Table, codes, first_cells, read_table
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.types import RoadUserType

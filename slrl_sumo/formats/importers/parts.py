@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.classes import Users
-from slrl_sumo.formats.importers.resample import Samples
+from slrl_sumo.formats.importers.resampling.resample import Samples
 from slrl_sumo.formats.importers.table import EmptyTableError, Table
 from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats

@@ -8,7 +8,7 @@ import numpy as np
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.importers.camera import camera_moves
 from slrl_sumo.formats.importers.classes import BICYCLE, CAR, PEDESTRIAN, RoadUserClass, users_of
-from slrl_sumo.formats.importers.resample import SMOOTHING, Samples, resample
+from slrl_sumo.formats.importers.resampling.resample import SMOOTHING, Samples, resample
 from slrl_sumo.formats.importers.table import codes, read_table
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.input_files import read_text

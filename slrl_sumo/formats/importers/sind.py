@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from slrl_sumo.formats.importers.parts import parts_of, samples_of
-from slrl_sumo.formats.importers.resample import resample
+from slrl_sumo.formats.importers.resampling.resample import resample
 from slrl_sumo.formats.importers.timed import period_of, read_timed
 from slrl_sumo.formats.trajectories import Trajectories
 

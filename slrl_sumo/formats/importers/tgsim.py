@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from slrl_sumo.formats.importers.classes import BICYCLE, CAR, CLASSES, PEDESTRIAN, users_of
-from slrl_sumo.formats.importers.resample import Samples, resample
+from slrl_sumo.formats.importers.resampling.resample import Samples, resample
 from slrl_sumo.formats.importers.table import codes, first_cells, read_table
 from slrl_sumo.formats.trajectories import Trajectories
 

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.gaps import MISSING, check_waits, periods, split_notes
-from slrl_sumo.formats.importers.headings import against_motion, checked_headings
-from slrl_sumo.formats.importers.motion import heading_from_motion
-from slrl_sumo.formats.importers.speeds import speed_notes
+from slrl_sumo.formats.importers.resampling.gaps import MISSING, check_waits, periods, split_notes
+from slrl_sumo.formats.importers.resampling.headings import against_motion, checked_headings
+from slrl_sumo.formats.importers.resampling.motion import heading_from_motion
+from slrl_sumo.formats.importers.resampling.speeds import speed_notes
 from slrl_sumo.formats.trajectories import Integers, Trajectories, track_names
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, MAX_POSITION, TYPE_NAMES, RoadUserType

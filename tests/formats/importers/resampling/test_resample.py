@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.resample import SMOOTHING, Samples, resample
+from slrl_sumo.formats.importers.resampling.resample import SMOOTHING, Samples, resample
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 
