@@ -123,7 +123,7 @@ def _pairs(
     now: Now,
     order: NDArray[np.intp],
 ) -> NDArray[np.int64]:
-    """Who may touch whom, by the bounds of a whole path (see Pair), (p, 4)."""
+    """Mode paths and other road users that may touch, by the bounds of a whole path, (p, 4) as in `walk_into`."""
     x, y, size = now.x, now.y, boxes.size
     n, steps, _ = bounds.shape
     m = len(order)

@@ -47,7 +47,7 @@ ones, as on city streets, choose their lane freely."""
 FORESEEN = 4.0
 """s for which a vehicle ahead is expected to speed up as it does: behind one that starts at a signal none overtakes."""
 STEADY = 0.5
-"""m/s²: a vehicle ahead that brakes harder has a reason farther on, and holds up nobody."""
+"""m/s²: a vehicle ahead that brakes harder has a reason farther on, which holds for the next lane, too."""
 FAR = 30.0, 300.0
 """s and m before the end of its lane, whichever is longer, from which a vehicle seeks the lane that its route needs;
 before that it overtakes on any lane."""

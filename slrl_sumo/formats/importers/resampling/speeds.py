@@ -35,7 +35,7 @@ def speed_notes(trajectories: Trajectories) -> tuple[str, ...]:
 
 
 def _middle(speed: Floats) -> float:
-    """The speed at which half of the way is covered, so that those who stand do not count; 0 where there is no way."""
+    """The speed at which half of the way is covered, so that a stand does not count; 0 where there is no way."""
     ordered = np.sort(speed)
     way = np.cumsum(ordered)
     return float(ordered[np.searchsorted(way, 0.5 * way[-1])]) if len(way) else 0.0
