@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 import slrl_sumo
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
+from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.simulation.record import record
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.scenario.options import with_options
 
-STANDING = 0.1
 FILLING = 60.0
 
 
@@ -72,7 +71,7 @@ def cells(recordings: list[Trajectories], first: int, *, learned: bool = False) 
     shown = []
     for kind in range(len(TYPE_NAMES)):
         v = np.concatenate([each[kind] for each in speeds])
-        mean, standing = (v.mean(), (v < STANDING).mean()) if len(v) else (np.nan, np.nan)
+        mean, standing = (v.mean(), (v < STANDING_SPEED).mean()) if len(v) else (np.nan, np.nan)
         shown.append(f"{len(v) / frames:.1f} | {mean:.2f} | {100 * standing:.0f} %")
     return " | ".join(shown)
 

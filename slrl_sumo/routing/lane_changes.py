@@ -113,10 +113,11 @@ def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels:
 def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels = FLAT, *, back: bool = False) -> bool:
     """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: where it is held up and
     the next lane is faster; a fast one also `back` towards the kerb, where it is not held up there."""
-    here = min(_ahead(world, wish, 0.0, levels), desired)
-    there = min(_ahead(world, wish, -wish.lateral_offset, levels), desired)
+    there = min(_foreseen(*_ahead(world, wish, -wish.lateral_offset, levels)), desired)
     if back and desired >= KEEPS_RIGHT:
         return there > desired - 0.5 * GAIN
+    speed, acceleration = _ahead(world, wish, 0.0, levels)
+    here = desired if acceleration < -STEADY else min(_foreseen(speed, acceleration), desired)
     return there > here + GAIN
 
 
@@ -127,16 +128,19 @@ def shorter_queue(world: WorldState, wish: Wish, left: float, levels: Levels = F
     return here > SHORTER and min(there, left) > here + SHORTER
 
 
-def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
-    """m/s to expect of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf where there is
-    none, and where it brakes on the own lane."""
+def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> tuple[float, float]:
+    """m/s and m/s² of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf and 0 where there
+    is none."""
     rows, along = _in_lane_ahead(world, wish, aside, levels)
     if not len(rows):
-        return math.inf
-    speed, acceleration = (values.item(rows[along.argmin()]) for values in (world.speed, world.acceleration))
-    if aside == 0.0 and acceleration < -STEADY:
-        return math.inf
-    return float(speed + FORESEEN * max(acceleration, 0.0))
+        return math.inf, 0.0
+    row = rows[along.argmin()]
+    return world.speed.item(row), world.acceleration.item(row)
+
+
+def _foreseen(speed: float, acceleration: float) -> float:
+    """m/s after FORESEEN, if a vehicle goes on speeding up."""
+    return speed + FORESEEN * max(acceleration, 0.0)
 
 
 def _queue(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:

@@ -16,7 +16,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lane_state import LaneState
-from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane, lane_index
 from slrl_sumo.sumo.network.links import LaneLinks
 
 MOST_EDGES = 12
@@ -77,7 +77,7 @@ class LaneGraph:
             if lane.internal and not is_walking_area(lane.id):
                 self.inside.setdefault(junction_of(lane.id), []).append(lane.id)
         for lanes in self._of_edge.values():
-            lanes.sort(key=lambda lane: int(lane.rsplit("_", 1)[1]))
+            lanes.sort(key=lane_index)
         self._admitted: dict[tuple[str, str], list[tuple[str, str]]] = {}
         self._origins: dict[str, str] = {}
         self._waiting: dict[str, float] = {}
@@ -273,7 +273,7 @@ class LaneGraph:
                 reached = [total[t] for t, _ in self.links(lane) if t in total]
                 if reached:
                     after[lane] = min(reached)
-            number = {lane: int(lane.rsplit("_", 1)[1]) for lane in lanes}
+            number = {lane: lane_index(lane) for lane in lanes}
             each = max(CHANGE / max(self.lanes[lanes[0]].length, 1.0), 1.0) if lanes else 1.0
             total = {
                 lane: min(each * abs(number[lane] - number[other]) + cost for other, cost in after.items())

@@ -27,7 +27,7 @@ from slrl_sumo.scene.types import SPAWNED_PREFIX, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.arrivals import Arrivals
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, LanePoints
+from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, LanePoints, lane_index
 from slrl_sumo.sumo.road_users import allowed_speed, route_id, vehicle_lane, vehicle_parameters, vehicle_route
 
 DISPLACED = 0.5
@@ -321,7 +321,7 @@ class VehicleTracker:
             return False
         lane = track.path.lanes[0]
         desired = min(self._graph.limit(lane) * track.speed_factor, track.max_speed)
-        return faster_there(world, wish, desired, self._levels, back=_number(target) < _number(lane))
+        return faster_there(world, wish, desired, self._levels, back=lane_index(target) < lane_index(lane))
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
         """Rows of the other vehicles near a track that are changing to a lane, or come to it out of a junction."""
@@ -336,11 +336,6 @@ def _enters(track: VehicleTrack, lane: str) -> bool:
     if not lanes[here].startswith(":"):
         return lanes[0] == lane and abs(track.lateral_offset) > CHANGING
     return next((name for name in lanes[here:] if not name.startswith(":")), None) == lane
-
-
-def _number(lane: str) -> int:
-    """Of a lane on its edge, from the one nearest to the kerb."""
-    return int(lane.rsplit("_", 1)[1])
 
 
 def _seed(road_user: str) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
-from slrl_sumo.sumo.network.lanes import Lane
+from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
 NEARBY = 0.05
 """m to both sides of a place between which its slope is measured: pieces of lanes are longer."""
@@ -21,7 +21,7 @@ def has_elevation(api: SumoApi, network: Network) -> bool:
     """Whether a lane has a height other than 0, which is when SUMO writes z: 1 us a point of the lanes in a flat
     network."""
     return any(
-        api.simulation.convert3D(lane.edge, place, _index(lane))[2] != 0.0
+        api.simulation.convert3D(lane.edge, place, lane_index(lane.id))[2] != 0.0
         for lane in network.lanes
         for place in _corners(lane)
     )
@@ -86,12 +86,7 @@ class Elevation:
         return float(weights @ ends[:, 2] / weights.sum())
 
     def _at(self, lane: Lane, place: float) -> tuple[float, float, float]:
-        return self._api.simulation.convert3D(lane.edge, place, _index(lane))
-
-
-def _index(lane: Lane) -> int:
-    """Number of a lane on its edge."""
-    return int(lane.id.rpartition("_")[2])
+        return self._api.simulation.convert3D(lane.edge, place, lane_index(lane.id))
 
 
 def _corners(lane: Lane) -> list[float]:

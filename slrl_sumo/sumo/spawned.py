@@ -23,7 +23,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, SPAWNED_PREFIX, TYPE_NAMES, RoadUserType
 from slrl_sumo.sumo.api import RoadUserDomain, SumoApi
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.network.lanes import Lane, LanePoints
+from slrl_sumo.sumo.network.lanes import Lane, LanePoints, lane_index
 from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.removing_edges import MAY_BE_REMOVED, RemovingEdges
 from slrl_sumo.sumo.road_users import loaded_ids
@@ -182,7 +182,7 @@ class SpawnedControl:
         self._api.vehicle.moveToXY(
             road_user,
             lane.edge,
-            int(lane.id.rsplit("_", 1)[1]),
+            lane_index(lane.id),
             float(self._staging.x[point]),
             float(self._staging.y[point]),
             float(heading_to_sumo(self._staging.heading[point])),

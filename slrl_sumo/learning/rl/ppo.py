@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
+from slrl_sumo.learning.environments.seeds import drawn_seed
 from slrl_sumo.learning.rl.actor import Agent, kind_of
 from slrl_sumo.learning.rl.batch import Batch, gae, normalised
 from slrl_sumo.models.policy import learn_only
@@ -182,7 +182,7 @@ def learn(
     if settings.only:
         learn_only(agent.policy, settings.only)
     for iteration in iterations:
-        number = int(np.random.SeedSequence([seed, iteration]).generate_state(1)[0] >> 1)
+        number = drawn_seed(seed, iteration)
         if iteration % reset_every == 0:
             rollouts.reset(number)
         generator.manual_seed(number)

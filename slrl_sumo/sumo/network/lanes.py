@@ -52,6 +52,11 @@ class Lane:
         return vehicle_class in self.allowed or self.allowed >= ALL_CLASSES
 
 
+def lane_index(lane: str) -> int:
+    """The index of a lane, by its id, on its edge: SUMO counts from the kerb."""
+    return int(lane.rpartition("_")[2])
+
+
 CANDIDATES = 12
 """Lane points among which the lane of a road user is found."""
 ALONG = np.pi / 6.0
