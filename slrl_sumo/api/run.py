@@ -28,7 +28,7 @@ from slrl_sumo.models.bundle_folder import find_bundle
 from slrl_sumo.report.recorder import RunRecord, RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Event, Started
-from slrl_sumo.simulation.excluded import Excluded
+from slrl_sumo.simulation.excluded import Excluded, parse_excluded
 from slrl_sumo.simulation.isolated_run import run_isolated
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
@@ -251,7 +251,7 @@ def _play(settings: RunSettings, fcd: Path | None, keep: bool, quiet: bool, caug
         )
         task = bar.add_task(started.scenario, total=started.decisions, factor=0.0)
         _tell((*started.notices, *((started.compiling,) if started.compiling else ())), quiet)
-        counters = RunCounters(started.step.world, started.surfaces.levels)
+        counters = RunCounters(started.step.world, started.surfaces.levels, parse_excluded(settings.exclude))
         recorder = RunRecorder(started) if keep else None
         end = started.step.time
         elevated = started.step.places.heights is not None
@@ -307,9 +307,7 @@ def _notices(played: _Played) -> list[str]:
             f"ended after {MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h: the scenario has no end and still has road "
             "users; --until sets a later end"
         )
-    if played.counters.jam is not None:
-        notices.append(played.counters.jam)
-    return notices
+    return notices + played.counters.notices()
 
 
 def _tell(notices: Sequence[str], quiet: bool) -> None:

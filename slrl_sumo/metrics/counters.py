@@ -1,6 +1,7 @@
 """Counts over decisions: the sums behind `run --summary`, `evaluate` and `compare`, and the summary of a run."""
 
 from collections import Counter
+from collections.abc import Iterable
 from itertools import islice
 from typing import Any
 
@@ -86,7 +87,8 @@ class RunCounters:
     surface by more than 1 m, and without being lost.
     """
 
-    def __init__(self, start: WorldState, levels: Levels = FLAT) -> None:
+    def __init__(self, start: WorldState, levels: Levels = FLAT, exclude: Iterable[str] = ()) -> None:
+        """`start`: all road users before the first decision; `exclude`: ids of those that were to be left alone."""
         self.decisions = 0
         self.constraints: Counter[str] = Counter()
         self.wraparounds: list[tuple[str, float]] = []
@@ -101,6 +103,7 @@ class RunCounters:
         self._sums.columns(learned.ids, learned.type)
         self._encounters = EncounterCounts(start, levels=levels)
         self._density = Density(start)
+        self._not_seen = set(exclude).difference(start.ids)
 
     def add(self, decision: Decision) -> None:
         """Count one decision interval."""
@@ -125,6 +128,8 @@ class RunCounters:
         self.interventions += decision.interventions
         self.constraints.update(decision.constraints)
         self._density.add(world)
+        if self._not_seen:
+            self._not_seen.difference_update(world.ids)
         collisions = self._encounters.add(world, np.arange(len(world)) < n)
         users = world.take(np.arange(n))
         self._sums.add(
@@ -188,10 +193,14 @@ class RunCounters:
             ],
         }
 
-    @property
-    def jam(self) -> str | None:
-        """A notice where the traffic of the run has jammed, see `Density`."""
-        return self._density.jam()
+    def notices(self) -> list[str]:
+        """What there is to say at the end of a run: ids to exclude that never were there, and where traffic has jammed
+        (see `Density`)."""
+        notices = [f"exclude: no road user had one of the ids {', '.join(sorted(self._not_seen))}"] * bool(
+            self._not_seen
+        )
+        jam = self._density.jam()
+        return notices if jam is None else [*notices, jam]
 
 
 def ratio(value: float, count: float, digits: int = 4) -> float | None:

@@ -67,6 +67,8 @@ def test_a_run_leaves_them_to_sumo_and_counts_them() -> None:
     assert result.summary.left_to_sumo["excluded"] == 1
     assert "excluded" not in everybody.summary.left_to_sumo
     assert result.summary.options["exclude"] == sorted(["later", taken])
+    assert result.summary.notices == ["exclude: no road user had one of the ids later"]
+    assert not everybody.summary.notices
     tracks = result.trajectories
     assert tracks is not None
     mine = [row for row, road_user in enumerate(tracks.ids) if road_user.partition("#")[0] == taken]
@@ -81,7 +83,7 @@ def test_the_command_line_takes_ids_and_a_summary_repeats_them(cli: Cli, tmp_pat
     done = cli(*words, "--exclude", "ego,bus_3", "--exclude", "van", "--summary", "a.json", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     done = cli("run", "--config", "a.json", "--summary", "b.json", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.stderr) == (0, "note: exclude: no road user had one of the ids bus_3, ego, van\n")
     for name in ("a.json", "b.json"):
         assert json.loads((tmp_path / name).read_text())["options"]["exclude"] == ["bus_3", "ego", "van"]
     (tmp_path / "run.toml").write_text('takeover = "car=1"\nexclude = ["ego"]\nsteps = 3\n')
