@@ -26,10 +26,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from slrl_sumo.jobs.pool import Backend, run_jobs
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -167,13 +167,13 @@ def moments(case: Case) -> Iterator[tuple[Moment, Decision | None]]:
         loop = add_learned(session, settings, load_models(settings), case.scenario).loop
         loop.start()
         while session.time < case.until:
-            step, decision = loop.step()
+            with one_thread():
+                step, decision = loop.step()
             yield Moment(step.world, loop.held), decision
 
 
 def run_case(case: Case) -> dict[str, Any]:
     """One run in this process."""
-    torch.set_num_threads(1)
     traffic, encounters = BackgroundTraffic(case.step_length), EncounterCounts()
     seen: dict[str, float] = {}
     interventions, learned = 0, 0.0

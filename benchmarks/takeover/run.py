@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from benchmarks.games import WaitingSignals, scenario_or_game
 from benchmarks.takeover.hand_back import HandBack
@@ -16,15 +15,15 @@ from benchmarks.takeover.lane_keeping import LaneKeeping
 from benchmarks.takeover.paths_picture import choose_paths, draw_paths
 from benchmarks.takeover.trip_outcomes import TakenTrip, TakenTrips, count_outcomes
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import Driver, make_driver
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.signal_crossings import SignalCrossing, SignalCrossings
 from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import Decision
+from slrl_sumo.simulation.learned import with_learned, without_learned
 from slrl_sumo.simulation.region import Region, parse_region
 from slrl_sumo.simulation.takeover import HYSTERESIS, Takeover
 from slrl_sumo.sumo.session import SumoSession
@@ -113,15 +112,17 @@ class CarPaths:
 
 def run_case(pictures: Path | None, case: Case) -> dict[str, Any]:
     """Do a run in this process. `pictures`: folder for a picture of ten cars' paths."""
-    torch.set_num_threads(1)
-    plain = case.selector == "sumo"
-    with SumoSession(scenario_or_game(case.scenario), seed=case.seed, step_length=case.step_length) as session:
+    plain, bundle, scenario = case.selector == "sumo", load_bundle(case.bundle), scenario_or_game(case.scenario)
+    with one_thread(), SumoSession(scenario, seed=case.seed, step_length=case.step_length) as session:
         api, end = session.api, session.time + case.seconds
         text = auto_region(api) if case.region == "auto" else case.region
         region = parse_region(text, session.network)
         timed = TimedRegion(**vars(region), clock=lambda: session.time, until=end)
-        rule = None if plain else Takeover(np.ones(len(TYPE_NAMES)), timed, case.seed)
-        loop = CoSimulation(session, _driver(case, session), takeover=rule, yielding=not plain)
+        if plain:
+            loop = without_learned(session)
+        else:
+            rule, constraints = Takeover(np.ones(len(TYPE_NAMES)), timed, case.seed), Constraints(guard=case.guard)
+            loop = with_learned(session, case.selector, bundle, case.seed, takeover=rule, constraints=constraints)
         trips, signals = TakenTrips(api, session.step_length), SignalCrossings(api, session.network)
         waiting, hand_back = WaitingSignals(api, session.time), HandBack(api, session.step_length)
         stats, cars = DrivingStats(loop.road_map), CarPaths(session)
@@ -196,15 +197,6 @@ def run_case(pictures: Path | None, case: Case) -> dict[str, Any]:
         },
         "users": {road_user: _user(trip) for road_user, trip in trips.all.items()},
     }
-
-
-def _driver(case: Case, session: SumoSession) -> Driver:
-    """The driver of the learned road users; in `sumo` it has none."""
-    selector = "lane" if case.selector == "sumo" else case.selector
-    bundle = load_bundle(case.bundle)
-    return make_driver(
-        selector, bundle, session.api, session.network, case.seed, constraints=Constraints(guard=case.guard)
-    )
 
 
 def _give_back(trips: TakenTrips, decision: Decision, world: WorldState, region: Region, now: float) -> None:

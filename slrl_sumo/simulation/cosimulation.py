@@ -67,9 +67,9 @@ class CoSimulation:
 
     Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
     at the end. `population`: the learned road users; `world`: all road users as they are now; `surfaces` and
-    `road_map`: the ground; `points`: the places per type where road users may start. Ids in `exclude` are neither
-    taken over nor held. `traced`: whether the places in its steps go into a trace; else those of learned persons are
-    what SUMO takes them for, which costs nothing.
+    `road_map`: the ground; `points`: the places per type where road users may start; `driver`: moves the
+    learned ones. Ids in `exclude` are neither taken over nor held. `traced`: whether the places in its steps go into a
+    trace; else those of learned persons are what SUMO takes them for, which costs nothing.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class CoSimulation:
     ) -> None:
         self.surfaces = simulation.network.surfaces()
         self.road_map = RoadMap(self.surfaces)
-        self._simulation, self._driver = simulation, driver
+        self._simulation, self.driver = simulation, driver
         self._substeps = round(DECISION_INTERVAL / simulation.step_length)
         self._taken_over_control = TakenOverControl(simulation.api, simulation.network)
         self.population = Population(simulation.spawned, self._taken_over_control)
@@ -186,7 +186,7 @@ class CoSimulation:
         learned = self.population.world
         moved = Moved(learned, None, {})
         if len(learned):
-            moved = self._driver.drive(self.world, len(learned), self.road_map)
+            moved = self.driver.drive(self.world, len(learned), self.road_map)
             self._drop_refused()
         following = moved.users
         wrapped_around = ~self.population.taken_over
@@ -241,7 +241,7 @@ class CoSimulation:
         self._assemble(present)
         self._taken_at_start = ()
         arrived_learned = tuple(users.ids[row] for row in np.flatnonzero(gone & arrived))
-        self._driver.forget(tuple(set(users.ids) - self.population.ids))
+        self.driver.forget(tuple(set(users.ids) - self.population.ids))
         outstanding = self._handover.handed_back
         arrived_later = tuple(sorted(outstanding & interval.arrived))
         outstanding.update(handed_back, self._refused.keys() & set(users.ids))
@@ -277,7 +277,7 @@ class CoSimulation:
         self._interval, self._differences = None, Differences()
         self._snapshot, self._time = self._simulation.reader.read(), self._simulation.time
         present = self._differences.complete(background_world(self._snapshot, self._time, frozenset()))
-        self._driver.forget(self.population.resume(present))
+        self.driver.forget(self.population.resume(present))
         self._assemble(present)
 
     def _assemble(self, users: WorldState) -> None:

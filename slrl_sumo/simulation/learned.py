@@ -1,9 +1,12 @@
-"""Learned road users in a running simulation: what `run` and `attach` have in common."""
+"""Learned road users in a running simulation: what `run`, `attach` and the studies have in common."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
-from slrl_sumo.agent.constraints import constraints_of
-from slrl_sumo.agent.driver import SELECTORS, TRAINED, Driver, make_driver, unknown_selector, usual_selector
+from slrl_sumo.agent.constraints import Constraints, constraints_of
+from slrl_sumo.agent.driver import SELECTORS, TRAINED, RouteDriver, make_driver, unknown_selector, usual_selector
+from slrl_sumo.agent.lane_driver import LaneDriver
+from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.scene.types import RoadUserType
@@ -24,12 +27,58 @@ def load_models(settings: LearnedSettings) -> ModelBundle:
     return load_bundle(settings.bundle, policy=selector in TRAINED, training=False)
 
 
+def with_learned(
+    session: Simulation,
+    selector: str,
+    bundle: ModelBundle,
+    seed: int,
+    *,
+    takeover: Takeover | None = None,
+    constraints: Constraints | None = None,
+    yielding: bool = True,
+    exclude: Collection[str] = (),
+    threads: int = 1,
+    stopwatch: Stopwatch | None = None,
+    traced: bool = False,
+) -> CoSimulation:
+    """A simulation whose learned road users choose their modes by `selector`, one of SELECTORS, with `seed`.
+
+    Without `constraints`, the usual ones. Road users are distributed over so many `threads`; the other arguments are
+    those of CoSimulation. Raises InputError where there is no such selector, or the bundle has no policy for it, and
+    for a guard of `lane`.
+    """
+    driver = make_driver(
+        selector,
+        bundle,
+        session.api,
+        session.network,
+        seed,
+        constraints=constraints,
+        stopwatch=stopwatch,
+        threads=threads,
+    )
+    return CoSimulation(
+        session,
+        driver,
+        takeover=takeover,
+        yielding=yielding,
+        exclude=exclude,
+        stopwatch=stopwatch,
+        traced=traced,
+    )
+
+
+def without_learned(session: Simulation) -> CoSimulation:
+    """A simulation in which SUMO drives all road users, none of which yields to a learned one; its driver has no road
+    users to move. For the arm of a comparison that is measured in the same way as the learned one."""
+    return CoSimulation(session, RouteDriver(LaneDriver(session.api, session.network)), yielding=False)
+
+
 @dataclass(frozen=True)
 class Learned:
     """Learned road users in a simulation, before the first step."""
 
     loop: CoSimulation
-    driver: Driver
     selector: str
     notices: tuple[str, ...]
     """What was decided for the user, one line each."""
@@ -51,31 +100,26 @@ def add_learned(
         region = parse_region(settings.region, simulation.network)
         shares = parse_shares(settings.takeover) if models is None else served_shares(settings.takeover, models)
         takeover = Takeover(shares, region, settings.seed)
-    driver = make_driver(
+    loop = with_learned(
+        simulation,
         selector,
         bundle,
-        simulation.api,
-        simulation.network,
         settings.seed,
-        constraints=constraints_of(settings.guard, settings.without),
-        threads=settings.threads,
-    )
-    loop = CoSimulation(
-        simulation,
-        driver,
         takeover=takeover,
+        constraints=constraints_of(settings.guard, settings.without),
         yielding=settings.background_yields,
         exclude=parse_excluded(settings.exclude),
+        threads=settings.threads,
         traced=traced,
     )
-    if takeover is not None and (fast := len(fast_lanes(simulation.network, driver.max_speed))):
+    if takeover is not None and (fast := len(fast_lanes(simulation.network, loop.driver.max_speed))):
         notices.append(
             f"{'1 lane has a limit' if fast == 1 else f'{fast} lanes have limits'} far above the top speed of bundle "
-            f"'{bundle.name}' ({driver.max_speed[RoadUserType.CAR]:.1f} m/s): vehicles there stay SUMO's"
+            f"'{bundle.name}' ({loop.driver.max_speed[RoadUserType.CAR]:.1f} m/s): vehicles there stay SUMO's"
         )
     if settings.agents is not None:
         mix = None if settings.mix is None else parse_mix(settings.mix)
         counts, mix_notices = type_counts(settings.agents, mix, loop.points, where, models)
         notices += mix_notices
         loop.spawn(counts, bundle.max_speed, settings.seed)
-    return Learned(loop, driver, selector, tuple(notices))
+    return Learned(loop, selector, tuple(notices))

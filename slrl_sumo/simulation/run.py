@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.agent.driver import Driver, ModelDriver
+from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.observation import observe
@@ -98,7 +98,7 @@ def _run(settings: RunSettings, views_at: frozenset[int], traced: bool) -> Gener
             before, users = simulation.world, simulation.population.world
             decision = simulation.decide()
             if number in views_at and len(users):
-                yield _views(before, users, simulation, learned.driver)
+                yield _views(before, users, simulation)
             yield replace(decision, signals=signals())
 
 
@@ -115,9 +115,10 @@ def _about_walks(settings: RunSettings, scenario: Scenario) -> list[str]:
     ]
 
 
-def _views(world: WorldState, learned: WorldState, simulation: CoSimulation, driver: Driver) -> Views:
+def _views(world: WorldState, learned: WorldState, simulation: CoSimulation) -> Views:
     """Ego images of the first learned road user of each type at the last decision, in the preset of the selector."""
     _, watched = np.unique(learned.type, return_index=True)
+    driver = simulation.driver
     image = driver.images(watched) if isinstance(driver, ModelDriver) else None
     if image is None:
         image = observe(Scene(world, watched, simulation.road_map)).image

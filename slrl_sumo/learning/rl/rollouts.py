@@ -30,6 +30,7 @@ from slrl_sumo.learning.rl.rollout import rollout
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.threads import one_thread
 
 TIMEOUT = 120.0
 """s that a worker may take to begin a simulation."""
@@ -73,9 +74,9 @@ class RolloutWorker:
         """Draw and number of steps of the simulation that is open."""
         self._seen: tuple[dict[str, NDArray[Any]], NDArray[np.float32]] = {}, np.zeros((0, 0), np.float32)
 
+    @one_thread()
     def __call__(self, message: tuple[bytes, bytes]) -> Result:
         """Answer a pickled Request with a policy of these weights (safetensors)."""
-        torch.set_num_threads(1)
         request: Request = pickle.loads(message[0])
         self._env = env = self._env or SimulationVectorEnv(self._source)
         if self._actor is None:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.driver import TRAINED, ModelDriver, make_driver
+from slrl_sumo.agent.driver import TRAINED, ModelDriver
 from slrl_sumo.agent.stopwatch import PARTS, Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter
@@ -26,6 +26,7 @@ from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.learned import with_learned
 from slrl_sumo.simulation.shares import parse_mix
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload
@@ -68,16 +69,9 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
     seconds: list[dict[str, float]] = []
     scenario = find_scenario(work.scenario)
     with SumoSession(scenario, seed=work.seed) as session, tempfile.TemporaryDirectory() as folder:
-        driver = make_driver(
-            selector,
-            bundle,
-            session.api,
-            session.network,
-            work.seed,
-            stopwatch=stopwatch,
-            threads=work.threads,
+        simulation = with_learned(
+            session, selector, bundle, work.seed, threads=work.threads, stopwatch=stopwatch, traced=True
         )
-        simulation = CoSimulation(session, driver, stopwatch=stopwatch, traced=True)
         counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config), bundle)
         try:
             simulation.spawn(counts, bundle.max_speed, work.seed)
@@ -99,6 +93,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                 if number >= WARM_UP:
                     seconds.append(stopwatch.take())
         memory = peak_memory_mib()
+        driver = simulation.driver
         sees = isinstance(driver, ModelDriver) and driver.agent.selector.needs_image
         floor_s = _floor(session, simulation, bundle, work.steps, sees=sees)
     return LearnedCost(selector, session.substeps, typical(seconds), floor_s, memory)
@@ -162,10 +157,9 @@ def _bare_models(bundle: ModelBundle, observation: Observation, *, sees: bool) -
     """Seconds of the displacement models of all modes and of the selector's image encoder."""
     import torch
 
-    torch.set_num_threads(1)
     vector, kind = tensors(observation)
     networks = bundle.displacement.networks
-    with torch.inference_mode():
+    with one_thread(), torch.inference_mode():
         seconds = {"displacement": _seconds(lambda: networks.forward_all(vector, kind))}
         if sees and bundle.policy is not None and observation.image is not None:
             encoder = bundle.policy.encoder

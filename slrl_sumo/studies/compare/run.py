@@ -5,10 +5,8 @@ from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
-import torch
 
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import make_driver
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.metrics.conflicts import Conflicts, pet_conflicts, ttc_conflicts
@@ -16,12 +14,14 @@ from slrl_sumo.metrics.distributions import EDGES, QUANTITIES, histogram, kinema
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.signal_crossings import SignalCrossings
 from slrl_sumo.metrics.trips import Trips
-from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.learned import with_learned, without_learned
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.shares import parse_shares
 from slrl_sumo.simulation.takeover import Takeover
@@ -70,22 +70,12 @@ def play(common: ComparedScenario, run: Run) -> Record:
     and type, the shares over `distributions.EDGES`; `learned`: counts of takeovers and their ends.
     Raises InputError where scenario or bundle cannot be used, SumoError where SUMO fails.
     """
-    # The models are so small that more threads only wait for each other.
-    torch.set_num_threads(1)
     bundle = load_bundle(common.bundle)
-    learning = run.arm == LEARNED
-    with SumoSession(find_scenario(common.scenario), seed=run.seed, step_length=common.step_length) as session:
-        api, network = session.api, session.network
-        takeover = None
-        if learning:
-            region = parse_region(common.region, network)
-            takeover = Takeover(parse_shares(common.takeover), region, run.seed)
-        driver = make_driver(
-            common.selector, bundle, api, network, run.seed, constraints=Constraints(guard=common.guard)
-        )
-        loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
-        trips, signals = Trips(api, session.step_length), SignalCrossings(api, network)
-        stats, emissions = DrivingStats(loop.road_map), Emissions(api)
+    scenario = find_scenario(common.scenario)
+    with one_thread(), SumoSession(scenario, seed=run.seed, step_length=common.step_length) as session:
+        loop = _arm(session, bundle, common, run)
+        trips, signals = Trips(session.api, session.step_length), SignalCrossings(session.api, session.network)
+        stats, emissions = DrivingStats(loop.road_map), Emissions(session.api)
         builder = TrajectoryBuilder(source=f"{common.scenario}, {run.arm}, seed {run.seed}")
         crossings = []
         learned = dict.fromkeys(("taken_over", "handed_back", "returned_to_route", "lost", "steps"), 0)
@@ -123,6 +113,21 @@ def play(common: ComparedScenario, run: Run) -> Record:
         "emissions": emissions.record(),
         "learned": learned,
     }
+
+
+def _arm(session: SumoSession, bundle: ModelBundle, common: ComparedScenario, run: Run) -> CoSimulation:
+    """The simulation of a run, before its first step."""
+    if run.arm == SUMO:
+        return without_learned(session)
+    region = parse_region(common.region, session.network)
+    return with_learned(
+        session,
+        common.selector,
+        bundle,
+        run.seed,
+        takeover=Takeover(parse_shares(common.takeover), region, run.seed),
+        constraints=Constraints(guard=common.guard),
+    )
 
 
 def motion_record(tracks: Trajectories) -> Record:

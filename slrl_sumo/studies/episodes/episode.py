@@ -4,23 +4,24 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import GUARDED, make_driver
+from slrl_sumo.agent.driver import GUARDED
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import OWN_SURFACE
 from slrl_sumo.metrics.outcomes import Outcomes, TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WIDTH
 from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import LEFT_SURFACE
 from slrl_sumo.simulation.insertion import boxes_of
+from slrl_sumo.simulation.learned import with_learned
 from slrl_sumo.simulation.spawn import draw_starts, starting_speeds, type_counts
 from slrl_sumo.simulation.wraparound import ROOM
 from slrl_sumo.sumo.network.lanes import LanePoints
@@ -65,10 +66,8 @@ def play(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...]
 
     Raises InputError where scenario or bundle cannot be used, SumoError where SUMO gives up.
     """
-    # The models are so small that more threads only wait for each other.
-    torch.set_num_threads(1)
     bundle = load_bundle(settings.bundle)
-    with SumoSession(find_scenario(settings.scenario), seed=episode.draw) as session:
+    with one_thread(), SumoSession(find_scenario(settings.scenario), seed=episode.draw) as session:
         for _ in range(round(WARM_UP / DECISION_INTERVAL) * session.substeps):
             session.step()
         if episode.selector == SUMO:
@@ -123,9 +122,7 @@ def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
 def _drive(session: SumoSession, bundle: ModelBundle, episode: Episode, steps: int) -> tuple[TypeOutcome, ...]:
     """Count learned road users among SUMO's."""
     name, guard = episode.selector.removesuffix(GUARDED), episode.selector.endswith(GUARDED)
-    constraints = Constraints(guard=guard)
-    driver = make_driver(name, bundle, session.api, session.network, episode.draw, constraints=constraints)
-    simulation = CoSimulation(session, driver)
+    simulation = with_learned(session, name, bundle, episode.draw, constraints=Constraints(guard=guard))
     _spawn(simulation, session, bundle, episode)
     start = simulation.start().world
     outcomes = Outcomes(start, start.learned)

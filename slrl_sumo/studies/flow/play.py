@@ -6,19 +6,20 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import torch
 
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import GUARDED, make_driver
+from slrl_sumo.agent.driver import GUARDED
 from slrl_sumo.errors import SumoError
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts
 from slrl_sumo.metrics.signal_crossings import SignalCrossings
 from slrl_sumo.metrics.trips import Trips
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.threads import one_thread
 from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.learned import with_learned, without_learned
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import Takeover
 from slrl_sumo.studies.flow.behaviour import behaviour_figures
@@ -83,19 +84,10 @@ def learned_shares(bundle: ModelBundle, selector: str, share: float) -> Floats:
 
 def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds: float) -> Played:
     """Run the scenario `config` for `seconds` s of simulated time."""
-    # The models are so small that more threads only wait for each other.
-    torch.set_num_threads(1)
-    learning = run.arm != SUMO
-    with SumoSession(find_scenario(str(config)), seed=run.seed, step_length=DECISION_INTERVAL) as session:
+    learning, scenario = run.arm != SUMO, find_scenario(str(config))
+    with one_thread(), SumoSession(scenario, seed=run.seed, step_length=DECISION_INTERVAL) as session:
         api, network = session.api, session.network
-        selector, guard = run.arm.removesuffix(GUARDED), run.arm.endswith(GUARDED)
-        driver = make_driver(
-            selector if learning else "lane", bundle, api, network, run.seed,
-            constraints=Constraints(guard=guard),
-        )  # fmt: skip
-        shares = learned_shares(bundle, selector, share)
-        takeover = Takeover(shares, parse_region(None, network), run.seed) if learning else None
-        loop = CoSimulation(session, driver, takeover=takeover, yielding=learning)
+        loop = _arm(session, bundle, share, run)
         trips, signals, greens = Trips(api, session.step_length), SignalCrossings(api, network), Greens(api)
         builder, encounters = TraceBuilder(), EncounterCounts(levels=network.levels)
         passed = red = 0
@@ -122,3 +114,13 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
         "figures": figures,
     }
     return Played(builder.build(), network, greens.begins, record)
+
+
+def _arm(session: SumoSession, bundle: ModelBundle, share: float, run: Run) -> CoSimulation:
+    """The simulation of a run, before its first step."""
+    if run.arm == SUMO:
+        return without_learned(session)
+    selector, guard = run.arm.removesuffix(GUARDED), run.arm.endswith(GUARDED)
+    everywhere = parse_region(None, session.network)
+    takeover = Takeover(learned_shares(bundle, selector, share), everywhere, run.seed)
+    return with_learned(session, selector, bundle, run.seed, takeover=takeover, constraints=Constraints(guard=guard))
