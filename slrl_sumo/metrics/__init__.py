@@ -1,1 +1,5 @@
-"""What is measured: counters, safety, realism, trips, signals. Pure functions and accumulators."""
+"""What is measured: conflicts, safety, realism, queues, counters of a run, trips, signals.
+
+Pure functions on trajectories; accumulators that follow a run (counters of simulation.events); `trips` and
+`signal_crossings` also ask SUMO, through slrl_sumo.sumo.
+"""

@@ -77,7 +77,7 @@ def boxes(trajectories: Trajectories) -> Floats:
 
 
 def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Conflicts:
-    """Encounters with a time to collision (see `surrogate.time_to_collision`) below `below` s, at any angle.
+    """Encounters with a time to collision (see `surrogate_safety.time_to_collision`) below `below` s, at any angle.
 
     Each is counted once, with its smallest value; 0 is an overlap. A pair that overlaps from the first moment on has
     not collided by driving: such an encounter is left out.
@@ -122,7 +122,7 @@ def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
 
 
 def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Conflicts:
-    """Encounters with a post-encroachment time (see `surrogate.post_encroachment_time`) below `below` s.
+    """Encounters with a post-encroachment time (see `surrogate_safety.post_encroachment_time`) below `below` s.
 
     Only at angles of 30° and more: for a follower this time is its headway at every moment.
     Each encounter is counted once; 0 is an overlap; encounters that begin with one are left out.

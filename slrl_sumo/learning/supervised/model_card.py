@@ -29,7 +29,7 @@ OBSERVED = {
 LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
 """Part of the windows that the models learn, where it is not all of them."""
 TOP_SPEED = {"paths": "99.9th"}
-"""Percentile of the recorded speeds that is the top speed, where it is not the 99th (see fit.TOP_SPEED)."""
+"""Percentile of the recorded speeds that is the top speed, where it is not the 99th (see bounds.TOP_SPEED)."""
 ALONE = {"accelerations": " (others only the prior, not the displacement models)"}
 """What the models do not observe, where it is not the same for all."""
 
