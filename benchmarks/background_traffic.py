@@ -35,7 +35,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.learned import add_learned, load_models
+from slrl_sumo.simulation.preparation import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.sumo.session import SumoSession
 
@@ -164,12 +164,12 @@ def moments(case: Case) -> Iterator[tuple[Moment, Decision | None]]:
                 session.step()
                 yield Moment(background_world(session.reader.read(), session.time, frozenset()), frozenset()), None
             return
-        loop = add_learned(session, settings, load_models(settings), case.scenario).loop
-        loop.start()
+        cosimulation = add_learned(session, settings, load_models(settings), case.scenario).cosimulation
+        cosimulation.start()
         while session.time < case.until:
             with one_thread():
-                step, decision = loop.step()
-            yield Moment(step.world, loop.held), decision
+                step, decision = cosimulation.step()
+            yield Moment(step.world, cosimulation.held), decision
 
 
 def run_case(case: Case) -> dict[str, Any]:

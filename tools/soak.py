@@ -192,12 +192,12 @@ class Watch:
         self.examples: list[str] = []
         self._returned: dict[str, tuple[float, float, float]] = {}
 
-    def play(self, simulation: CoSimulation) -> None:
+    def play(self, cosimulation: CoSimulation) -> None:
         """One SUMO step."""
         api: Any = self._session.api
         count = self.count
-        n = len(simulation.population.world)
-        step, decision = simulation.step()
+        n = len(cosimulation.population.world)
+        step, decision = cosimulation.step()
         snapshot = self.reader.last
         users = step.world.take(np.arange(n))
         row_of = {road_user: row for row, road_user in enumerate(snapshot.ids)}
@@ -249,13 +249,13 @@ class Watch:
             self.examples.append(f"{ids[row]} at {self._session.time:g} s: {far[row]:.1f} m {how}")
 
 
-def spawn(simulation: CoSimulation, session: SumoSession, agents: int, seed: int) -> int:
+def spawn(cosimulation: CoSimulation, session: SumoSession, agents: int, seed: int) -> int:
     """Add as many road users as fit, up to `agents`; how many that are."""
     max_speed = load_bundle("intersection").max_speed
     while True:
         counts, _ = type_counts(agents, None, starting_points(session.network), session.scenario.name)
         try:
-            simulation.spawn(counts, max_speed, seed)
+            cosimulation.spawn(counts, max_speed, seed)
         except InputError:
             if agents < 2:
                 raise
@@ -282,21 +282,21 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
             bundle = load_bundle("intersection")
             driver = make_driver("lane" if taking else motion, bundle, session.api, session.network, options.seed)
         rule = Takeover(np.ones(3), Region("everywhere"), options.seed) if taking else None
-        simulation = CoSimulation(session, driver, takeover=rule, traced=fcd is not None)
-        agents = 0 if taking else spawn(simulation, session, options.agents, options.seed)
+        cosimulation = CoSimulation(session, driver, takeover=rule, traced=fcd is not None)
+        agents = 0 if taking else spawn(cosimulation, session, options.agents, options.seed)
         begin, wall = session.time, time.perf_counter()
-        simulation.start()
+        cosimulation.start()
         signals, steps = WaitingSignals(session.api, begin), 0
         while watch.count["agent_steps"] < options.agent_steps:
             if taking and session.time - begin > NEVER_BUSY:
                 break
             signals.update(session.time)
-            watch.play(simulation)
+            watch.play(cosimulation)
             steps += 1
             if steps % 20 == 0:
                 print(f"AT {session.time:.2f} {watch.count['agent_steps']}", flush=True)
         end = session.time
-        simulation.release()
+        cosimulation.release()
         while session.time < end + AFTER:
             session.step()
         result: dict[str, Any] = {name: watch.count[name] for name in ("agent_steps", "lost", "jumps", "teleports")}
@@ -307,7 +307,7 @@ def one(options: argparse.Namespace) -> dict[str, Any]:
         result |= {name: watch.mapping.count[name] for name in ("on_edge", "edge_right", "on_lane", "lane_right")}
         result |= {"agents": agents, "sumo_steps": steps, "sumo_step_s": session.step_length}
         result |= {"simulated_s": round(end - begin, 1), "wall_s": round(time.perf_counter() - wall, 1)}
-        result |= {"kinds": np.bincount(simulation.world.type[simulation.world.learned], minlength=3).tolist()}
+        result |= {"kinds": np.bincount(cosimulation.world.type[cosimulation.world.learned], minlength=3).tolist()}
         if fcd is not None:
             fcd.close()
             result["fcd_ok"] = valid(fcd.path)

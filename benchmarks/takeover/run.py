@@ -23,7 +23,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.events import Decision
-from slrl_sumo.simulation.learned import with_learned, without_learned
+from slrl_sumo.simulation.preparation import with_learned, without_learned
 from slrl_sumo.simulation.region import Region, parse_region
 from slrl_sumo.simulation.takeover import HYSTERESIS, Takeover
 from slrl_sumo.sumo.session import SumoSession
@@ -119,13 +119,15 @@ def run_case(pictures: Path | None, case: Case) -> dict[str, Any]:
         region = parse_region(text, session.network)
         timed = TimedRegion(**vars(region), clock=lambda: session.time, until=end)
         if plain:
-            loop = without_learned(session)
+            cosimulation = without_learned(session)
         else:
             rule, constraints = Takeover(np.ones(len(TYPE_NAMES)), timed, case.seed), Constraints(guard=case.guard)
-            loop = with_learned(session, case.selector, bundle, case.seed, takeover=rule, constraints=constraints)
+            cosimulation = with_learned(
+                session, case.selector, bundle, case.seed, takeover=rule, constraints=constraints
+            )
         trips, signals = TakenTrips(api, session.step_length), SignalCrossings(api, session.network)
         waiting, hand_back = WaitingSignals(api, session.time), HandBack(api, session.step_length)
-        stats, cars = DrivingStats(loop.road_map), CarPaths(session)
+        stats, cars = DrivingStats(cosimulation.road_map), CarPaths(session)
         followed = Followed(session, region, trips)
         crossings: list[SignalCrossing] = []
         costs: list[float] = []
@@ -136,23 +138,23 @@ def run_case(pictures: Path | None, case: Case) -> dict[str, Any]:
         def take() -> frozenset[str]:
             """Record the road users that are learned, or followed, from now on."""
             if plain:
-                followed.renew(loop.world, session.time)
+                followed.renew(cosimulation.world, session.time)
                 return followed.ids
-            world = loop.population.world
+            world = cosimulation.population.world
             for row in [i for i, road_user in enumerate(world.ids) if road_user not in own]:
                 trips.take(world.ids[row], RoadUserType(world.type[row]), session.time)
             return frozenset(world.ids)
 
-        loop.start()
+        cosimulation.start()
         own = take()
         while session.time < end or (session.time < end + case.tail and trips.under_way):
             counting = session.time < end
             waiting.update(session.time)
-            moved = frozenset(loop.population.ids)
+            moved = frozenset(cosimulation.population.ids)
             cost, decision = 0.0, None
             while decision is None:
                 clock = time.perf_counter()
-                step, decision = loop.step()
+                step, decision = cosimulation.step()
                 cost += time.perf_counter() - clock
                 trips.update(step.world, session.time)
                 hand_back.update(step.world, moved, session.time)
@@ -169,9 +171,9 @@ def run_case(pictures: Path | None, case: Case) -> dict[str, Any]:
             cars.add(step.world, present)
             if session.time >= end:
                 trips.close()
-            _give_back(trips, decision, loop.world, timed, session.time)
+            _give_back(trips, decision, cosimulation.world, timed, session.time)
             own = take() if session.time < end else own
-        not_returned = len(loop.population.world)
+        not_returned = len(cosimulation.population.world)
         if pictures is not None:
             name = f"{Path(case.scenario).stem}-{case.selector}{'-guard' * case.guard}.png"
             title = f"{case.scenario}, {case.selector}, seed {case.seed}"

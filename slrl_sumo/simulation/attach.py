@@ -12,7 +12,7 @@ from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.excluded import Excluded
-from slrl_sumo.simulation.learned import add_learned, load_models
+from slrl_sumo.simulation.preparation import add_learned, load_models
 from slrl_sumo.simulation.region import RegionSpec
 from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
@@ -29,8 +29,8 @@ class Attached:
     Where the script has closed the simulation or loaded another one, leaving does nothing.
     """
 
-    def __init__(self, simulation: AttachedSession, loop: CoSimulation) -> None:
-        self._simulation, self._loop = simulation, loop
+    def __init__(self, session: AttachedSession, cosimulation: CoSimulation) -> None:
+        self._session, self._cosimulation = session, cosimulation
         self._started = self._left = False
         self._refused: dict[str, str] = {}
         self._one_at_a_time = Lock()
@@ -38,12 +38,12 @@ class Attached:
     @property
     def world(self) -> WorldState:
         """All road users as they were at the last decision, the learned ones first."""
-        return self._loop.world
+        return self._cosimulation.world
 
     @property
     def ids(self) -> tuple[str, ...]:
         """Road users that are learned now."""
-        return self._loop.population.world.ids
+        return self._cosimulation.population.world.ids
 
     @property
     def refused(self) -> dict[str, str]:
@@ -59,14 +59,14 @@ class Attached:
         Raises InputError where the context has been left, or another simulation or state was loaded; SumoError where
         the simulation was closed or SUMO fails.
         """
-        with self._one_at_a_time, self._simulation.errors(), one_thread():
+        with self._one_at_a_time, self._session.errors(), one_thread():
             if self._left:
                 raise InputError("this context has been left; attach again, or call simulationStep")
-            self._simulation.check()
+            self._session.check()
             if not self._started:
                 self._started = True
-                return self._loop.start().world
-            step, decision = self._loop.step()
+                return self._cosimulation.start().world
+            step, decision = self._cosimulation.step()
             if decision is not None:
                 self._refused.update(decision.refused)
             return step.world
@@ -87,14 +87,14 @@ class Attached:
                 self._leave()
 
     def _leave(self) -> None:
-        with self._simulation.errors():
-            if not self._simulation.attached:
+        with self._session.errors():
+            if not self._session.attached:
                 return
             try:
-                self._loop.release()
+                self._cosimulation.release()
             finally:
-                self._simulation.reader.forget()
-                self._simulation.mark(attached=False)
+                self._session.reader.forget()
+                self._session.mark(attached=False)
 
 
 def attach(
@@ -147,7 +147,7 @@ def attach(
     )
     with one_thread():
         models = load_models(settings)
-        simulation = AttachedSession(api)
-        learned = add_learned(simulation, settings, models, "attach")
-    simulation.mark(attached=True)
-    return Attached(simulation, learned.loop)
+        session = AttachedSession(api)
+        prepared = add_learned(session, settings, models, "attach")
+    session.mark(attached=True)
+    return Attached(session, prepared.cosimulation)

@@ -30,8 +30,8 @@ from slrl_sumo.sumo.spawned import SpawnedControl
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
 
-class Simulation(Protocol):
-    """What the loop needs of a running SUMO: a SumoSession, or the simulation of a user's script."""
+class Session(Protocol):
+    """What a CoSimulation needs of a running SUMO: a SumoSession, or the AttachedSession of a user's script."""
 
     api: SumoApi
     network: Network
@@ -74,7 +74,7 @@ class CoSimulation:
 
     def __init__(
         self,
-        simulation: Simulation,
+        session: Session,
         driver: Driver,
         *,
         takeover: Takeover | None = None,
@@ -83,33 +83,31 @@ class CoSimulation:
         stopwatch: Stopwatch | None = None,
         traced: bool = False,
     ) -> None:
-        self.surfaces = simulation.network.surfaces()
+        self.surfaces = session.network.surfaces()
         self.road_map = RoadMap(self.surfaces)
-        self._simulation, self.driver = simulation, driver
-        self._substeps = round(DECISION_INTERVAL / simulation.step_length)
-        self._taken_over_control = TakenOverControl(simulation.api, simulation.network)
-        self.population = Population(simulation.spawned, self._taken_over_control)
+        self._session, self.driver = session, driver
+        self._substeps = round(DECISION_INTERVAL / session.step_length)
+        self._taken_over_control = TakenOverControl(session.api, session.network)
+        self.population = Population(session.spawned, self._taken_over_control)
         self._handover = Handover(
             takeover,
             self.population,
             self._taken_over_control,
             driver,
-            simulation.network,
+            session.network,
             self.road_map,
             frozenset(exclude),
         )
-        self.points = starting_points(simulation.network)
-        self._yielding = (
-            Yielding(simulation.api, simulation.network, simulation.step_length, exclude) if yielding else None
-        )
+        self.points = starting_points(session.network)
+        self._yielding = Yielding(session.api, session.network, session.step_length, exclude) if yielding else None
         self._differences = Differences()
         self._snapshot: Snapshot | None = None
         self._interval: _Interval | None = None
         self._taken_at_start: tuple[str, ...] = ()
-        self._refusals = [simulation.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
+        self._refusals = [session.spawned.refusals, self._taken_over_control.refusals, driver.refusals]
         self._refusals += [] if self._yielding is None else [self._yielding.refusals]
         self._refused: dict[str, str] = {}
-        self._trace_places = TracePlaces(simulation.api, simulation.network) if traced else None
+        self._trace_places = TracePlaces(session.api, session.network) if traced else None
         self._time: float | None = None
         self._stopwatch = stopwatch or Stopwatch()
         self.world = self.population.world
@@ -123,7 +121,7 @@ class CoSimulation:
         """Add road users: `counts` per type, (3,), at legal places drawn by `seed`; `max_speed` per type, m/s, (3,)."""
         rng = np.random.default_rng(seed)
         starts = draw_starts(counts, self.points, rng)
-        self.population.spawn(*starts[:4], starting_speeds(starts, max_speed, rng), self._simulation.time)
+        self.population.spawn(*starts[:4], starting_speeds(starts, max_speed, rng), self._session.time)
         self._drop_refused()
 
     def start(self) -> Step:
@@ -149,13 +147,13 @@ class CoSimulation:
 
         Where SUMO was stepped by others since the last call, a new interval begins with where it has the road users.
         """
-        if self._simulation.time != self._time:
+        if self._session.time != self._time:
             self._resume()
         interval = self._interval or self._decide()
         before = self._yielding.interventions if self._yielding is not None else 0
         step = self._play(interval.states[len(interval.steps)], interval.moved.context)
         interval.steps.append(step)
-        interval.arrived |= arrived_ids(self._simulation.api)
+        interval.arrived |= arrived_ids(self._session.api)
         if self._yielding is not None:
             interval.interventions += self._yielding.interventions - before
         self._interval = interval
@@ -180,7 +178,7 @@ class CoSimulation:
         self._taken_over_control.release()
         self._drop_refused()
         spawned = self.population.world.take(np.flatnonzero(~self.population.taken_over))
-        self._simulation.spawned.remove(spawned.ids)
+        self._session.spawned.remove(spawned.ids)
 
     def _decide(self) -> _Interval:
         learned = self.population.world
@@ -191,7 +189,7 @@ class CoSimulation:
         following = moved.users
         wrapped_around = ~self.population.taken_over
         if wrapped_around.any():
-            wrapped_around &= left_scene(following, self.road_map, self._simulation.network.exits)
+            wrapped_around &= left_scene(following, self.road_map, self._session.network.exits)
         if wrapped_around.any():
             background = self.world.take(np.arange(len(learned), len(self.world)))
             following = reinsert(following, wrapped_around, background, self.points, self.road_map)
@@ -202,18 +200,18 @@ class CoSimulation:
 
     def _play(self, users: WorldState, context: RouteContext | None = None) -> Step:
         """One SUMO step, after which the learned road users are at the places of `users`."""
-        time = self._simulation.time
+        time = self._session.time
         if self._yielding is not None and self._snapshot is not None:
             self._yielding.apply(self._snapshot, users, context)
         self.population.move(users)
         self._drop_refused()
         self._stopwatch.lap("apply")
-        self._simulation.step()
-        self._time = self._simulation.time
+        self._session.step()
+        self._time = self._session.time
         self._stopwatch.lap("sumo")
-        self._snapshot = self._simulation.reader.read()
+        self._snapshot = self._session.reader.read()
         self.population.check(users, frozenset(self._snapshot.ids))
-        background = background_world(self._snapshot, self._simulation.time, self.population.ids)
+        background = background_world(self._snapshot, self._session.time, self.population.ids)
         places = places_of(users, self.population.sumo_types, background, self._snapshot)
         world = replace(users, time=time).join(background)
         if self._trace_places is not None:
@@ -224,17 +222,17 @@ class CoSimulation:
     def _close(self, interval: _Interval) -> Decision:
         """The end of an interval: drop removed road users, hand back, take over, and assemble the world."""
         assert self._snapshot is not None
-        users = replace(interval.states[-1], time=self._simulation.time)
+        users = replace(interval.states[-1], time=self._session.time)
         surface = self.road_map.surface_at(users.x, users.y)
         left_surface = self.road_map.beyond_own_surface(users.type, users.x, users.y, LEFT_SURFACE)
         gone = self.population.settle(users)
         arrived = np.zeros(len(users), np.bool_)
         if not interval.arrived.isdisjoint(users.ids):
             arrived[:] = [road_user in interval.arrived for road_user in users.ids]
-        time = self._simulation.time
+        time = self._session.time
         returned = self._handover.return_to_route()
         handed_back = returned + self._handover.hand_back(self._snapshot, time)
-        background = background_world(self._snapshot, self._simulation.time, frozenset())
+        background = background_world(self._snapshot, self._session.time, frozenset())
         told, present = self._handover.left, self._differences.complete(background)
         taken_over = self._taken_at_start
         taken_over += self._handover.take_over(present, self._snapshot, handed_back, time, self._yielding)
@@ -275,7 +273,7 @@ class CoSimulation:
 
     def _resume(self) -> None:
         self._interval, self._differences = None, Differences()
-        self._snapshot, self._time = self._simulation.reader.read(), self._simulation.time
+        self._snapshot, self._time = self._session.reader.read(), self._session.time
         present = self._differences.complete(background_world(self._snapshot, self._time, frozenset()))
         self.driver.forget(self.population.resume(present))
         self._assemble(present)

@@ -17,7 +17,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import MOST_DECISIONS, Event, Started, Views
-from slrl_sumo.simulation.learned import add_learned, load_models
+from slrl_sumo.simulation.preparation import add_learned, load_models
 from slrl_sumo.simulation.settings import RunSettings
 from slrl_sumo.simulation.shares import parse_shares
 from slrl_sumo.sumo.network.links import SignalChanges
@@ -62,10 +62,10 @@ def _run(settings: RunSettings, views_at: frozenset[int], traced: bool) -> Gener
     ) as session:
         begin = session.time
         decisions = _decisions(settings, begin, session.end)
-        learned = add_learned(session, settings, bundle, str(scenario.config), traced=traced)
-        simulation = learned.loop
+        prepared = add_learned(session, settings, bundle, str(scenario.config), traced=traced)
+        cosimulation = prepared.cosimulation
         notices = _about_walks(settings, scenario)
-        if decisions is None and session.expected <= len(simulation.population.spawned_ids):
+        if decisions is None and session.expected <= len(cosimulation.population.spawned_ids):
             decisions = SHORT_RUN
             notices.append(
                 f"the scenario has neither an end nor traffic: running {SHORT_RUN} decisions "
@@ -76,29 +76,29 @@ def _run(settings: RunSettings, views_at: frozenset[int], traced: bool) -> Gener
                 "the scenario has no end: the run goes on until its road users have left, at most "
                 f"{MOST_DECISIONS * DECISION_INTERVAL / 3600:g} h; --steps or --until sets a length"
             )
-        start, signals = simulation.start(), SignalChanges(session.api)
+        start, signals = cosimulation.start(), SignalChanges(session.api)
         yield Started(
             scenario=scenario.name,
             bundle=bundle.name,
-            selector=learned.selector,
+            selector=prepared.selector,
             begin=begin,
             step_length=session.step_length,
             decisions=decisions,
-            notices=(*session.notices, *notices, *learned.notices),
-            surfaces=simulation.surfaces,
+            notices=(*session.notices, *notices, *prepared.notices),
+            surfaces=cosimulation.surfaces,
             step=start,
             signals=signals(),
-            mode_centres=bundle.mode_centres if learned.selector != "lane" else None,
+            mode_centres=bundle.mode_centres if prepared.selector != "lane" else None,
             modes_by=str(bundle.training.get("modes_by", "")),
             compiling=compiling,
         )
         for number in range(MOST_DECISIONS if decisions is None else decisions):
-            if decisions is None and session.expected <= len(simulation.population.spawned_ids):
+            if decisions is None and session.expected <= len(cosimulation.population.spawned_ids):
                 return
-            before, users = simulation.world, simulation.population.world
-            decision = simulation.decide()
+            before, users = cosimulation.world, cosimulation.population.world
+            decision = cosimulation.decide()
             if number in views_at and len(users):
-                yield _views(before, users, simulation)
+                yield _views(before, users, cosimulation)
             yield replace(decision, signals=signals())
 
 
@@ -115,13 +115,13 @@ def _about_walks(settings: RunSettings, scenario: Scenario) -> list[str]:
     ]
 
 
-def _views(world: WorldState, learned: WorldState, simulation: CoSimulation) -> Views:
+def _views(world: WorldState, learned: WorldState, cosimulation: CoSimulation) -> Views:
     """Ego images of the first learned road user of each type at the last decision, in the preset of the selector."""
     _, watched = np.unique(learned.type, return_index=True)
-    driver = simulation.driver
+    driver = cosimulation.driver
     image = driver.images(watched) if isinstance(driver, ModelDriver) else None
     if image is None:
-        image = observe(Scene(world, watched, simulation.road_map)).image
+        image = observe(Scene(world, watched, cosimulation.road_map)).image
     assert image is not None
     return Views(learned.time, tuple(learned.ids[row] for row in watched), image)
 

@@ -256,17 +256,17 @@ def test_no_road_user_is_learned_where_all_others_would_have_to_wait(into_the_fa
         assert fast_lanes(session.network, driver.max_speed) == {"fast_0"}
         driver.max_speed = np.full(3, 10.0)
         rule = Takeover(np.ones(3), parse_region(None, session.network), 1)
-        simulation = CoSimulation(session, driver, takeover=rule)
-        simulation.start()
-        taken, back = set(simulation.population.ids), []
+        cosimulation = CoSimulation(session, driver, takeover=rule)
+        cosimulation.start()
+        taken, back = set(cosimulation.population.ids), []
         for _ in range(35):
-            decision = simulation.decide()
+            decision = cosimulation.decide()
             taken.update(decision.taken_over)
             for road_user in decision.handed_back:
                 back.append((road_user, libsumo.vehicle.getLaneID(road_user)))
             assert not any(decision.lost)
             assert not decision.returned_to_route
-            on_fast = {v for v in simulation.population.ids if libsumo.vehicle.getLaneID(v) == "fast_0"}
+            on_fast = {v for v in cosimulation.population.ids if libsumo.vehicle.getLaneID(v) == "fast_0"}
             assert not on_fast
         assert taken == {"comes"}
         assert back == [("comes", "fast_0")]

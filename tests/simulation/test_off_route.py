@@ -18,12 +18,12 @@ def test_lent_cars_that_stray_are_put_on_their_route_and_arrive() -> None:
     with SumoSession(find_scenario("district"), seed=2) as session:
         driver = make_driver("prior", load_bundle("intersection"), session.api, session.network, 2)
         everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 2)
-        loop = CoSimulation(session, driver, takeover=everywhere)
-        loop.start()
+        cosimulation = CoSimulation(session, driver, takeover=everywhere)
+        cosimulation.start()
         strayed: set[str] = set()
         arrived: set[str] = set()
         for _ in range(500):
-            decision = loop.decide()
+            decision = cosimulation.decide()
             assert not decision.wrapped_around.any()
             assert not decision.lost.any()
             assert strayed.isdisjoint(decision.taken_over)
@@ -53,15 +53,15 @@ def test_cars_that_depart_just_before_a_turn_or_their_destination_arrive(tmp_pat
     with SumoSession(find_scenario(str(_streets(tmp_path))), seed=1) as session:
         driver = make_driver("rule", load_bundle("intersection"), session.api, session.network, 1)
         everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 1)
-        loop = CoSimulation(session, driver, takeover=everywhere)
-        loop.start()
+        cosimulation = CoSimulation(session, driver, takeover=everywhere)
+        cosimulation.start()
         arrived: set[str] = set()
         turned = 0
         for _ in range(100):
-            decision = loop.decide()
+            decision = cosimulation.decide()
             assert not decision.lost.any()
             assert not decision.returned_to_route
-            world = loop.world
+            world = cosimulation.world
             headings = [world.heading[world.ids.index(car)] for car in decision.taken_over if car == "turns"]
             # Back on the street, not while it still turns.
             assert np.allclose(np.abs(headings), np.pi, atol=0.05)
@@ -80,15 +80,15 @@ def test_a_car_that_stands_in_a_junction_is_learned_there_and_goes_on(tmp_path: 
     with SumoSession(find_scenario(str(make_scenario(tmp_path, nodes, edges, car))), seed=1) as session:
         driver = make_driver("rule", load_bundle("intersection"), session.api, session.network, 1)
         everywhere = Takeover(np.array([1.0, 0.0, 0.0]), parse_region(None, session.network), 1)
-        loop = CoSimulation(session, driver, takeover=everywhere)
-        loop.start()
+        cosimulation = CoSimulation(session, driver, takeover=everywhere)
+        cosimulation.start()
         vehicle, began, arrived = session.api.vehicle, set[str](), set[str]()
         for _ in range(100):
             inside = "car" in vehicle.getIDList() and vehicle.getLaneID("car").startswith(":")
             if inside and not began:
-                assert "car" not in loop.population.ids
+                assert "car" not in cosimulation.population.ids
                 vehicle.setSpeed("car", 0.0)
-            if loop.decide().taken_over:
+            if cosimulation.decide().taken_over:
                 began.add(vehicle.getLaneID("car"))
             arrived.update(session.api.simulation.getArrivedIDList())
     assert [lane.startswith(":") for lane in began] == [True]

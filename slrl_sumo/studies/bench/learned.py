@@ -26,7 +26,7 @@ from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.learned import with_learned
+from slrl_sumo.simulation.preparation import with_learned
 from slrl_sumo.simulation.shares import parse_mix
 from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload
@@ -69,15 +69,15 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
     seconds: list[dict[str, float]] = []
     scenario = find_scenario(work.scenario)
     with SumoSession(scenario, seed=work.seed) as session, tempfile.TemporaryDirectory() as folder:
-        simulation = with_learned(
+        cosimulation = with_learned(
             session, selector, bundle, work.seed, threads=work.threads, stopwatch=stopwatch, traced=True
         )
-        counts, _ = type_counts(work.agents, parse_mix(work.mix), simulation.points, str(scenario.config), bundle)
+        counts, _ = type_counts(work.agents, parse_mix(work.mix), cosimulation.points, str(scenario.config), bundle)
         try:
-            simulation.spawn(counts, bundle.max_speed, work.seed)
+            cosimulation.spawn(counts, bundle.max_speed, work.seed)
         except InputError as error:
             raise DoesNotFit(error.as_options()) from None
-        start = simulation.start()
+        start = cosimulation.start()
         tally = RunCounters(start.world)
         with FcdWriter(Path(folder) / "fcd.xml") as writer:
             for number in range(WARM_UP + work.steps):
@@ -85,7 +85,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                     yield
                 stopwatch.take()
                 with one_thread():
-                    decision = simulation.decide()
+                    decision = cosimulation.decide()
                 for step in decision.steps:
                     writer.write(step.time, step.world, step.places)
                 tally.add(decision)
@@ -93,9 +93,9 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                 if number >= WARM_UP:
                     seconds.append(stopwatch.take())
         memory = peak_memory_mib()
-        driver = simulation.driver
+        driver = cosimulation.driver
         sees = isinstance(driver, ModelDriver) and driver.agent.selector.needs_image
-        floor_s = _floor(session, simulation, bundle, work.steps, sees=sees)
+        floor_s = _floor(session, cosimulation, bundle, work.steps, sees=sees)
     return LearnedCost(selector, session.substeps, typical(seconds), floor_s, memory)
 
 
@@ -109,13 +109,13 @@ def typical(seconds: list[dict[str, float]]) -> dict[str, float]:
 
 
 def _floor(
-    session: SumoSession, simulation: CoSimulation, bundle: ModelBundle, steps: int, *, sees: bool
+    session: SumoSession, cosimulation: CoSimulation, bundle: ModelBundle, steps: int, *, sees: bool
 ) -> dict[str, float]:
     """Seconds per decision of the calls that every implementation of the method needs; of images where its selector
     sees them."""
-    learned = simulation.population.world
-    observation = observe(Scene(simulation.world, np.arange(len(learned)), simulation.road_map))
-    roadmap = simulation.road_map
+    learned = cosimulation.population.world
+    observation = observe(Scene(cosimulation.world, np.arange(len(learned)), cosimulation.road_map))
+    roadmap = cosimulation.road_map
     ground = np.zeros((round((roadmap.core + 2.0 * roadmap.margin) * roadmap.resolution),) * 2, np.uint8)
     moves, sumo_steps = _bare_sumo(session, learned, min(steps, REPEATS))
     return {

@@ -21,7 +21,7 @@ from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.learned import with_learned, without_learned
+from slrl_sumo.simulation.preparation import with_learned, without_learned
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.shares import parse_shares
 from slrl_sumo.simulation.takeover import Takeover
@@ -73,19 +73,19 @@ def play(common: ComparedScenario, run: Run) -> Record:
     bundle = load_bundle(common.bundle)
     scenario = find_scenario(common.scenario)
     with one_thread(), SumoSession(scenario, seed=run.seed, step_length=common.step_length) as session:
-        loop = _arm(session, bundle, common, run)
+        cosimulation = _arm(session, bundle, common, run)
         trips, signals = Trips(session.api, session.step_length), SignalCrossings(session.api, session.network)
-        stats, emissions = DrivingStats(loop.road_map), Emissions(session.api)
+        stats, emissions = DrivingStats(cosimulation.road_map), Emissions(session.api)
         builder = TrajectoryBuilder(source=f"{common.scenario}, {run.arm}, seed {run.seed}")
         crossings = []
         learned = dict.fromkeys(("taken_over", "handed_back", "returned_to_route", "lost", "steps"), 0)
         before: WorldState | None = None
-        loop.start()
-        learned["taken_over"] += len(loop.population.ids)
+        cosimulation.start()
+        learned["taken_over"] += len(cosimulation.population.ids)
         for _ in range(common.decisions):
             decision = None
             while decision is None:
-                step, decision = loop.step()
+                step, decision = cosimulation.step()
                 trips.update(step.world, session.time)
                 crossings += signals.update(step.world, step.world.ids)
             world = step.world
@@ -96,7 +96,7 @@ def play(common: ComparedScenario, run: Run) -> Record:
             learned["lost"] += int(decision.lost.sum())
             stats.add(world, frozenset(world.ids))
             builder.append(world, jumped(before, world) if before is not None else ())
-            emissions.add(loop.world)
+            emissions.add(cosimulation.world)
             before = world
     return {
         "notices": list(session.notices),

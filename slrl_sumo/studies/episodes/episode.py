@@ -21,7 +21,7 @@ from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import LEFT_SURFACE
 from slrl_sumo.simulation.insertion import boxes_of
-from slrl_sumo.simulation.learned import with_learned
+from slrl_sumo.simulation.preparation import with_learned
 from slrl_sumo.simulation.spawn import draw_starts, starting_speeds, type_counts
 from slrl_sumo.simulation.wraparound import ROOM
 from slrl_sumo.sumo.network.lanes import LanePoints
@@ -122,12 +122,12 @@ def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
 def _drive(session: SumoSession, bundle: ModelBundle, episode: Episode, steps: int) -> tuple[TypeOutcome, ...]:
     """Count learned road users among SUMO's."""
     name, guard = episode.selector.removesuffix(GUARDED), episode.selector.endswith(GUARDED)
-    simulation = with_learned(session, name, bundle, episode.draw, constraints=Constraints(guard=guard))
-    _spawn(simulation, session, bundle, episode)
-    start = simulation.start().world
+    cosimulation = with_learned(session, name, bundle, episode.draw, constraints=Constraints(guard=guard))
+    _spawn(cosimulation, session, bundle, episode)
+    start = cosimulation.start().world
     outcomes = Outcomes(start, start.learned)
     for _ in range(steps):
-        decision = simulation.decide()
+        decision = cosimulation.decide()
         world, n = decision.steps[-1].world, len(decision.surface)
         off_surface, left_surface = np.zeros((2, len(world)), np.bool_)
         off_surface[:n] = ~OWN_SURFACE[world.type[:n], decision.surface]
@@ -140,9 +140,9 @@ def _not_in(world: WorldState, ids: frozenset[str]) -> NDArray[np.bool_]:
     return np.array([name not in ids for name in world.ids], np.bool_)
 
 
-def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, episode: Episode) -> None:
+def _spawn(cosimulation: CoSimulation, session: SumoSession, bundle: ModelBundle, episode: Episode) -> None:
     """Add the learned road users as a run does, but not upon the traffic that is there already."""
-    points = simulation.points
+    points = cosimulation.points
     counts, _ = type_counts(episode.agents, None, points, str(session.scenario.config), bundle)
     background = background_world(session.reader.read(), session.time, frozenset())
     rng = np.random.default_rng(episode.draw)
@@ -151,7 +151,7 @@ def _spawn(simulation: CoSimulation, session: SumoSession, bundle: ModelBundle, 
     except InputError:  # too full for that; contacts at the start do not count as collisions
         starts = draw_starts(counts, points, rng)
     speed = starting_speeds(starts, bundle.max_speed, rng, boxes_of(background))
-    simulation.population.spawn(*starts[:4], speed, session.time)
+    cosimulation.population.spawn(*starts[:4], speed, session.time)
 
 
 def _clear(points: tuple[LanePoints, ...], others: WorldState) -> tuple[LanePoints, ...]:

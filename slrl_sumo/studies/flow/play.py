@@ -19,7 +19,7 @@ from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.learned import with_learned, without_learned
+from slrl_sumo.simulation.preparation import with_learned, without_learned
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import Takeover
 from slrl_sumo.studies.flow.behaviour import behaviour_figures
@@ -87,14 +87,14 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
     learning, scenario = run.arm != SUMO, find_scenario(str(config))
     with one_thread(), SumoSession(scenario, seed=run.seed, step_length=DECISION_INTERVAL) as session:
         api, network = session.api, session.network
-        loop = _arm(session, bundle, share, run)
+        cosimulation = _arm(session, bundle, share, run)
         trips, signals, greens = Trips(api, session.step_length), SignalCrossings(api, network), Greens(api)
         builder, encounters = TraceBuilder(), EncounterCounts(levels=network.levels)
         passed = red = 0
         counted: set[str] = set()
-        loop.start()
+        cosimulation.start()
         while session.time < seconds:
-            step, _ = loop.step()
+            step, _ = cosimulation.step()
             world = step.world
             trips.update(world, session.time)
             crossings = signals.update(world, world.ids)

@@ -10,7 +10,7 @@ from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.cosimulation import CoSimulation, Simulation
+from slrl_sumo.simulation.cosimulation import CoSimulation, Session
 from slrl_sumo.simulation.excluded import parse_excluded
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.settings import LearnedSettings
@@ -28,7 +28,7 @@ def load_models(settings: LearnedSettings) -> ModelBundle:
 
 
 def with_learned(
-    session: Simulation,
+    session: Session,
     selector: str,
     bundle: ModelBundle,
     seed: int,
@@ -68,25 +68,25 @@ def with_learned(
     )
 
 
-def without_learned(session: Simulation) -> CoSimulation:
+def without_learned(session: Session) -> CoSimulation:
     """A simulation in which SUMO drives all road users, none of which yields to a learned one; its driver has no road
     users to move. For the arm of a comparison that is measured in the same way as the learned one."""
     return CoSimulation(session, RouteDriver(LaneDriver(session.api, session.network)), yielding=False)
 
 
 @dataclass(frozen=True)
-class Learned:
+class PreparedRun:
     """Learned road users in a simulation, before the first step."""
 
-    loop: CoSimulation
+    cosimulation: CoSimulation
     selector: str
     notices: tuple[str, ...]
     """What was decided for the user, one line each."""
 
 
 def add_learned(
-    simulation: Simulation, settings: LearnedSettings, bundle: ModelBundle, where: str, *, traced: bool = False
-) -> Learned:
+    session: Session, settings: LearnedSettings, bundle: ModelBundle, where: str, *, traced: bool = False
+) -> PreparedRun:
     """Add the road users that `settings` asks for to a simulation, and prepare the takeover of others.
 
     `where` names the simulation in messages; `traced`: see CoSimulation. Raises InputError before a road user is added
@@ -97,11 +97,11 @@ def add_learned(
     selector = settings.selector or usual_selector(bundle)
     models = None if selector == "lane" else bundle
     if settings.takeover is not None:
-        region = parse_region(settings.region, simulation.network)
+        region = parse_region(settings.region, session.network)
         shares = parse_shares(settings.takeover) if models is None else served_shares(settings.takeover, models)
         takeover = Takeover(shares, region, settings.seed)
-    loop = with_learned(
-        simulation,
+    cosimulation = with_learned(
+        session,
         selector,
         bundle,
         settings.seed,
@@ -112,14 +112,14 @@ def add_learned(
         threads=settings.threads,
         traced=traced,
     )
-    if takeover is not None and (fast := len(fast_lanes(simulation.network, loop.driver.max_speed))):
+    if takeover is not None and (fast := len(fast_lanes(session.network, cosimulation.driver.max_speed))):
         notices.append(
             f"{'1 lane has a limit' if fast == 1 else f'{fast} lanes have limits'} far above the top speed of bundle "
-            f"'{bundle.name}' ({loop.driver.max_speed[RoadUserType.CAR]:.1f} m/s): vehicles there stay SUMO's"
+            f"'{bundle.name}' ({cosimulation.driver.max_speed[RoadUserType.CAR]:.1f} m/s): vehicles there stay SUMO's"
         )
     if settings.agents is not None:
         mix = None if settings.mix is None else parse_mix(settings.mix)
-        counts, mix_notices = type_counts(settings.agents, mix, loop.points, where, models)
+        counts, mix_notices = type_counts(settings.agents, mix, cosimulation.points, where, models)
         notices += mix_notices
-        loop.spawn(counts, bundle.max_speed, settings.seed)
-    return Learned(loop, selector, tuple(notices))
+        cosimulation.spawn(counts, bundle.max_speed, settings.seed)
+    return PreparedRun(cosimulation, selector, tuple(notices))
