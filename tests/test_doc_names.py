@@ -94,9 +94,10 @@ def classes() -> dict[str, set[str]]:
 
 
 @cache
-def everything() -> frozenset[str]:
-    """Functions, classes and constants of all modules."""
-    return frozenset(name for file in MODULES.values() for name in members(file))
+def functions() -> frozenset[str]:
+    """Functions and classes of all modules."""
+    kinds = ast.FunctionDef | ast.ClassDef
+    return frozenset(node.name for file in MODULES.values() for node in tree(file).body if isinstance(node, kinds))
 
 
 def exists(name: str) -> bool:
@@ -122,7 +123,7 @@ def missing(name: str, known: set[str]) -> bool:
         return False  # an instance with the name of its class
     if first in known or exists(f"slrl_sumo.{name}") or any(exists(f"{one}.{rest}") for one in STEMS.get(first, [])):
         return False
-    return first in FOLDERS or first in STEMS or rest in everything()
+    return first in FOLDERS or first in STEMS or rest in functions()
 
 
 def identifiers(file: Path) -> set[str]:
