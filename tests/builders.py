@@ -10,7 +10,8 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
+from slrl_sumo.models.bundle import ModelBundle, weights_of
+from slrl_sumo.models.bundle_config import BundleConfig
 from slrl_sumo.models.displacement import DisplacementModels
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.netgen.binaries import run_program

@@ -2,7 +2,7 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,8 @@ from safetensors.numpy import load_file
 
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json, read_text
+from slrl_sumo.models.bundle_config import BundleConfig
 from slrl_sumo.scene.types import RoadUserType
-
-if TYPE_CHECKING:
-    from slrl_sumo.models.bundle import BundleConfig
 
 _Kind = tuple[tuple[int, ...], np.dtype[Any]]
 
@@ -65,7 +63,7 @@ def read_training(file: Path) -> dict[str, Any]:
     return training
 
 
-def read_weights(folder: Path, config: "BundleConfig") -> dict[str, NDArray[Any]]:
+def read_weights(folder: Path, config: BundleConfig) -> dict[str, NDArray[Any]]:
     """All tensors of the bundle, checked: the expected names, shapes and kinds, and finite and possible values.
     Raises InputError where they are others."""
     expected = _expected(config)
@@ -88,7 +86,7 @@ def read_weights(folder: Path, config: "BundleConfig") -> dict[str, NDArray[Any]
     return state
 
 
-def _expected(config: "BundleConfig") -> dict[str, _Kind]:
+def _expected(config: BundleConfig) -> dict[str, _Kind]:
     """Shape and kind of each tensor of a bundle, by name; nothing is allocated: a configuration can ask for gigabytes
     that the file does not have."""
     types, inputs, single = len(RoadUserType), len(config.features), np.dtype(np.float32)

@@ -18,7 +18,8 @@ from slrl_sumo.learning.supervised.modes import cluster
 from slrl_sumo.learning.supervised.network_training import HEADING, rolled, train_displacement, train_prior
 from slrl_sumo.learning.supervised.windows import FUTURE, Windows, joined, mirrored, windows
 from slrl_sumo.learning.supervised.winner_takes_all import mode_errors, responsibilities, train_winners
-from slrl_sumo.models.bundle import BundleConfig, ModelBundle, weights_of
+from slrl_sumo.models.bundle import ModelBundle, weights_of
+from slrl_sumo.models.bundle_config import BundleConfig
 from slrl_sumo.models.displacement import SPEED, DisplacementModels, displacement
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.models.stacked_networks import StackedNetworks
