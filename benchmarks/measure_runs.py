@@ -3,7 +3,7 @@
     python benchmarks/measure_runs.py [--repeat 3] [--steps 150]
 
 Each run is a process of its own and writes an XML trace and a summary, as a user's run would. Prints a Markdown table
-of medians; docs/measurements/performance.md holds the last results.
+of medians; docs/measurements/archive/performance.md holds the last results.
 """
 
 import argparse

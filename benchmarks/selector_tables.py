@@ -1,4 +1,4 @@
-"""Results of `slrl-sumo evaluate` as the Markdown tables of docs/measurements/selectors.md.
+"""Results of `slrl-sumo evaluate` as the Markdown tables of docs/measurements/archive/selectors.md.
 
 python benchmarks/selector_tables.py RESULTS.json ...
 """

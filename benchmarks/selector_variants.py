@@ -4,8 +4,8 @@
 
 All variants are timed in turn, round after round, so that what disturbs the machine disturbs all alike; medians and
 minima in ms, and the largest difference from eager PyTorch. Variants whose packages are missing are left out: ONNX
-Runtime wants `onnxruntime`, `onnx` and `onnxscript`, torch.compile a C++ compiler. docs/measurements/performance.md
-holds the last results.
+Runtime wants `onnxruntime`, `onnx` and `onnxscript`, torch.compile a C++ compiler.
+docs/measurements/archive/performance.md holds the last results.
 """
 
 import argparse

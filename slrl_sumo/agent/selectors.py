@@ -17,7 +17,7 @@ from slrl_sumo.scene.geometry import Floats
 HOLD = 8
 """Decisions for which a sampled mode is held on average, 3.2 s. Modes that are sampled anew every 0.4 s cancel out: all
 samples go the mean way. Of 1, 4, 8 and 12 it came nearest to held-out recordings of HC and SDD
-(docs/measurements/prediction.md)."""
+(docs/measurements/archive/prediction.md)."""
 
 
 class PriorSelector:

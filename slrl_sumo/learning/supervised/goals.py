@@ -26,15 +26,16 @@ from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 CLUSTERINGS = ("relative", "kmeans", "balanced", "curved", "accelerations")
 MODES_BY = ("paths", *CLUSTERINGS)
 """Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
-which of the clusterings predicted held-out recordings of HC and SDD best (docs/measurements/prediction.md). `kmeans`:
-destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight (modes.balance).
-`curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so that some modes
-decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles, acceleration and
-lateral acceleration of the first 1.2 s relative to what was recorded at that speed (modes.relative_accelerations), so
-that modes brake, keep their speed and speed up with fine and with sharp steering at every speed; the models learn these
-1.2 s. `paths`: begins as `relative`; then the models of all modes compete for whole paths of 6.4 s, and each is trained
-on those that it predicts best (winner_takes_all.train_winners); neither they nor the prior read the company of others,
-and the prior learns how well each mode predicts a path (winner_takes_all.responsibilities)."""
+which of the clusterings predicted held-out recordings of HC and SDD best (docs/measurements/archive/prediction.md).
+`kmeans`: destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight
+(modes.balance). `curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so
+that some modes decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles,
+acceleration and lateral acceleration of the first 1.2 s relative to what was recorded at that speed
+(modes.relative_accelerations), so that modes brake, keep their speed and speed up with fine and with sharp steering at
+every speed; the models learn these 1.2 s. `paths`: begins as `relative`; then the models of all modes compete for whole
+paths of 6.4 s, and each is trained on those that it predicts best (winner_takes_all.train_winners); neither they nor
+the prior read the company of others, and the prior learns how well each mode predicts a path
+(winner_takes_all.responsibilities)."""
 
 HORIZONS = {"curved": AT_ONCE, "accelerations": AT_PRESENT, "paths": 16}
 """Intervals that the models of these modes learn; of all others, FUTURE. Models of modes that describe the next 1 to

@@ -48,7 +48,7 @@ Chosen on HC: it reduced overfitting to the 400 windows of cyclists and cars and
 MODE_PENALTY = 3.0
 """Weight of the sum of squared differences between the weights of a mode's model and the shared weights of its type
 relative to the sum of the windows' errors: a mode with few windows stays close to its type. Chosen on HC
-(docs/measurements/prediction.md)."""
+(docs/measurements/archive/prediction.md)."""
 
 ACCELERATION = FEATURES.index("acceleration")
 HEADING = FEATURES.index("heading")

@@ -23,7 +23,7 @@ LEFT_TO_SUMO = frozenset(
 KEEP_ROUTE = 3
 MOVED = 16
 """SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but has them wait at red. With 0 fewer
-of its own vehicles get through junctions (docs/measurements/flow.md)."""
+of its own vehicles get through junctions (docs/measurements/archive/flow.md)."""
 KEEP_ROUTE_STRICTLY = 1
 """Onto the route, in the middle of a lane, wherever the given position is."""
 BESIDE = 0.3
