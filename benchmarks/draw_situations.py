@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.measure_trips import opened, situations
-from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.make_driver import make_selector
 from slrl_sumo.agent.selection import Selector
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import Surface

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.make_driver import make_selector
 from slrl_sumo.agent.selection import Selector
 from slrl_sumo.jobs.pool import Backend, portable_name, run_jobs
 from slrl_sumo.learning.environments.trip_arena import TripArena

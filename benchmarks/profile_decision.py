@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from slrl_sumo.agent import decide, driver
+from slrl_sumo.agent import decide, model_driver
 from slrl_sumo.agent.rule_selector import RuleSelector
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.perception import observation
@@ -29,7 +29,7 @@ from slrl_sumo.sumo.session import SumoSession
 
 WARM_UP = 10
 PIECES: dict[str, tuple[Any, str]] = {
-    "drive": (driver.ModelDriver, "drive"),
+    "drive": (model_driver.ModelDriver, "drive"),
     "  routes": (Routes, "ahead"),
     "  smoothed paths": (decide, "smooth_paths"),
     "  route context": (decide, "route_context"),
@@ -38,7 +38,7 @@ PIECES: dict[str, tuple[Any, str]] = {
     "    route features": (observation, "route_features"),
     "  mode rollouts": (decide, "mode_rollouts"),
     "  selector": (RuleSelector, "choose"),
-    "  motion": (driver, "advance"),
+    "  motion": (model_driver, "advance"),
     "yielding": (Yielding, "apply"),
     "moves": (Population, "move"),
     "SUMO": (SumoSession, "step"),

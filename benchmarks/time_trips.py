@@ -17,7 +17,7 @@ from time import process_time
 
 import numpy as np
 
-from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.make_driver import make_selector
 from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.learning.rl.training_settings import read_settings
 from slrl_sumo.models.bundle import load_bundle

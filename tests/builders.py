@@ -17,11 +17,12 @@ from slrl_sumo.models.prior import Prior
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.perception.features import STATES
 from slrl_sumo.routing.lane_path import LanePath
-from slrl_sumo.routing.vehicle_track import VehicleTrack
+from slrl_sumo.routing.vehicle_track import VehicleHistory, VehicleTrack
 from slrl_sumo.scene.levels import Levels
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, RoadUserType
+from slrl_sumo.sumo.road_users import VehicleParameters
 
 ALONG = SPACING * (np.arange(POINTS, dtype=np.float64) - HERE)
 """m along a path from the road user to each of its points, (POINTS,)."""
@@ -166,19 +167,18 @@ def make_track(path: LanePath, s: float, speed: float, edges: tuple[str, ...] = 
         path=path,
         s=s,
         lateral_offset=0.0,
-        lateral_speed=0.0,
         speed=speed,
-        edges=edges,
-        vehicle_class="passenger",
-        accel=2.6,
-        decel=4.5,
-        emergency=9.0,
-        max_speed=13.9,
-        speed_factor=1.0,
-        tau=1.0,
         x=0.0,
         y=0.0,
+        edges=edges,
+        parameters=VehicleParameters("passenger", 2.6, 4.5, 9.0, 13.9, 1.0, 1.0),
+        history=VehicleHistory(),
     )
+
+
+def with_history(track: VehicleTrack, **fields: Any) -> VehicleTrack:
+    """The track with other entries in its history."""
+    return replace(track, history=replace(track.history, **fields))
 
 
 def make_recording(

@@ -35,7 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.games import WaitingSignals, scenario_or_game
-from slrl_sumo.agent.driver import Driver, Moved, make_driver
+from slrl_sumo.agent.driver import Driver, Moved
+from slrl_sumo.agent.make_driver import make_driver
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter
 from slrl_sumo.ground.road_map import RoadMap

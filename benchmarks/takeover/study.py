@@ -37,7 +37,7 @@ from typing import Any
 
 from benchmarks.takeover.run import Case, run_case
 from benchmarks.takeover.tables import TABLES, add_time_ratios, aligned, markdown, table
-from slrl_sumo.agent.driver import SELECTORS
+from slrl_sumo.agent.make_driver import SELECTORS
 from slrl_sumo.jobs.pool import Backend, run_jobs
 from slrl_sumo.studies.log import StudyLog
 

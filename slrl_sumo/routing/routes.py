@@ -6,7 +6,6 @@ random, equally in every run.
 
 import math
 from collections.abc import Iterable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +14,15 @@ from slrl_sumo.routing.junctions.occupants import Size
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
+from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
-from slrl_sumo.routing.speed_limits import SpeedLimits
+from slrl_sumo.routing.speed_limits import SpeedLimits, looking_speed
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.routing.waiting_persons import WaitingPersons
-from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, spacing_at
+from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, SignalAspect, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.sumo.api import SumoApi
@@ -35,8 +35,6 @@ DECEL_SHARE = 0.5
 """Share of a vehicle's deceleration with which it slows down for limits and junctions."""
 REACTION_TIME = 2 * DECISION_INTERVAL
 """s from a decision until its effect shows."""
-ACCEL_SHARE = 0.4
-"""Share of a vehicle's acceleration that is expected while it crosses a junction, because it turns there."""
 FAR_BESIDE = 3.0
 """m beside its path from which a vehicle on no lane of SUMO's is astray: stopped 5 m off two sharp turns in a row, one
 did not move again."""
@@ -47,20 +45,25 @@ class Routes:
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.refusals = Refusals()
-        graph = LaneGraph(api, network)
-        self._levels = network.levels
-        self._vehicles = VehicleTracker(api, network, graph)
-        right_of_way = RightOfWay(api, graph, trust_sumo=False)
-        self._speed_limits = SpeedLimits(api, graph, self._vehicles, right_of_way)
-        self._reservations = JunctionReservations(api, graph, self._vehicles.get, right_of_way)
+        self._graph, self._levels = LaneGraph(api, network), network.levels
+        self._vehicles = VehicleTracker(api, network, self._graph)
+        self._lane_choice = LaneChoice(self._graph, self._vehicles, network.levels)
+        self._right_of_way = RightOfWay(api, self._graph)
+        self._speed_limits = SpeedLimits(self._graph, self._right_of_way)
+        self._reservations = JunctionReservations(api, self._graph, self._vehicles.get, self._right_of_way)
         self._pedestrians = PedestrianTracker(api, network)
         self._waiting = WaitingPersons(api, network)
         self._off_route: set[str] = set()
         self._near_end: set[str] = set()
 
     def ahead(self, world: WorldState, n: int) -> RouteAhead:
-        """The routes of the first `n` road users of `world` as they are now; to be called once per decision."""
-        self._speed_limits.renew()
+        """The routes of the first `n` road users of `world` as they are now.
+
+        To be asked at each decision; also again at the same time, as after a road user was put elsewhere: times at a
+        stand count once.
+        """
+        self._graph.renew()
+        self._right_of_way.renew()
         self._pedestrians.renew()
         self._reservations.renew(world)
         route = RouteAhead.unknown(n)
@@ -93,46 +96,62 @@ class Routes:
         self._off_route.difference_update(ids)
         self._near_end.difference_update(ids)
         self._vehicles.forget(ids)
+        self._reservations.forget(ids)
         self._pedestrians.forget(ids)
 
     def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, wishes: list[Wish]) -> None:
         """Write row `i` of the route, that of a vehicle, and add to `wishes` if it changes lanes."""
-        road_user = world.ids[i]
-        track = self._vehicles.observed(world, i, DECISION_INTERVAL)
-        if (wish := self._vehicles.choose_lane(road_user, track, world, i)) is not None:
+        road_user, size = world.ids[i], Size(world.length.item(i), world.width.item(i))
+        track = self._vehicles.observed(world, i)
+        if (wish := self._lane_choice.choose(track, world, i)) is not None:
             wishes.append(wish)
-        track.renew_entry(world.length.item(i), world.time)
-        route.entered[i] = track.entered
-        size = Size(world.length.item(i), world.width.item(i))
-        waits = self._reservations.update(road_user, track, size)
-        path, s = track.path, track.s
-        may_enter = partial(self._reservations.may_enter, road_user, track, size=size)
-        stop, look = self._speed_limits.stop_and_look(track, REACTION_TIME, ACCEL_SHARE, may_enter)
+        track.observe_junction(size.length)
         route.known[i] = True
+        route.entered[i] = track.history.entered
+        waits = self._reservations.occupy(road_user, track, size)
+        stop, look = self._stop_and_look(road_user, track, size)
         route.desired[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
         route.stop[i] = stop = min(stop, waits)
-        for entry in path.entries:
-            line = entry.stop_line - s
-            if line > -STOPS_OVER:
-                route.line[i], route.signal[i] = line, (shown := self._speed_limits.signal(entry))
-                route.closed[i] = shown >= 2 and stop <= line
-                break
+        self._add_signal(route, i, track, stop)
+        track.history.observe_signal(red=route.closed.item(i))
         self._add_junction_to_keep_clear(route, i, track, size.length)
         route.left[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
-        track.idle_time = track.idle_time + DECISION_INTERVAL if track.standing_time and not route.closed[i] else 0.0
         astray = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
         # Beyond its destination, as on a last edge of a few metres, or on a foreign lane, no rule holds a vehicle.
         if left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
-        path.line.draw(s - 0.5 * world.length.item(i) - behind, spacing, route.x, route.y, i)
+        track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
+
+    def _stop_and_look(self, road_user: str, track: VehicleTrack, size: Size) -> tuple[float, float]:
+        """How far ahead (m, inf: nowhere) a vehicle must stop, and the speed (m/s) at which it can look for vehicles
+        that have priority."""
+        stop, look = self._speed_limits.stop_at_lane_end(track), math.inf
+        for entry, distance, rule, too_late in self._speed_limits.entries_ahead(track, REACTION_TIME):
+            if rule == "stop" or not self._reservations.request_entry(
+                road_user, track, entry, priority=rule == "go", size=size, too_late=too_late
+            ):
+                stop = min(stop, distance - STOP_LINE)
+            elif rule == "look":
+                look = min(look, looking_speed(track, distance, REACTION_TIME))
+        return stop, look
+
+    def _add_signal(self, route: RouteAhead, i: int, track: VehicleTrack, stop: float) -> None:
+        """Write the next line and its signal to row `i` of the route of a vehicle that must `stop` (m) ahead."""
+        for entry in track.path.entries:
+            line = entry.stop_line - track.s
+            if line > -STOPS_OVER:
+                signal = self._right_of_way.signal(entry)
+                route.line[i], route.signal[i] = line, signal
+                route.closed[i] = signal >= SignalAspect.YELLOW and stop <= line
+                return
 
     def _add_junction_to_keep_clear(self, route: RouteAhead, i: int, track: VehicleTrack, length: float) -> None:
         """Write the next junction that a vehicle of this `length` (m) must not stand in to row `i` of the route."""
         # From inside a junction it goes on as far as it can: where it is it may already stand in the way of others.
-        here = junction_of(track.entry) if track.entry else ""
+        here = junction_of(track.history.entry) if track.history.entry else ""
         entries = (e for e in track.path.entries if e.stop_line - track.s > -STOPS_OVER)
         crossed = (e for e in entries if e.junction != here and self._reservations.is_crossed(e))
         entry = next(crossed, None)
@@ -155,7 +174,7 @@ class Routes:
         route.known[i] = True
         route.stop[i], route.line[i] = stop, crossing
         if math.isfinite(crossing):
-            route.signal[i], route.closed[i] = 3 if red else 1, red
+            route.signal[i], route.closed[i] = SignalAspect.RED if red else SignalAspect.GREEN, red
         route.left[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import Self
 
 import numpy as np
@@ -33,6 +34,15 @@ SEEN_BRAKING, SEEN_TIME, SEEN_MOST = 2.2, 1.1, 250.0
 cars can; 40 m suffice up to 11 m/s. With all of it, cars at 15 m/s saw a queue at 38 m and had to brake hard."""
 
 
+class SignalAspect(IntEnum):
+    """What a signal shows to road users that want to pass its line."""
+
+    NONE = 0
+    GREEN = 1
+    YELLOW = 2
+    RED = 3
+
+
 @dataclass(frozen=True, eq=False)
 class RouteAhead:
     """Of n road users; where `known` is False there is no route, and the other entries have no meaning.
@@ -61,7 +71,7 @@ class RouteAhead:
     """Distance to the first position beyond that line where vehicles wait inside the junction, as before a left turn;
     -inf where there is none."""
     signal: NDArray[np.int8]
-    """At that line: 0 none, 1 green, 2 yellow, 3 red."""
+    """SignalAspect at that line."""
     closed: NDArray[np.bool_]
     """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
     left: Floats

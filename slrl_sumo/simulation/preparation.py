@@ -4,8 +4,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from slrl_sumo.agent.constraints import Constraints, constraints_of
-from slrl_sumo.agent.driver import SELECTORS, TRAINED, RouteDriver, make_driver, unknown_selector, usual_selector
-from slrl_sumo.agent.lane_driver import LaneDriver
+from slrl_sumo.agent.lane_baseline.lane_driver import LaneDriver
+from slrl_sumo.agent.make_driver import SELECTORS, TRAINED, make_driver, unknown_selector, usual_selector
 from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import usual_selector_of
@@ -71,7 +71,7 @@ def with_learned(
 def without_learned(session: Session) -> CoSimulation:
     """A simulation in which SUMO drives all road users, none of which yields to a learned one; its driver has no road
     users to move. For the arm of a comparison that is measured in the same way as the learned one."""
-    return CoSimulation(session, RouteDriver(LaneDriver(session.api, session.network)), yielding=False)
+    return CoSimulation(session, LaneDriver(session.api, session.network), yielding=False)
 
 
 @dataclass(frozen=True)

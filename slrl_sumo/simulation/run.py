@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.agent.driver import ModelDriver
+from slrl_sumo.agent.model_driver import ModelDriver
 from slrl_sumo.errors import InputError
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.perception.observation import observe

@@ -5,7 +5,8 @@ import pytest
 
 from slrl_sumo.agent.constraints import Constraints, constraints_of
 from slrl_sumo.agent.decide import Situation
-from slrl_sumo.agent.driver import ModelDriver, make_driver
+from slrl_sumo.agent.make_driver import make_driver
+from slrl_sumo.agent.model_driver import ModelDriver
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena, ArenaSettings
 from slrl_sumo.lookahead.route_fit import RouteFit

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from slrl_sumo.agent.driver import usual_selector
+from slrl_sumo.agent.make_driver import usual_selector
 from slrl_sumo.models.bundle import load_bundle
 
 

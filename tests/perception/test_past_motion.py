@@ -6,7 +6,7 @@ import numpy as np
 from builders import make_bundle, make_recording
 
 from slrl_sumo.agent.decide import Agent, consider
-from slrl_sumo.agent.driver import ModelDriver
+from slrl_sumo.agent.model_driver import ModelDriver
 from slrl_sumo.agent.selectors import PriorSelector
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.mask import everywhere_road

@@ -257,10 +257,11 @@ def test_where_all_stop_a_vehicle_goes_on_after_its_stand(tmp_path: Path) -> Non
         routes, comes = Routes(libsumo, session.network), _seen(session, "car")
         assert _one(routes.ahead(comes, 1))["stop"] < 6.0
         # Slow is not enough: it has to stand once, and may start then.
-        near = replace(comes, y=comes.y - 4.0, speed=np.array([1.0]))
+        near = replace(comes, y=comes.y - 4.0, speed=np.array([1.0]), time=comes.time + 0.4)
         assert _one(routes.ahead(near, 1))["stop"] < 2.0
-        assert _one(routes.ahead(replace(near, speed=np.array([0.0])), 1))["stop"] == math.inf
-        assert _one(routes.ahead(near, 1))["stop"] == math.inf
+        stands = replace(near, speed=np.array([0.0]), time=near.time + 0.4)
+        assert _one(routes.ahead(stands, 1))["stop"] == math.inf
+        assert _one(routes.ahead(replace(near, time=stands.time + 0.4), 1))["stop"] == math.inf
 
 
 def test_traffic_on_the_main_road_does_not_look(intersection: SumoSession) -> None:

@@ -10,7 +10,6 @@ import pytest
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.speed_limits import LANE_END, SpeedLimits
-from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.routing.junctions.test_reservations import track
@@ -24,11 +23,9 @@ def session() -> Iterator[SumoSession]:
 
 def test_a_vehicle_inside_a_junction_stops_at_the_end_of_a_lane_that_does_not_lead_on(session: SumoSession) -> None:
     graph = LaneGraph(libsumo, session.network)
-    tracker = VehicleTracker(libsumo, session.network, graph)
-    limits = SpeedLimits(libsumo, graph, tracker, RightOfWay(libsumo, graph, trust_sumo=False))
+    limits = SpeedLimits(graph, RightOfWay(libsumo, graph))
     inside = track(graph, "in0", "out2", -2.0, 8.0)
     wrong = replace(inside, edges=("out2", "beyond"))
     for one, stop in ((inside, math.inf), (wrong, inside.path.end - inside.s - LANE_END)):
         assert limits.lane_continues(one)
-        stops, _ = limits.stop_and_look(one, 0.4, 0.5, lambda *_, **__: True)
-        assert stops == pytest.approx(stop)
+        assert limits.stop_at_lane_end(one) == pytest.approx(stop)

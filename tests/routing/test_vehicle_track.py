@@ -27,8 +27,9 @@ def entered(track: VehicleTrack, *places: tuple[float, float]) -> list[float]:
     """When it entered, at each of the times, at m along the path."""
     times = []
     for time, track.s in places:
-        track.renew_entry(5.0, time)
-        times.append(track.entered)
+        track.history.observe(time, track.speed)
+        track.observe_junction(5.0)
+        times.append(track.history.entered)
     return times
 
 
@@ -39,9 +40,23 @@ def test_a_vehicle_that_rolls_over_the_line_inside_entered_at_the_first_one(trac
 
 def test_a_vehicle_that_has_halted_inside_enters_anew(track: VehicleTrack) -> None:
     assert entered(track, (2.0, 22.0)) == [2.0]
-    track.halted = INSIDE.via
+    track.history.halted = INSIDE.via
     assert entered(track, (9.0, 29.0)) == [9.0]
 
 
 def test_the_next_junction_is_entered_anew(track: VehicleTrack) -> None:
     assert entered(track, (2.0, 22.0), (5.0, 52.0), (9.0, 90.0)) == [2.0, 5.0, math.inf]
+
+
+def test_a_moment_that_is_observed_twice_counts_once(track: VehicleTrack) -> None:
+    """An environment looks twice at the moment at which one episode ends and the next one begins."""
+    history = track.history
+    for time in (1.0, 1.4, 1.4, 1.8, 1.8, 1.8):
+        history.observe(time, 0.0)
+        history.observe_signal(red=False)
+    assert (history.standing_time, history.idle_time) == pytest.approx((1.2, 1.2))
+    history.observe(2.2, 0.0)
+    history.observe_signal(red=True)
+    assert (history.standing_time, history.idle_time) == pytest.approx((1.6, 0.0))
+    history.observe(2.6, 1.0)
+    assert history.standing_time == 0.0

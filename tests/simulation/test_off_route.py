@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from builders import make_scenario
 
-from slrl_sumo.agent.driver import make_driver
+from slrl_sumo.agent.make_driver import make_driver
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.region import parse_region

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Agent, Situation, consider
-from slrl_sumo.agent.driver import ModelDriver
 from slrl_sumo.agent.mode_cost import CostWeights
+from slrl_sumo.agent.model_driver import ModelDriver
 from slrl_sumo.agent.selection import GivenModes
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import OWN_SURFACE

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypedDict, TypeVar, Unpack, get_args
 
 from gymnasium import spaces
 
-from slrl_sumo.agent.driver import make_selector, usual_selector
+from slrl_sumo.agent.make_driver import make_selector, usual_selector
 from slrl_sumo.errors import InputError, check_type, check_whole_number, suggestion
 from slrl_sumo.learning.environments.arena import EPISODE_STEPS, ArenaSettings
 from slrl_sumo.learning.environments.observations import ObserveFunction, OwnObservation

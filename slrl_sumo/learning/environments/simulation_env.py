@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import choose
-from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.make_driver import make_selector
 from slrl_sumo.agent.selection import Selector
 from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import Arena

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Agent, Situation
-from slrl_sumo.agent.driver import ModelDriver
+from slrl_sumo.agent.model_driver import ModelDriver
 from slrl_sumo.learning.environments.arena import OpenedSimulation, touching
 from slrl_sumo.learning.environments.teacher import teacher_costs
 from slrl_sumo.learning.rewards.fault import at_fault

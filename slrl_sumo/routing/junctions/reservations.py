@@ -6,7 +6,7 @@ Inside, a vehicle waits only for those that entered before it, so that vehicles 
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junctions.crossing_occupants import CrossingOccupants
@@ -22,6 +22,7 @@ from slrl_sumo.routing.junctions.right_of_way import RightOfWay, time_to_cover
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
+from slrl_sumo.scene.route import SignalAspect
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 
@@ -62,6 +63,8 @@ class JunctionReservations:
         self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
         """The junctions in which each vehicle holds something."""
+        self._free_since: dict[str, float] = {}
+        """See `free_since`."""
         self._time = 0.0
 
     def renew(self, world: WorldState) -> None:
@@ -75,7 +78,12 @@ class JunctionReservations:
                 self._holds.pop(vehicle, None)
         self._time = world.time
 
-    def update(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
+    def forget(self, ids: Iterable[str]) -> None:
+        """Drop what is known of vehicles that are no longer learned."""
+        for vehicle in ids:
+            self._free_since.pop(vehicle, None)
+
+    def occupy(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
         """Renew what a learned vehicle of this size occupies; reservations for entries end here.
 
         Returns m from its front to where it has to wait inside the junction, inf where it does not.
@@ -83,29 +91,34 @@ class JunctionReservations:
         # Not a look at every junction: a city has thousands, for each of its vehicles.
         for junction in self._holds.pop(vehicle, ()):
             self._held[junction].pop(vehicle, None)
-        lanes, ahead = lanes_through(track, track.s - size.length) if track.entry else ((), ())
+        lanes, ahead = lanes_through(track, track.s - size.length) if track.history.entry else ((), ())
         if not lanes:
             return math.inf
         line, until = _next_line(track)
-        idle, closed = track.idle_time > UNUSED, line is not None and self._right_of_way.signal(line) == 3
+        idle, closed = (
+            track.history.idle_time > UNUSED,
+            line is not None and self._right_of_way.signal(line) == SignalAspect.RED,
+        )
         mine = Occupant(
             self._areas.way(lanes), ahead, track.speed, size, until, self._time,
-            yields=False, idle=idle, stood=track.idle_time, entered=track.entered, closed=closed,
-            swings=line is None or until < -STOPS_OVER, stuck=self._is_stuck(track),
+            yields=False, idle=idle, stood=track.history.idle_time, entered=track.history.entered, closed=closed,
+            swings=line is None or until < -STOPS_OVER, stuck=self._is_stuck(vehicle),
         )  # fmt: skip
-        junction = junction_of(track.entry)
+        junction = junction_of(track.history.entry)
         if junction_of(lanes[0]) != junction:
             # Its rear is still in the junction before, which it leaves.
             self._hold(vehicle, junction_of(lanes[0]), mine._replace(until=math.inf, closed=False, swings=True))
             passed = (
-                e.stop_line for e in track.path.entries if e.via == track.entry and e.stop_line < track.s + STOPS_OVER
+                e.stop_line
+                for e in track.path.entries
+                if e.via == track.history.entry and e.stop_line < track.s + STOPS_OVER
             )
             lanes, ahead = lanes_through(track, max(passed))
             mine = mine._replace(way=self._areas.way(lanes), ahead=ahead)
         waits = math.inf
         for name, other in self._occupants(junction, vehicle, mine):
             theirs = self._learned(name)
-            if theirs is not None and (theirs.entered, name) >= (track.entered, vehicle):
+            if theirs is not None and (theirs.history.entered, name) >= (track.history.entered, vehicle):
                 continue
             areas = self._shared(mine, other)
             if areas and not self._in_way(track, size, theirs):
@@ -116,7 +129,7 @@ class JunctionReservations:
         # What it cannot stop for any more is left to the collisions of its modes.
         return waits if waits > track.speed * track.speed / (2.0 * HARD) else math.inf
 
-    def may_enter(
+    def request_entry(
         self,
         vehicle: str,
         track: VehicleTrack,
@@ -126,21 +139,28 @@ class JunctionReservations:
         size: Size,
         too_late: bool = False,
     ) -> bool:
-        """Whether a learned vehicle may pass the line of an `entry` on its path; if it is about to, its way is
-        reserved. With `priority` reservations of vehicles that have to yield, and still can, do not count. One for
-        which it is `too_late` to stop passes in any case, and the others have to know."""
+        """Whether a learned vehicle may pass the line of an `entry` on its path; if it is about to, reserve its way.
+
+        With `priority` reservations of vehicles that have to yield, and still can, do not count. A vehicle for which it
+        is `too_late` to stop passes in any case, and the others have to know."""
         free = self._reserve(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
         if entry is next(line for line in track.path.entries if line.stop_line > track.s - STOPS_OVER):
-            waits = not free or track.standing_time == 0.0
-            track.free_since = math.inf if waits else min(track.free_since, self._time)
+            if free and track.history.standing_time > 0.0:
+                self._free_since.setdefault(vehicle, self._time)
+            else:
+                self._free_since.pop(vehicle, None)
         return free
 
     def is_crossed(self, entry: JunctionEntry) -> bool:
         """Whether others cross the way that begins at an entry, so that a vehicle must not stand on it."""
         return self._areas.is_crossed(entry.via)
 
-    def _is_stuck(self, track: VehicleTrack) -> bool:
-        return self._time - track.free_since > UNUSED
+    def free_since(self, vehicle: str) -> float:
+        """Time (s) since which a vehicle has stood before a line although nothing reserved is in its way, else inf."""
+        return self._free_since.get(vehicle, math.inf)
+
+    def _is_stuck(self, vehicle: str) -> bool:
+        return self._time - self.free_since(vehicle) > UNUSED
 
     def _reserve(
         self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size, too_late: bool
@@ -153,13 +173,15 @@ class JunctionReservations:
         pause, exits = stops_inside(track, entry)
         # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
-        idle = track.idle_time > UNUSED
+        idle = track.history.idle_time > UNUSED
         # One may still be in the junction before.
-        entered = track.entered if track.entry and junction_of(track.entry) == junction else math.inf
-        stuck = self._is_stuck(track)
+        entered = (
+            track.history.entered if track.history.entry and junction_of(track.history.entry) == junction else math.inf
+        )
+        stuck = self._is_stuck(vehicle)
         mine = Occupant(
             way, ahead, track.speed, size, exits, self._time, yields,
-            idle=idle, stood=track.idle_time, entered=entered, stuck=stuck,
+            idle=idle, stood=track.history.idle_time, entered=entered, stuck=stuck,
         )  # fmt: skip
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
@@ -306,7 +328,7 @@ def stops_inside(track: VehicleTrack, entry: JunctionEntry) -> tuple[float, floa
 def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
     """The next waiting position in the junction where the vehicle is, and m from its front to it, or to the exit."""
     entries = track.path.entries
-    here = next(k for k, entry in enumerate(entries) if entry.via == track.entry)
+    here = next(k for k, entry in enumerate(entries) if entry.via == track.history.entry)
     for entry in entries[here + 1 :]:
         if entry.stop_line < entries[here].exit:
             return entry, entry.stop_line - STOP_LINE - track.s

@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.agent.driver import TRAINED, ModelDriver
+from slrl_sumo.agent.make_driver import TRAINED
+from slrl_sumo.agent.model_driver import ModelDriver
 from slrl_sumo.agent.stopwatch import PARTS, Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.fcd.write import FcdWriter

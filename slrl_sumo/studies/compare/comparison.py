@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo.agent.driver import SELECTORS, TRAINED, make_selector, usual_selector
+from slrl_sumo.agent.make_driver import SELECTORS, TRAINED, make_selector, usual_selector
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs

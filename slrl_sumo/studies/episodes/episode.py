@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import GUARDED
+from slrl_sumo.agent.make_driver import GUARDED
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.road_map import RoadMap

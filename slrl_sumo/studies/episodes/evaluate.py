@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo.agent.driver import GUARDED, SELECTORS, TRAINED, make_selector
+from slrl_sumo.agent.make_driver import GUARDED, SELECTORS, TRAINED, make_selector
 from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.formats.trajectory_file import load_trajectories
 from slrl_sumo.jobs.interrupt import interruptible

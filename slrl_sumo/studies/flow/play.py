@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.driver import GUARDED
+from slrl_sumo.agent.make_driver import GUARDED
 from slrl_sumo.errors import SumoError
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts
 from slrl_sumo.metrics.signal_crossings import SignalCrossings

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slrl_sumo.agent.driver import GUARDED, SELECTORS, TRAINED, make_selector, unknown_selector
+from slrl_sumo.agent.make_driver import GUARDED, SELECTORS, TRAINED, make_selector, unknown_selector
 from slrl_sumo.errors import InputError, SumoError, check_whole_number
 from slrl_sumo.jobs.interrupt import interruptible
 from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs

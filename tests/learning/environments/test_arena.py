@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.agent.decide import choose
-from slrl_sumo.agent.driver import make_selector
+from slrl_sumo.agent.make_driver import make_selector
 from slrl_sumo.agent.mode_cost import CostWeights
 from slrl_sumo.agent.selectors import PriorSelector
 from slrl_sumo.learning.environments.arena import Arena, ArenaSettings

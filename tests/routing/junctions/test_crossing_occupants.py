@@ -47,10 +47,10 @@ def occupants(graph: LaneGraph, *worlds: WorldState) -> dict[str, object]:
 
 def may_enter(graph: LaneGraph, world: WorldState, before: float, speed: float) -> bool:
     """Whether a car to the east, on the southern lane, may pass the line before the crossing."""
-    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
+    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph))
     reservations.renew(world)
     car = track(graph, "wm", "me", before, speed)
-    return reservations.may_enter("car", car, car.path.entries[0], priority=False, size=SIZE)
+    return reservations.request_entry("car", car, car.path.entries[0], priority=False, size=SIZE)
 
 
 NORTH, SOUTH = 0.5 * math.pi, -0.5 * math.pi
@@ -78,13 +78,13 @@ def test_a_car_waits_for_a_pedestrian_that_it_would_meet(graph: LaneGraph) -> No
 
 
 def test_a_pedestrian_that_has_stood_beside_the_lane_for_long_lets_cars_pass(graph: LaneGraph) -> None:
-    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
+    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph))
     car = track(graph, "wm", "me", 2.0, 0.5)
     answers = []
     for time in (1.0, 1.0 + UNUSED + 0.4):
         reservations.renew(walker(0.6, SOUTH, 0.2, time=time))
         line = car.path.entries[0]
-        answers.append(reservations.may_enter("car", car, line, priority=False, size=SIZE))
+        answers.append(reservations.request_entry("car", car, line, priority=False, size=SIZE))
     assert answers == [False, True]
 
 

@@ -27,18 +27,18 @@ def test_a_vehicle_in_a_junction_holds_its_way_through_the_next_one() -> None:
         middle = 0.5 * (here.stop_line + here.exit)
         # The streets of this net are long: too fast for the other one to pass before, too slow to pass first.
         inside = make_track(path, middle, (onward.stop_line - middle) / 4.0)
-        inside.entry, inside.entered = here.via, 0.5
+        inside.history.entry, inside.history.entered = here.via, 0.5
         foe_path = _crossings(graph, onward.via)[0]
         line = foe_path.entries[0]
         foe = make_track(foe_path, line.stop_line - 2.0, 2.0)
         tracks = {"inside": inside, "foe": foe}
-        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
+        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph))
         reservations.renew(make_world(time=1.0))
-        assert reservations.may_enter("foe", foe, line, priority=False, size=SIZE)
+        assert reservations.request_entry("foe", foe, line, priority=False, size=SIZE)
         reservations.renew(make_world(time=2.0))
         # Too fast to stop: it will come, and the other one has to know.
-        assert reservations.may_enter("inside", inside, onward, priority=True, size=SIZE, too_late=True)
-        assert not reservations.may_enter("foe", foe, line, priority=False, size=SIZE)
+        assert reservations.request_entry("inside", inside, onward, priority=True, size=SIZE, too_late=True)
+        assert not reservations.request_entry("foe", foe, line, priority=False, size=SIZE)
 
 
 def test_a_vehicle_with_its_rear_in_one_junction_and_its_front_in_the_next_holds_both(tmp_path: Path) -> None:
@@ -51,17 +51,17 @@ def test_a_vehicle_with_its_rear_in_one_junction_and_its_front_in_the_next_holds
         first, second = path.entries
         assert second.stop_line - first.exit < 5.0 < 12.0
         car = make_track(path, second.stop_line + 1.0, 0.0, ("ab", "be"))
-        car.entry, car.entered = second.via, 0.5
+        car.history.entry, car.history.entered = second.via, 0.5
         tracks = {"car": car}
         for name, begin, end in (("one", "na", "as"), ("two", "mb", "bt")):
             across = graph.path(f"{begin}_0", (end,), "passenger", [])
             tracks[name] = make_track(across, across.entries[0].stop_line - 1.0, 0.0, (end,))
-        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
+        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph))
         reservations.renew(make_world(time=1.0))
-        reservations.update("car", car, Size(12.0, 1.8))
+        reservations.occupy("car", car, Size(12.0, 1.8))
         for name in ("one", "two"):
             line = tracks[name].path.entries[0]
-            assert not reservations.may_enter(name, tracks[name], line, priority=True, size=SIZE)
+            assert not reservations.request_entry(name, tracks[name], line, priority=True, size=SIZE)
 
 
 NODES = (

@@ -38,7 +38,7 @@ def waiting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[LaneGrap
 
 def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[LaneGraph, str, str]) -> None:
     graph, vehicle, lane = waiting
-    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
+    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph))
     reservations.renew(make_world())
     occupant = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
     assert occupant.swings is False
@@ -46,13 +46,13 @@ def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[L
     opposite = {"in_n": "in_s", "in_s": "in_n", "in_e": "in_w", "in_w": "in_e"}[start]
     oncoming = track(graph, opposite, start.replace("in", "out"), 10.0, 6.0)
     line = oncoming.path.entries[0]
-    assert reservations.may_enter("car", oncoming, line, priority=True, size=USUAL)
+    assert reservations.request_entry("car", oncoming, line, priority=True, size=USUAL)
 
 
 def test_one_inside_does_not_wait_for_one_of_sumos_that_stands_as_long(waiting: tuple[LaneGraph, str, str]) -> None:
     graph, vehicle, lane = waiting
     assert libsumo.vehicle.getWaitingTime(vehicle) < UNUSED
-    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph, trust_sumo=False))
+    reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph))
     reservations.renew(make_world())
     theirs = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
     mine = theirs._replace(idle=True, entered=5.0)

@@ -17,7 +17,7 @@ from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from tests.builders import make_track, make_world
+from tests.builders import make_track, make_world, with_history
 
 SIZE = Size(5.0, 1.8)
 BICYCLE = Size(1.6, 0.65)
@@ -45,14 +45,14 @@ def track(graph: LaneGraph, start: str, end: str, before: float, speed: float) -
 def inside(graph: LaneGraph, start: str, end: str, beyond: float, speed: float) -> VehicleTrack:
     """A car so many m beyond the line."""
     one = track(graph, start, end, -beyond, speed)
-    return replace(one, entry=one.path.entries[0].via, entered=0.0)
+    return with_history(one, entry=one.path.entries[0].via, entered=0.0)
 
 
 def reserved(graph: LaneGraph, **tracks: VehicleTrack) -> JunctionReservations:
-    result = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph, trust_sumo=False))
+    result = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph))
     result.renew(world(1.0))
     for name, one in tracks.items():
-        result.update(name, one, SIZE)
+        result.occupy(name, one, SIZE)
     return result
 
 
@@ -64,7 +64,7 @@ def may(
     reservations: JunctionReservations, name: str, one: VehicleTrack, priority: bool = False, size: Size = SIZE
 ) -> bool:
     line = next(entry for entry in one.path.entries if entry.stop_line >= one.s)
-    return reservations.may_enter(name, one, line, priority=priority, size=size)
+    return reservations.request_entry(name, one, line, priority=priority, size=size)
 
 
 def test_areas_are_where_lanes_cross_seen_from_both(graph: LaneGraph) -> None:
@@ -163,7 +163,7 @@ def test_a_vehicle_waits_for_those_inside_that_are_on_its_way(graph: LaneGraph) 
     assert may(reserved(graph, other=leaving), "ego", waiting)
     assert may(reserved(graph, other=inside(graph, "in2", "out0", 3.0, 0.0)), "ego", waiting)
     # One that has stood outside the area for long does not keep others waiting.
-    idle = replace(inside(graph, "in1", "out3", 0.6, 0.0), idle_time=UNUSED + 1.0)
+    idle = with_history(inside(graph, "in1", "out3", 0.6, 0.0), idle_time=UNUSED + 1.0)
     assert may(reserved(graph, other=idle), "ego", waiting)
 
 
@@ -174,7 +174,7 @@ def test_of_two_at_their_lines_one_enters_and_the_other_waits(graph: LaneGraph) 
     assert not may(reservations, "second", second)
     # The right of way counts more than a reservation of one that has not entered; then that one waits.
     assert may(reservations, "second", second, priority=True)
-    reservations.update("first", first, SIZE)
+    reservations.occupy("first", first, SIZE)
     assert not may(reservations, "first", first)
     # Reservations that are not renewed end.
     reservations.renew(world(1.4))
@@ -196,39 +196,41 @@ def test_a_vehicle_that_cannot_stop_any_more_reserves_its_way(graph: LaneGraph) 
     fast, waiting = track(graph, "in0", "out2", 24.0, 12.0), track(graph, "in1", "out3", 1.0, 0.0)
     reservations = reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0))
     line = fast.path.entries[0]
-    assert not reservations.may_enter("fast", fast, line, priority=False, size=SIZE)
+    assert not reservations.request_entry("fast", fast, line, priority=False, size=SIZE)
     assert may(reservations, "waiting", waiting)
     # It drives on all the same: the next one has to wait for it.
-    assert reservations.may_enter("fast", fast, line, priority=False, size=SIZE, too_late=True)
+    assert reservations.request_entry("fast", fast, line, priority=False, size=SIZE, too_late=True)
     assert not may(reservations, "waiting", waiting)
 
 
 def test_one_that_waits_inside_does_not_reserve_what_lies_behind_its_stop(graph: LaneGraph) -> None:
     left = track(graph, "in1", "out0", 0.0, 0.0)
     line = left.path.entries[1].stop_line
-    waiting = replace(left, s=line - 1.2, entry=left.path.entries[0].via, entered=0.0)
+    waiting = with_history(replace(left, s=line - 1.2), entry=left.path.entries[0].via, entered=0.0)
     reservations = reserved(graph, waiting=waiting)
     oncoming = track(graph, "in3", "out1", 10.0, 5.0)
-    area = ConflictAreas(graph).between(oncoming.path.entries[0].via, waiting.entry, SIZE.turning + BICYCLE.turning)
+    area = ConflictAreas(graph).between(
+        oncoming.path.entries[0].via, waiting.history.entry, SIZE.turning + BICYCLE.turning
+    )
     assert area is not None
-    assert abs(graph.lanes[waiting.entry].length - area.other_begin) < 0.9, "it begins near the line"
+    assert abs(graph.lanes[waiting.history.entry].length - area.other_begin) < 0.9, "it begins near the line"
     assert may(reservations, "oncoming", oncoming, priority=True, size=BICYCLE)
     # Over the line it is in the way of what comes.
-    over = replace(waiting, s=line + 1.0, entry=left.path.entries[1].via)
+    over = with_history(replace(waiting, s=line + 1.0), entry=left.path.entries[1].via)
     assert not may(reserved(graph, waiting=over), "oncoming", oncoming, priority=True, size=BICYCLE)
 
 
 def test_of_two_that_wait_for_each_other_the_first_goes(graph: LaneGraph) -> None:
     first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 0.0)
     first, second = (
-        replace(first, entered=0.2, idle_time=UNUSED + 1.0),
-        replace(second, entered=0.6, idle_time=UNUSED + 1.0),
+        with_history(first, entered=0.2, idle_time=UNUSED + 1.0),
+        with_history(second, entered=0.6, idle_time=UNUSED + 1.0),
     )
     reservations = reserved(graph, first=first, second=second)
-    assert reservations.update("first", first, SIZE) == math.inf
-    assert reservations.update("second", second, SIZE) < math.inf
+    assert reservations.occupy("first", first, SIZE) == math.inf
+    assert reservations.occupy("second", second, SIZE) < math.inf
     # One that stands for another reason does not keep those waiting that may go.
-    assert reservations.update("second", replace(second, idle_time=0.0), SIZE) == math.inf
+    assert reservations.occupy("second", with_history(second, idle_time=0.0), SIZE) == math.inf
 
 
 def test_of_two_that_stand_never_both_disregard_the_other(graph: LaneGraph) -> None:
@@ -262,53 +264,69 @@ def test_a_person_that_stands_beside_a_car_on_a_crossing_does_not_keep_it_there(
 def test_one_that_could_have_gone_does_not_keep_others_waiting(graph: LaneGraph) -> None:
     first, second = (inside(graph, *way, 0.6, 0.0) for way in (("in0", "out2"), ("in1", "out3")))
     first, second = (
-        replace(one, entered=entered, idle_time=UNUSED + 1.0) for one, entered in ((first, 0.2), (second, 0.6))
+        with_history(one, entered=entered, idle_time=UNUSED + 1.0) for one, entered in ((first, 0.2), (second, 0.6))
     )
-    assert reserved(graph, first=first, second=second).update("second", second, SIZE) < math.inf
-    stuck = replace(first, free_since=1.0 - UNUSED - 0.1)
-    assert reserved(graph, first=stuck, second=second).update("second", second, SIZE) == math.inf
-    # Not that the two go at the same time.
-    both = replace(second, free_since=stuck.free_since)
-    assert reserved(graph, first=stuck, second=both).update("second", both, SIZE) < math.inf
+    for known, waits in (((), True), (("first",), False), (("first", "second"), True)):  # not that both go at once
+        tracks = {"first": first, "second": second}
+        reservations = JunctionReservations(libsumo, graph, tracks.get, RightOfWay(libsumo, graph))
+        for ago, name in zip((0.9, 0.5), known, strict=False):
+            stand_before_the_line(reservations, name, graph, 1.0 - UNUSED - ago)
+        reservations.renew(world(1.0))
+        reservations.occupy("first", first, SIZE)
+        assert (reservations.occupy("second", second, SIZE) < math.inf) is waits
+
+
+def stand_before_the_line(reservations: JunctionReservations, name: str, graph: LaneGraph, time: float) -> None:
+    """Let a vehicle stand before an open line at a time, when nothing else is reserved."""
+    ways = {"first": ("in0", "out2"), "second": ("in1", "out3")}
+    stands = with_history(track(graph, *ways[name], 1.0, 0.0), standing_time=5.0)
+    for _ in range(2):
+        reservations.renew(world(time))
+        time += 0.1
+    assert may(reservations, name, stands)
 
 
 def test_since_when_a_vehicle_could_go_is_noted(graph: LaneGraph) -> None:
-    stands = replace(track(graph, "in0", "out2", 1.0, 0.0), standing_time=5.0)
+    stands = with_history(track(graph, "in0", "out2", 1.0, 0.0), standing_time=5.0)
     reservations = reserved(graph)
     for time in (1.0, 2.0):
         reservations.renew(world(time))
         assert may(reservations, "ego", stands)
-        assert stands.free_since == 1.0
-    stands.standing_time = 0.0
+        assert reservations.free_since("ego") == 1.0
+    assert may(reservations, "ego", with_history(stands, standing_time=0.0))
+    assert reservations.free_since("ego") == math.inf
     assert may(reservations, "ego", stands)
-    assert stands.free_since == math.inf
-    stands.standing_time = 5.0
-    assert not may(reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0)), "ego", stands)
-    assert stands.free_since == math.inf
+    reservations.forget(["ego"])
+    assert reservations.free_since("ego") == math.inf
+    crossed = reserved(graph, other=inside(graph, "in1", "out3", 3.0, 0.0))
+    assert not may(crossed, "ego", stands)
+    assert crossed.free_since("ego") == math.inf
 
 
 def test_one_outside_does_not_keep_one_waiting_inside_with_equal_rights(graph: LaneGraph) -> None:
     left = track(graph, "in1", "out0", 0.0, 0.0)
     assert len(left.path.entries) == 2
-    waiting = replace(left, s=left.path.entries[1].stop_line - 1.0, entry=left.path.entries[0].via, entered=0.0)
+    waiting = with_history(
+        replace(left, s=left.path.entries[1].stop_line - 1.0), entry=left.path.entries[0].via, entered=0.0
+    )
     minor = track(graph, "in0", "out2", 1.0, 0.0)
     assert not may(reserved(graph, waiting=waiting), "minor", minor)
     # When it entered the junction before does not count.
-    assert not may(reserved(graph, waiting=waiting), "minor", replace(minor, entry=":before_0_0", entered=-1.0))
+    assert not may(reserved(graph, waiting=waiting), "minor", with_history(minor, entry=":before_0_0", entered=-1.0))
     assert may(reserved(graph), "minor", minor)
 
 
 def test_inside_a_vehicle_stops_before_the_way_of_one_that_entered_earlier(graph: LaneGraph) -> None:
     first, second = inside(graph, "in0", "out2", 0.6, 0.0), inside(graph, "in1", "out3", 0.6, 2.0)
-    first, second = replace(first, entered=0.2), replace(second, entered=0.6)
+    first, second = with_history(first, entered=0.2), with_history(second, entered=0.6)
     reservations = reserved(graph, first=first, second=second)
-    area = ConflictAreas(graph).between(second.entry, first.entry, SIZE.width + SIDE_GAP)
+    area = ConflictAreas(graph).between(second.history.entry, first.history.entry, SIZE.width + SIDE_GAP)
     assert area is not None
-    assert reservations.update("second", second, SIZE) == pytest.approx(area.begin - 0.6)
-    assert reservations.update("first", first, SIZE) == math.inf
+    assert reservations.occupy("second", second, SIZE) == pytest.approx(area.begin - 0.6)
+    assert reservations.occupy("first", first, SIZE) == math.inf
     # Too fast to stop, it goes on, and so does one that stands in the area already.
-    assert reservations.update("second", replace(second, speed=9.0), SIZE) == math.inf
-    assert reservations.update("second", replace(second, s=second.s + area.begin), SIZE) == math.inf
+    assert reservations.occupy("second", replace(second, speed=9.0), SIZE) == math.inf
+    assert reservations.occupy("second", replace(second, s=second.s + area.begin), SIZE) == math.inf
 
 
 def test_one_that_stands_on_the_path_of_another_one_goes_first(graph: LaneGraph) -> None:
@@ -339,12 +357,14 @@ def test_far_away_nothing_is_reserved(graph: LaneGraph) -> None:
 def test_vehicles_one_behind_the_other_do_not_wait_for_each_other(graph: LaneGraph) -> None:
     leader, follower = inside(graph, "in0", "out2", 3.0, 0.0), track(graph, "in0", "out2", 2.0, 0.0)
     assert may(reserved(graph, leader=leader), "follower", follower)
-    assert math.isinf(follower.entered)
+    assert math.isinf(follower.history.entered)
 
 
 def test_two_that_have_stood_for_long_pass_each_other_with_less_room(graph: LaneGraph) -> None:
     left, other = track(graph, "in1", "out0", 0.0, 0.0), track(graph, "in3", "out1", 0.0, 0.0)
-    waiting = replace(left, s=left.path.entries[1].stop_line - 1.0, entry=left.path.entries[0].via, entered=0.0)
+    waiting = with_history(
+        replace(left, s=left.path.entries[1].stop_line - 1.0), entry=left.path.entries[0].via, entered=0.0
+    )
     ways = left.path.entries[1].via, other.path.entries[0].via
     wide, close = (
         area.other_begin
@@ -354,6 +374,6 @@ def test_two_that_have_stood_for_long_pass_each_other_with_less_room(graph: Lane
     assert close - wide > 0.3
     goes_on = inside(graph, "in3", "out1", 0.5 * (wide + close), 0.0)
     assert not may(reserved(graph, waiting=waiting, other=goes_on), "waiting", waiting)
-    stands, waited = (replace(one, idle_time=UNUSED + 1.0) for one in (goes_on, waiting))
+    stands, waited = (with_history(one, idle_time=UNUSED + 1.0) for one in (goes_on, waiting))
     assert not may(reserved(graph, waiting=waiting, other=stands), "waiting", waiting)
     assert may(reserved(graph, waiting=waited, other=stands), "waiting", waited)

@@ -43,7 +43,7 @@ def minor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LaneGraph]:
 @pytest.mark.parametrize(("start", "end", "free"), [("in_s", "out_w", False), ("in_s", "out_n", True)])
 def test_of_two_that_have_to_yield_one_goes_first(minor: LaneGraph, start: str, end: str, free: bool) -> None:
     # SUMO's goes straight on: first of one that turns left, although both have to yield to the main road.
-    right_of_way = RightOfWay(libsumo, minor, trust_sumo=False)
+    right_of_way = RightOfWay(libsumo, minor)
     assert libsumo.vehicle.getSpeed("n") > 5.0
     link = next((target, via) for target, via in minor.links("in_n_0") if minor.lanes[target].edge == "out_s")
     assert not right_of_way.has_priority("in_n_0", *link)
@@ -51,4 +51,4 @@ def test_of_two_that_have_to_yield_one_goes_first(minor: LaneGraph, start: str, 
     assert right_of_way.goes_first("in_n_0", one.path.entries[0]) != free
     reservations = JunctionReservations(libsumo, minor, lambda _: None, right_of_way)
     reservations.renew(make_world())
-    assert reservations.may_enter("car", one, one.path.entries[0], priority=False, size=USUAL) == free
+    assert reservations.request_entry("car", one, one.path.entries[0], priority=False, size=USUAL) == free

@@ -31,11 +31,9 @@ def test_a_car_that_turns_around_is_as_slow_as_its_turn(tmp_path: Path, before: 
     with SumoSession(find_scenario(str(config))) as session:
         graph = LaneGraph(libsumo, session.network)
         turns, comes = track(graph, "wc", 9.4, 6.9), track(graph, "ec", before, 13.2)
-        reservations = JunctionReservations(
-            libsumo, graph, {"comes": comes}.get, RightOfWay(libsumo, graph, trust_sumo=False)
-        )
+        reservations = JunctionReservations(libsumo, graph, {"comes": comes}.get, RightOfWay(libsumo, graph))
         reservations.renew(make_world(time=1.0))
         first, line = comes.path.entries[0], turns.path.entries[0]
-        assert reservations.may_enter("comes", comes, first, priority=True, size=SIZE, too_late=True)
-        assert reservations.may_enter("turns", turns, line, priority=False, size=SIZE) == may
+        assert reservations.request_entry("comes", comes, first, priority=True, size=SIZE, too_late=True)
+        assert reservations.request_entry("turns", turns, line, priority=False, size=SIZE) == may
         assert ConflictAreas(graph).way((line.via,)).pace == graph.lanes[line.via].max_speed < 4.0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.agent.lane_driver import LaneDriver
+from slrl_sumo.agent.lane_baseline.lane_driver import LaneDriver
 from slrl_sumo.scene.geometry import boxes_overlap, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
@@ -35,7 +35,7 @@ class Ride:
     def __init__(self, session: SumoSession, wanted: Callable[[str], bool]) -> None:
         assert session.substeps == 1
         self.session, self.wanted = session, wanted
-        self.loans, self.driver = TakenOverControl(libsumo, session.network), LaneDriver(libsumo, session.network)
+        self.control, self.driver = TakenOverControl(libsumo, session.network), LaneDriver(libsumo, session.network)
         self.learned = _world(session.reader.read(), [], session.time)
         self.others = self.learned
         self.back: set[str] = set()
@@ -48,9 +48,9 @@ class Ride:
         snapshot = self.session.reader.read()
         own = set(self.learned.ids)
         rows = [i for i, r in enumerate(snapshot.ids) if self.wanted(r) and r not in own and r not in self.back | own]
-        obstacles = self.loans.obstacles([snapshot.ids[i] for i in rows], snapshot.person[rows], models=False)
+        obstacles = self.control.obstacles([snapshot.ids[i] for i in rows], snapshot.person[rows], models=False)
         rows = [i for i, why in zip(rows, obstacles, strict=True) if not why]
-        self.loans.take_over([snapshot.ids[i] for i in rows], snapshot.person[rows])
+        self.control.take_over([snapshot.ids[i] for i in rows], snapshot.person[rows])
         self.learned = replace(self.learned.join(_world(snapshot, rows, self.session.time)), time=self.session.time)
         own = set(self.learned.ids)
         rest = [i for i, r in enumerate(snapshot.ids) if r not in own]
@@ -62,18 +62,18 @@ class Ride:
     def step(self) -> WorldState:
         """One decision; those near their destination go back to SUMO. The learned before the step."""
         before = self.learned
-        following = self.driver.drive(before, DT, self.others)
+        following = self.driver.moved(before.join(self.others), len(before), DT)
         walking = following.type == RoadUserType.PEDESTRIAN
         f = following
-        self.loans.move(f.ids, walking, f.x, f.y, f.heading, f.speed, f.length)
+        self.control.move(f.ids, walking, f.x, f.y, f.heading, f.speed, f.length)
         self.session.step()
         for road_user in (*libsumo.simulation.getArrivedIDList(), *libsumo.simulation.getArrivedPersonIDList()):
             self.arrived[road_user] = self.road.get(road_user, "")
         present = {*libsumo.vehicle.getIDList(), *libsumo.person.getIDList()}
         gone = [r for r in f.ids if r not in present]
-        self.loans.abandon(gone)
+        self.control.abandon(gone)
         rows = np.flatnonzero(self.driver.near_end(f.ids) & np.array([r in present for r in f.ids], np.bool_))
-        done = rows[self.loans.hand_back([f.ids[i] for i in rows], walking[rows])]
+        done = rows[self.control.hand_back([f.ids[i] for i in rows], walking[rows])]
         self.back |= {f.ids[i] for i in done} | set(gone)
         self.driver.forget(tuple(f.ids[i] for i in done))
         self.learned = f.take(np.array([i for i, r in enumerate(f.ids) if r not in self.back], np.intp))
@@ -154,7 +154,7 @@ def test_a_car_goes_its_route_in_its_lane_within_its_limits(intersection: SumoSe
     else:
         raise AssertionError("the car did not arrive")
     assert ride.road["car"].startswith("out3")
-    assert (ride.back, ride.loans.ids) == ({"car"}, frozenset())
+    assert (ride.back, ride.control.ids) == ({"car"}, frozenset())
 
 
 def test_a_car_waits_at_red_and_goes_at_green() -> None:
@@ -345,7 +345,7 @@ def test_what_we_added_goes_on_at_random_the_same_in_every_run() -> None:
             for _ in range(300):
                 session.spawned.move(state.ids, state.type, state.x, state.y, state.heading, state.speed, state.length)
                 session.step()
-                state = driver.drive(state, DT)
+                state = driver.moved(state, len(state), DT)
                 places += [(float(state.x[0]), float(state.y[0])), (float(state.x[1]), float(state.y[1]))]
             assert driver.near_end(state.ids).tolist() == [False, False]
             return places
