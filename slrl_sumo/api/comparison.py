@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 from slrl_sumo.errors import check_type, check_whole_number
 from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output, claimed
-from slrl_sumo.models.bundle_folder import find_bundle
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE, find_bundle
 from slrl_sumo.simulation.shares import Shares, shares_text
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.scenario.options import named_files

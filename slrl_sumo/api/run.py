@@ -24,13 +24,13 @@ from slrl_sumo.jobs.interrupt import interruptible, interruptible_to_the_end
 from slrl_sumo.jobs.memory import peak_memory_mib
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.metrics.counters import RunCounters
-from slrl_sumo.models.bundle_folder import find_bundle
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE, find_bundle
 from slrl_sumo.report.recorder import RunRecord, RunRecorder
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.events import MOST_DECISIONS, Decision, Event, Started
 from slrl_sumo.simulation.excluded import Excluded, parse_excluded
 from slrl_sumo.simulation.isolated_run import run_isolated
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
+from slrl_sumo.simulation.settings import RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.command import sumo_step_length

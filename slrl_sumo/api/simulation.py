@@ -6,12 +6,13 @@ from types import TracebackType
 from typing import Self
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.excluded import Excluded
 from slrl_sumo.simulation.region import RegionSpec
 from slrl_sumo.simulation.run import run
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, RunSettings, constraint_names
+from slrl_sumo.simulation.settings import RunSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.scenario import Scenario
 

@@ -14,20 +14,20 @@ from slrl_sumo.scene.route import HERE, on_path
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
-HORIZON = 4.0
+FORECAST_HORIZON = 4.0
 """s over which road users are predicted on their paths: a car brakes comfortably from 14 m/s within 3.1 s."""
-WITHOUT_ROUTE = 1.5
+MOTION_HORIZON = 1.5
 """s over which the present motion of a road user without a route tells where it will be."""
-MOMENTS = np.linspace(0.0, HORIZON, 11)
-STANDING = 0.05
-"""m/s."""
+MOMENTS = np.linspace(0.0, FORECAST_HORIZON, 11)
+FORECAST_STANDING_SPEED = 0.05
+"""m/s: slower road users are expected to stay; within FORECAST_HORIZON they would go 0.2 m."""
 SHARPEST_TURN = 1.0
 """rad/s; faster turns are expected to slow down to this."""
-RETURN = 15.0
+RETURN_DISTANCE = 15.0
 """m within which a road user beside its path, or turned away from it, has returned to it."""
 ASTRAY, AGAINST = 5.0, 1.0
 """m beside its path, and rad between both directions, from which a road user does not follow it."""
-BRAKES = np.array([4.5, 3.0, 0.4])
+STOPPING_DECELERATION = np.array([4.5, 3.0, 0.4])
 """m/s² by RoadUserType with which a road user can stop to let a vehicle pass. Pedestrians walk on: 1.6 s at 1.3 m/s."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
@@ -70,7 +70,7 @@ def forecast(users: WorldState, context: RouteContext | None = None) -> Forecast
     now = np.stack([users.x, users.y, users.heading, users.length, users.width])
     rate = np.where(users.type == RoadUserType.PEDESTRIAN, 0.0, users.yaw_rate)
     boxes, count = _forecast(now, users.speed, rate, _paths(users, context), MOMENTS)
-    return Forecast(boxes, count, users.speed / (2.0 * BRAKES[users.type]))
+    return Forecast(boxes, count, users.speed / (2.0 * STOPPING_DECELERATION[users.type]))
 
 
 def _paths(users: WorldState, context: RouteContext | None) -> _Paths:
@@ -102,7 +102,7 @@ def _forecast(
         for m, seconds in enumerate(moments):
             boxes[i, m, 3], boxes[i, m, 4] = now[3, i], now[4, i]
             driven = speed[i] * seconds
-            if speed[i] > STANDING and (paths.followed[i] or seconds <= WITHOUT_ROUTE):
+            if speed[i] > FORECAST_STANDING_SPEED and (paths.followed[i] or seconds <= MOTION_HORIZON):
                 count[i] = m + 1
             if paths.followed[i]:
                 boxes[i, m, 0], boxes[i, m, 1], boxes[i, m, 2] = _on_the_way(paths, i, heading, speed[i], seconds)
@@ -119,7 +119,7 @@ def _on_the_way(paths: _Paths, i: int, heading: float, speed: float, seconds: fl
     """x, y (m) and heading (rad) of road user `i` on its path after `seconds`."""
     driven = speed * seconds
     # A line that it cannot stop at any more does not stop it.
-    if paths.stop[i] >= speed * speed / (2.0 * BRAKES[0]):
+    if paths.stop[i] >= speed * speed / (2.0 * STOPPING_DECELERATION[0]):
         driven = min(driven, paths.stop[i])
     driven = max(min(driven, paths.leader_gap[i] + paths.leader_speed[i] * seconds), 0.0)
     # Beyond its ends the path goes straight on.
@@ -129,7 +129,7 @@ def _on_the_way(paths: _Paths, i: int, heading: float, speed: float, seconds: fl
     dx, dy = paths.x[i, k + 1] - paths.x[i, k], paths.y[i, k + 1] - paths.y[i, k]
     norm = max(math.sqrt(dx * dx + dy * dy), 1e-6)
     dx, dy = dx / norm, dy / norm
-    kept = max(1.0 - driven / RETURN, 0.0)
+    kept = max(1.0 - driven / RETURN_DISTANCE, 0.0)
     lateral = paths.lateral_offset[i] * kept
     x, y = paths.x[i, k] + share * dx - lateral * dy, paths.y[i, k] + share * dy + lateral * dx
     along = math.atan2(dy, dx)

@@ -11,11 +11,11 @@ from slrl_sumo.sumo.network.links import LaneLinks
 
 SPACING = 0.5
 """m between the points of a path."""
-REACH = 120.0
+PATH_REACH = 120.0
 """m of a path beyond its first lane: enough to brake from 33 m/s."""
-MOST_POINTS = 2_000_000
+MOST_PATH_POINTS = 2_000_000
 """Points of all paths kept (32 MB); with more, all paths are dropped and made again when needed."""
-MOST_LANES = 40
+MOST_PATH_LANES = 40
 """Lanes of a path, where they are very short."""
 
 
@@ -41,7 +41,7 @@ class Paths:
     @property
     def full(self) -> bool:
         """Whether `clear` should be called."""
-        return self._used > MOST_POINTS
+        return self._used > MOST_PATH_POINTS
 
     def row(self, lane: str, edges: tuple[str, ...], vehicle_class: str) -> int:
         """The row of the path from the begin of `lane` along the route `edges` after it, for a SUMO vehicle class."""
@@ -52,12 +52,12 @@ class Paths:
         return row
 
     def chain(self, lane: str, edges: tuple[str, ...], vehicle_class: str) -> tuple[str, ...]:
-        """Ids of the lanes from `lane` on, internal ones included, at most `REACH` m after the first.
+        """Ids of the lanes from `lane` on, internal ones included, at most `PATH_REACH` m after the first.
 
         The chain ends with the route, or on a lane that does not continue to the route's next edge.
         """
         chain, remaining, length = [lane], list(edges), 0.0
-        while length < REACH and len(chain) < MOST_LANES:
+        while length < PATH_REACH and len(chain) < MOST_PATH_LANES:
             here = chain[-1]
             choices = [
                 (target, inside)

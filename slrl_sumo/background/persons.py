@@ -8,18 +8,18 @@ See docs/explanation/yielding.md.
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.background.forecast import STANDING
+from slrl_sumo.background.forecast import FORECAST_STANDING_SPEED
 from slrl_sumo.scene.contacts import COLLISION_DISTANCE, listed_ranges
 from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.reader import Snapshot
 
-ROOM = 0.05
+PERSON_ROOM = 0.05
 """m that persons keep between themselves and others: those in the next stripe of a sidewalk are 0.1 m away."""
-FASTEST = 1.8
+FASTEST_WALK = 1.8
 """m/s at which a person may walk in the next step: SUMO's walk at 1.39 m/s with a deviation of 0.14, and dawdle."""
-PATIENCE = 10.0
+LONGEST_PERSON_WAIT = 10.0
 """s after which a person walks on: SUMO's own pass through each other after that time on crossings
 (`pedestrian.striping.jamtime.crossing`)."""
 
@@ -38,20 +38,20 @@ class YieldingPersons:
         rows = np.array([i for i in np.flatnonzero(snapshot.person).tolist() if snapshot.ids[i] not in own], np.intp)
         blocked = [snapshot.ids[i] for i in rows[self._blocked(snapshot, rows, learned)].tolist()]
         self._waited = {person: self._waited.get(person, 0.0) + self._dt for person in blocked}
-        return frozenset(person for person, waited in self._waited.items() if waited <= PATIENCE)
+        return frozenset(person for person, waited in self._waited.items() if waited <= LONGEST_PERSON_WAIT)
 
     def _blocked(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> NDArray[np.bool_]:
         """Which of the persons `rows` would walk into one of `learned`, (n,)."""
         blocked = np.zeros(len(rows), np.bool_)
         walking = learned.type == RoadUserType.PEDESTRIAN
         # A vehicle that stands may wait for the person: that one walks by.
-        others = np.flatnonzero(walking | (learned.speed > STANDING))
+        others = np.flatnonzero(walking | (learned.speed > FORECAST_STANDING_SPEED))
         if not len(rows) or not len(others):
             return blocked
         others = others[np.argsort(learned.x[others], kind="stable")]
         length, width = (np.where(walking, 0.0, size)[others] for size in (learned.length, learned.width))
-        room = np.where(walking[others], COLLISION_DISTANCE, 0.5 * COLLISION_DISTANCE) + ROOM
-        step = np.maximum(snapshot.speed[rows], FASTEST) * self._dt
+        room = np.where(walking[others], COLLISION_DISTANCE, 0.5 * COLLISION_DISTANCE) + PERSON_ROOM
+        step = np.maximum(snapshot.speed[rows], FASTEST_WALK) * self._dt
         reach = float((0.5 * np.hypot(length, width) + room).max()) + step
         x, y, heading = snapshot.x[rows], snapshot.y[rows], snapshot.heading[rows]
         person, other = listed_ranges(

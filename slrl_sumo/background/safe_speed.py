@@ -12,7 +12,7 @@ from slrl_sumo.scene.geometry import Floats
 
 STOP_SHORT = 1.0
 """m before a road user at which vehicles stop, where they can."""
-APART = 0.5
+TIME_APART = 0.5
 """s between a vehicle and a road user at the same place. A vehicle that can no longer stop may pass with less."""
 
 
@@ -47,7 +47,7 @@ def safe_speeds(
             needed = (v * v - following * following) / (2.0 * max(first - SPACING, 1e-3))
             # A touch matters if the vehicle may be there then, if the road user stays there (last moment), or if it is
             # a leader now ...
-            apart = 0.0 if needed > emergency else APART
+            apart = 0.0 if needed > emergency else TIME_APART
             begin, end = moment + later - apart, moment + later + apart
             in_time = first <= v * end + 0.5 * acceleration * end * end + STOP_SHORT
             matters = in_time or m == count[p] - 1 or (m == 0 and following > 0.0)

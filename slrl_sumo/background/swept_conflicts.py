@@ -12,9 +12,9 @@ from slrl_sumo.scene.geometry import Box, Floats, cos_sin
 from slrl_sumo.scene.kernels import apart, overlap
 from slrl_sumo.scene.levels import FLAT, Levels
 
-SMALLEST = 0.1
+SMALLEST_BOX = 0.1
 """m: least size of a box with a negative margin."""
-ALIKE = 0.5
+LEADER_COSINE = 0.5
 """Cosine of the angle between two directions up to which a road user leads a vehicle; beyond, it crosses the path."""
 
 
@@ -112,7 +112,7 @@ def _conflicts(
                 more = 2.0 * margin[p] if before else 0.0
                 mine = Box(math.cos(headings[j]), math.sin(headings[j]), length, widths[j])
                 theirs = boxes[a, m, 2]
-                size = max(their_length + more, SMALLEST), max(their_width + more, SMALLEST)
+                size = max(their_length + more, SMALLEST_BOX), max(their_width + more, SMALLEST_BOX)
                 c, s = math.cos(theirs), math.sin(theirs)
                 if not overlap(dx, dy, mine, Box(c, s, size[0], size[1])):
                     continue
@@ -136,4 +136,4 @@ def speed_along(
     """Speed of the road users in the direction of the vehicles at the touch, (p, q) in m/s; 0 of those that cross."""
     place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
     along = cos_sin(boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place])[0]
-    return np.where(along > ALIKE, speed[agent, None] * along, 0.0)
+    return np.where(along > LEADER_COSINE, speed[agent, None] * along, 0.0)

@@ -14,7 +14,7 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.background.forecast import HORIZON, STANDING, forecast
+from slrl_sumo.background.forecast import FORECAST_HORIZON, FORECAST_STANDING_SPEED, forecast
 from slrl_sumo.background.lane_paths import SPACING, Paths
 from slrl_sumo.background.persons import YieldingPersons
 from slrl_sumo.background.safe_speed import STOP_SHORT, safe_speeds
@@ -30,13 +30,13 @@ from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters, vehicle_route
 from slrl_sumo.sumo.speed_control import SpeedControl, WalkControl
 
-MARGIN = 0.3
+STANDING_MARGIN = 0.3
 """m beside its box within which a vehicle slows down for standing road users ..."""
 PASSING = 2.0
 """m/s ... to this speed, at which it passes them."""
 NEARBY = 20.0
 """m from a vehicle that stands in a junction to a road user that may be the reason."""
-PATIENCE = 20.0
+LONGEST_VEHICLE_WAIT = 20.0
 """s after which a vehicle slowly passes one that stands on its own lane, where SUMO lets it: in SUMO's networks
 vehicles touch others that wait beside their lane. By then learned road users that stand for others try to go on
 (agent/deadlock.py)."""
@@ -91,7 +91,7 @@ class Yielding:
         held = self._control.held
         self._control.release(held - speeds.keys())
         self._stood = {vehicle: self._stood.get(vehicle, 0.0) for vehicle in speeds}
-        for row in rows[snapshot.speed[rows] < STANDING].tolist():
+        for row in rows[snapshot.speed[rows] < FORECAST_STANDING_SPEED].tolist():
             if snapshot.ids[row] in speeds:
                 self._stood[snapshot.ids[row]] += self._dt
         self.interventions += len(speeds.keys() - held)
@@ -110,21 +110,21 @@ class Yielding:
         self._walks.release(self._walks.held if road_users is None else road_users)
 
     def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
-        """Of the vehicles `rows`, those that have stood for PATIENCE in a junction near one of `learned`.
+        """Of the vehicles `rows`, those that have stood for LONGEST_VEHICLE_WAIT in a junction near one of `learned`.
 
         SUMO takes that one for their leader also where it waits behind them, or does not let them go on before it.
         """
         inside = [row for row in rows.tolist() if snapshot.lane[row].startswith(":")]
         self._waited = {
             snapshot.ids[row]: self._waited.get(snapshot.ids[row], 0.0)
-            + self._dt * float(snapshot.speed[row] < STANDING)
+            + self._dt * float(snapshot.speed[row] < FORECAST_STANDING_SPEED)
             for row in inside
         }
         passing = []
         for row in inside:
             name = snapshot.ids[row]
             away = np.hypot(learned.x - snapshot.x[row], learned.y - snapshot.y[row])
-            waits = self._waited[name] > PATIENCE and away.min(initial=np.inf) < NEARBY
+            waits = self._waited[name] > LONGEST_VEHICLE_WAIT and away.min(initial=np.inf) < NEARBY
             if waits or name in self._control.passing:
                 passing.append(name)
         return passing
@@ -136,7 +136,7 @@ class Yielding:
         limits = np.array([self._parameters(snapshot.sumo_type[i]).limits for i in rows])
         look = _look_ahead(snapshot.speed[rows], limits[:, 1], self._dt) + 0.5 * snapshot.length[rows]
         spread = 0.5 * np.hypot(learned.length, learned.width) + np.where(
-            learned.speed > STANDING, learned.speed * HORIZON, 0.0
+            learned.speed > FORECAST_STANDING_SPEED, learned.speed * FORECAST_HORIZON, 0.0
         )
         dx = snapshot.x[rows][:, None] - learned.x
         dy = snapshot.y[rows][:, None] - learned.y
@@ -152,7 +152,7 @@ class Yielding:
         size = np.column_stack([length, snapshot.width[rows]])
         boxes, moments, committed = forecast(learned, context)
         vehicle, agent = np.nonzero(near)
-        coming = approaching(path_x, path_y, size, vehicle, boxes, agent, MARGIN)
+        coming = approaching(path_x, path_y, size, vehicle, boxes, agent, STANDING_MARGIN)
         vehicle, agent = vehicle[coming], agent[coming]
         # Most vehicles near a road user pass by: boxes are computed for the others only.
         close, vehicle = np.unique(vehicle, return_inverse=True)
@@ -164,10 +164,10 @@ class Yielding:
         )
         standing = np.flatnonzero(moments[agent] == 1)
         # Beside standing road users a vehicle slows down, for those on its path it stops.
-        patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < PATIENCE for row in rows], np.bool_)
+        patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < LONGEST_VEHICLE_WAIT for row in rows], np.bool_)
         on_lanes = np.zeros(len(learned), np.bool_) if context is None else context.route.known
         passes = ~patient[vehicle] & (on_lanes & (learned.type != RoadUserType.PEDESTRIAN) & (moments == 1))[agent]
-        margin = np.append(np.zeros(len(agent)), np.full(len(standing), MARGIN))
+        margin = np.append(np.zeros(len(agent)), np.full(len(standing), STANDING_MARGIN))
         vehicle, agent = np.append(vehicle, vehicle[standing]), np.append(agent, agent[standing])
         beside = np.append(passes, np.ones(len(standing), np.bool_))
         enter, leave = conflicts(ahead, vehicle, boxes, agent, moments, margin, self._levels)

@@ -22,8 +22,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-
-DEFAULT_BUNDLE = "intersection"
 claims = ExitStack()
 """What the command has claimed: `main` gives it back at its end."""
 

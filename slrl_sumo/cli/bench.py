@@ -5,11 +5,12 @@ from typing import Annotated, Any
 
 import typer
 
-from slrl_sumo.cli.app import DEFAULT_BUNDLE, BundleName, RayAddress, Verbose, Workers, app, backend_of, claim, numbers
+from slrl_sumo.cli.app import BundleName, RayAddress, Verbose, Workers, app, backend_of, claim, numbers
 from slrl_sumo.cli.measure import RESULTS
 from slrl_sumo.errors import InputError
 from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 
 
 @app.command()

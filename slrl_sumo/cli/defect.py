@@ -13,7 +13,7 @@ from pathlib import Path
 from slrl_sumo.errors import DefectError
 from slrl_sumo.version import __version__
 
-PACKAGES = ("eclipse-sumo", "libsumo", "numpy", "torch", "numba", "ray")
+REPORTED_PACKAGES = ("eclipse-sumo", "libsumo", "numpy", "torch", "numba", "ray")
 
 
 def write_defect(defect: DefectError) -> str:
@@ -26,7 +26,7 @@ def write_defect(defect: DefectError) -> str:
             str(defect),
             f"command: {shlex.join(['slrl-sumo', *sys.argv[1:]])}",
             f"slrl_sumo {__version__}, Python {platform.python_version()}, {platform.platform()}",
-            *(f"{package} {_version(package)}" for package in PACKAGES),
+            *(f"{package} {_version(package)}" for package in REPORTED_PACKAGES),
             "",
             defect.details,
         ]

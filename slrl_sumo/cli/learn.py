@@ -5,15 +5,16 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from slrl_sumo.cli.app import DEFAULT_BUNDLE, RayAddress, Verbose, app, backend_of, claim
+from slrl_sumo.cli.app import RayAddress, Verbose, app, backend_of, claim
 from slrl_sumo.errors import InputError, check_whole_number
 from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import REPLACED, Output
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 
 if TYPE_CHECKING:
     from slrl_sumo.formats.trajectories import Trajectories
 
-NAMED = 20
+NAMED_RECORDINGS = 20
 """Recordings, and notes on them, that `import` names; of more it tells the number."""
 
 
@@ -90,8 +91,12 @@ def import_(
 
 
 def _at_most(texts: list[str], what: str) -> list[str]:
-    """The texts, or the first NAMED of them and how many there are more."""
-    return texts if len(texts) <= NAMED else [*texts[:NAMED], f"… and {len(texts) - NAMED} {what} more"]
+    """The texts, or the first NAMED_RECORDINGS of them and how many there are more."""
+    return (
+        texts
+        if len(texts) <= NAMED_RECORDINGS
+        else [*texts[:NAMED_RECORDINGS], f"… and {len(texts) - NAMED_RECORDINGS} {what} more"]
+    )
 
 
 @app.command()

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 import typer
 
 from slrl_sumo.cli.app import (
-    DEFAULT_BUNDLE,
     BundleName,
     RayAddress,
     Verbose,
@@ -20,6 +19,7 @@ from slrl_sumo.cli.app import (
 from slrl_sumo.errors import InputError
 from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 
 RESULTS = ("results.*", "comparison.html", "episodes.jsonl", "runs.jsonl", "conflicts.csv", "*.png")
 """What studies write into their folders."""

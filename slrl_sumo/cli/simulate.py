@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from slrl_sumo.cli.app import (
-    DEFAULT_BUNDLE,
     BundleName,
     RayAddress,
     ScenarioName,
@@ -20,6 +19,7 @@ from slrl_sumo.cli.app import (
 from slrl_sumo.cli.config import use_config
 from slrl_sumo.errors import InputError
 from slrl_sumo.formats.output_files import Output, write_json
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 
 
 @app.command()

@@ -12,7 +12,7 @@ from slrl_sumo.sumo.vehicle_classes import MAX_LENGTH, MAX_WIDTH
 
 KEPT = {"pedestrian": (0.73, 1.57), "bicycle": (0.0, 6.93)}
 """m/s at which learned ones of each class go on a free way, measured with the bundle `intersection`."""
-SLACK = 0.1
+SPEED_SPREAD = 0.1
 """Share by which a wanted speed may be beyond these: types in the usual spread are nothing to report."""
 
 
@@ -84,7 +84,7 @@ def _speed_findings(demand: Demand) -> Iterator[Finding]:
     beyond = sorted(
         name
         for name, (of, wanted) in demand.wanted_speeds.items()
-        if not (1.0 - SLACK) * KEPT[of][0] <= wanted <= (1.0 + SLACK) * KEPT[of][1]
+        if not (1.0 - SPEED_SPREAD) * KEPT[of][0] <= wanted <= (1.0 + SPEED_SPREAD) * KEPT[of][1]
     )
     parts = []
     if beyond:

@@ -9,11 +9,11 @@ import numpy as np
 from slrl_sumo.agent.path_smoothing import OFF_LANE, path_moved
 from slrl_sumo.doctor.finding import Finding, counted
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 from slrl_sumo.models.capability import Capability, capability_of
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import SPACING
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
 from slrl_sumo.simulation.spawn import legal_lanes
 from slrl_sumo.simulation.takeover import fast_lanes
 from slrl_sumo.sumo.api import SumoApi
@@ -21,9 +21,9 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.links import LaneLinks
 
-BEND = math.radians(45.0)
+SMALLEST_TURN = math.radians(45.0)
 """Turns below this angle are not looked at."""
-NEAR = 25.0
+TURN_REACH = 25.0
 """m of the lanes before and after a junction that belong to a turn."""
 
 
@@ -87,7 +87,7 @@ def _turns(lanes: dict[str, Lane], admitting: set[str], links: LaneLinks) -> Ite
     ends = {lane: _first(lanes[lane].shape[::-1])[::-1] for lane in admitting}
     for start in sorted(admitting):
         shape = _distinct(lanes[start].shape)
-        if len(shape) > 2 and _largest_turn(shape) > BEND:
+        if len(shape) > 2 and _largest_turn(shape) > SMALLEST_TURN:
             yield f"on {lanes[start].edge}", _sampled(shape)
         for target, via in links(start):
             if target not in admitting:
@@ -98,7 +98,7 @@ def _turns(lanes: dict[str, Lane], admitting: set[str], links: LaneLinks) -> Ite
                 via = next((further for _, further in links(via)), "")
             pieces.append(begins[target])
             line = _distinct(np.concatenate(pieces))
-            if len(line) > 1 and _whole_turn(line) > BEND:
+            if len(line) > 1 and _whole_turn(line) > SMALLEST_TURN:
                 yield f"from {lanes[start].edge} to {lanes[target].edge}", _sampled(line)
 
 
@@ -124,12 +124,12 @@ def _whole_turn(line: Floats) -> float:
 
 
 def _first(line: Floats) -> Floats:
-    """The first NEAR m of a line: its points, and the one in which it is cut."""
+    """The first TURN_REACH m of a line: its points, and the one in which it is cut."""
     passed = 0.0
     for k in range(1, len(line)):
         step = math.dist(line[k - 1], line[k])
-        if passed + step > NEAR:
-            cut = line[k - 1] + (NEAR - passed) / step * (line[k] - line[k - 1])
+        if passed + step > TURN_REACH:
+            cut = line[k - 1] + (TURN_REACH - passed) / step * (line[k] - line[k - 1])
             return np.concatenate([line[:k], cut[None]])
         passed += step
     return line

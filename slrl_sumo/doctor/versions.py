@@ -16,13 +16,13 @@ from slrl_sumo.sumo.scenario.demand import net_attributes
 from slrl_sumo.sumo.scenario.options import YES, input_files
 from slrl_sumo.sumo.session import library_version
 
-PACKAGES = ("eclipse-sumo", "libsumo", "sumolib", "traci")
+SUMO_PACKAGES = ("eclipse-sumo", "libsumo", "sumolib", "traci")
 
 
 def installed() -> dict[str, str]:
     """Version of each of SUMO's Python packages that is installed."""
     found = {}
-    for package in PACKAGES:
+    for package in SUMO_PACKAGES:
         try:
             found[package] = version(package)
         except PackageNotFoundError:
@@ -86,7 +86,7 @@ def version_skew(found: Mapping[str, str], library: str, home: tuple[Path, str] 
             "warning",
             "versions",
             f"libsumo runs as {library}, but {', '.join(differ)} is installed; moves work differently between releases",
-            f"pip install {' '.join(f'{name}=={library}' for name in PACKAGES)}",
+            f"pip install {' '.join(f'{name}=={library}' for name in SUMO_PACKAGES)}",
         )
     if home and release(home[1]) != mine:
         yield Finding(

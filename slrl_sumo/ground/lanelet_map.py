@@ -29,7 +29,7 @@ PAINT_ORDER = (Surface.SIDEWALK, Surface.CYCLEWAY, Surface.ROAD, Surface.CROSSIN
 
 INTERACTION = "utm:0,0"
 """Origin of INTERACTION's maps, which lie within a few hundred metres of 0, 0 degrees."""
-NEAR = 0.5
+LOCAL_DEGREES = 0.5
 """Degrees: a map whose middle is farther from 0, 0 is not one of these."""
 
 
@@ -117,7 +117,7 @@ def _positions(file: Path, found: _Map, origin: str | None) -> Floats:
     if not (np.abs(latitude) <= MAX_LATITUDE).all() or not (np.abs(longitude) <= 180).all():  # also where it is NaN
         raise InputError(f"--net {file}: a node has no position, or an impossible one")
     middle = float(np.median(latitude)), float(np.median(longitude))
-    if origin is None and max(map(abs, middle)) > NEAR:
+    if origin is None and max(map(abs, middle)) > LOCAL_DEGREES:
         raise InputError(
             f"--net {file}: it lies at {middle[0]:.4f}, {middle[1]:.4f} degrees; give the place of (0, 0) m of the "
             "recording, e.g. --origin mercator:49.0053,8.4374 (originLat and originLon of TAF-BW) or "

@@ -23,13 +23,13 @@ BYTES_PER_PIXEL = 35
 MAX_REGIONS = 100_000
 """Regions of one colour; in a scanned or noisy picture each speck is one."""
 
-AROUND = 60.0
+ROAD_MARGIN = 60.0
 """m of road around the outermost positions: more than an ego image shows."""
 
 
 def everywhere_road(x: Floats, y: Floats) -> RoadMap:
-    """A map with road everywhere around positions (m), up to AROUND beyond the outermost ones."""
-    (x0, x1), (y0, y1) = ((v.min() - AROUND, v.max() + AROUND) for v in (x, y))
+    """A map with road everywhere around positions (m), up to ROAD_MARGIN beyond the outermost ones."""
+    (x0, x1), (y0, y1) = ((v.min() - ROAD_MARGIN, v.max() + ROAD_MARGIN) for v in (x, y))
     return RoadMap(SurfaceShapes((Area(Surface.ROAD, np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])),)))
 
 

@@ -16,13 +16,13 @@ __all__ = ["Area", "Ribbon", "RoadMap", "Surface", "SurfaceShapes"]
 
 CORE = 128.0
 """Side of the square that one tile covers, in m."""
-MARGIN = 48.0
+TILE_MARGIN = 48.0
 """m painted around the core of a tile: the ego view (33.5 m) of any position in the core lies within one tile."""
-MEMORY_LIMIT = 128 * 2**20
+TILE_MEMORY = 128 * 2**20
 """Bytes: 334 tiles."""
 CIRCLE = np.arange(16.0) * (np.pi / 8.0)
 """rad; the directions in which a surface near a point is looked for."""
-NEAR = 10.0
+SCENE_MARGIN = 10.0
 """m from every surface; road users farther away have left the scene."""
 NEAR_CELL = 2.0
 """Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS cells."""
@@ -42,8 +42,8 @@ class RoadMap:
         *,
         resolution: float = 4.0,
         core: float = CORE,
-        margin: float = MARGIN,
-        memory_limit: int = MEMORY_LIMIT,
+        margin: float = TILE_MARGIN,
+        memory_limit: int = TILE_MEMORY,
     ) -> None:
         """`resolution` in px/m; `core` and `margin` of a tile in m; `memory_limit` in bytes."""
         self.shapes = shapes
@@ -136,15 +136,15 @@ class RoadMap:
 def _near_reach(cell: float) -> float:
     """m by which the mark of a shape on the occupancy grid exceeds it, and the grid exceeds the bounds.
 
-    NEAR, and two cells for the positions of the point and of the border within their cells.
+    SCENE_MARGIN, and two cells for the positions of the point and of the border within their cells.
     """
-    return NEAR + 2 * cell
+    return SCENE_MARGIN + 2 * cell
 
 
 def _occupancy(shapes: Sequence[Shape], bounds: tuple[float, float, float, float]) -> tuple[float, Ids]:
     """Cell size (m) and the grid of cells near some surface; its corner lies `_near_reach` outside the bounds."""
     width, height = bounds[2] - bounds[0], bounds[3] - bounds[1]
-    cell = max(NEAR_CELL, math.sqrt((width + 4 * NEAR) * (height + 4 * NEAR) / MAX_CELLS))
+    cell = max(NEAR_CELL, math.sqrt((width + 4 * SCENE_MARGIN) * (height + 4 * SCENE_MARGIN) / MAX_CELLS))
     reach = _near_reach(cell)
     size = (math.ceil((height + 2 * reach) / cell), math.ceil((width + 2 * reach) / cell))
     grid = np.zeros(size, np.uint8)

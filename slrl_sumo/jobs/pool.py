@@ -17,7 +17,7 @@ from slrl_sumo.jobs.process import WorkerDiedError
 from slrl_sumo.jobs.ray_workers import RayActors, RayTasks
 from slrl_sumo.jobs.workers import MAX_REQUESTS, LocalWorkers, MachineLostError
 
-ATTEMPTS = 3
+JOB_ATTEMPTS = 3
 """Attempts of a job whose process dies; then the job is left out."""
 
 MACHINE_ATTEMPTS = 20
@@ -79,16 +79,16 @@ def run_jobs(
     `work`, jobs and records are pickled; the record must depend on the job alone. `jobs` may be a generator: it is
     advanced as processes become free, so that only unfinished jobs are in memory.
 
-    A job whose process dies is repeated in a fresh process, ATTEMPTS attempts in all; a job in which SUMO fails is not,
-    because it would fail again. A job whose machine is lost is repeated on another one. Raises InputError for wrong
-    input, SumoError if the first MAX_FIRST_FAILURES jobs all fail, DefectError with the traceback of a defect.
+    A job whose process dies is repeated in a fresh process, JOB_ATTEMPTS attempts in all; a job in which SUMO fails is
+    not, because it would fail again. A job whose machine is lost is repeated on another one. Raises InputError for
+    wrong input, SumoError if the first MAX_FIRST_FAILURES jobs all fail, DefectError with the traceback of a defect.
     Closing the generator ends the processes, and so does the death of this process.
     """
     with closing(_workers(work, backend)) as workers:
         fresh, again = iter(jobs), deque[Job]()
         running: dict[int, Job] = {}
         free: list[int] = []
-        failures = Failures(ATTEMPTS)
+        failures = Failures(JOB_ATTEMPTS)
         succeeded = left_out = 0
 
         def start() -> None:

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 Result = TypeVar("Result")
 
-LEAST = 64
+FEWEST_ROWS = 64
 """Road users for which another thread is worth its handing over, which takes 0.1 ms."""
 
 
@@ -23,7 +23,7 @@ class RowThreads:
 
     def each(self, work: Callable[[slice], Result], rows: int) -> list[Result]:
         """Results of `work` for consecutive parts of so many rows, at least one part, in order."""
-        parts = max(1, min(self._count, rows // LEAST))
+        parts = max(1, min(self._count, rows // FEWEST_ROWS))
         if parts == 1:
             return [work(slice(0, rows))]
         if self._pool is None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
-from slrl_sumo.metrics.encounters import PAUSE, TTC_LIMIT, touching_soon
+from slrl_sumo.metrics.encounters import ENCOUNTER_PAUSE, TTC_LIMIT, touching_soon
 from slrl_sumo.metrics.neighbours import Rows, row_pairs
 from slrl_sumo.metrics.surrogate_safety import REAR_END, crossing_angle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
@@ -117,7 +117,7 @@ def pairs_about_to_touch(
 def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
     """Which of k moments, sorted by pair (a, b) and time (s), begin a new encounter of their pair, (k,)."""
     new = np.ones(len(a), np.bool_)
-    new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0) | (np.diff(time) > PAUSE + 1e-9)
+    new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0) | (np.diff(time) > ENCOUNTER_PAUSE + 1e-9)
     return new
 
 

@@ -10,21 +10,21 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
-CELL = 20.0
+PATH_END_CELL = 20.0
 """m; paths that begin in the same square of this size and end in the same square belong together."""
-SPACING = 1.0
+CORRIDOR_SPACING = 1.0
 """m between points of a corridor."""
-ASIDE = 5.0
+MAX_LATERAL_OFFSET = 5.0
 """m from its middle within which a road user is in it."""
-ALIGNED = np.radians(45.0)
+MAX_HEADING_DIFFERENCE = np.radians(45.0)
 """rad between its direction and a heading, at most."""
-SHORTEST = 20.0
+SHORTEST_CORRIDOR = 20.0
 """m."""
 
 
 @dataclass(frozen=True, eq=False)
 class Corridor:
-    """A path as points (k, 2), m, `SPACING` apart, with its direction at each, rad, (k,)."""
+    """A path as points (k, 2), m, `CORRIDOR_SPACING` apart, with its direction at each, rad, (k,)."""
 
     points: Floats
     direction: Floats
@@ -44,16 +44,16 @@ def busiest(trajectories: Trajectories) -> Corridor | None:
         first, last = int(t.starts[track]), int(t.starts[track + 1]) - 1
         metres = float(np.hypot(np.diff(t.x[first : last + 1]), np.diff(t.y[first : last + 1])).sum())
         ends = np.array([t.x[first], t.y[first], t.x[last], t.y[last]])
-        pair = tuple(np.floor(ends / CELL).astype(np.int64).tolist())
+        pair = tuple(np.floor(ends / PATH_END_CELL).astype(np.int64).tolist())
         travelled[pair] += round(metres)
         longest[pair] = max(longest.get(pair, (0.0, track)), (metres, track))
-    if not travelled or longest[travelled.most_common(1)[0][0]][0] < SHORTEST:
+    if not travelled or longest[travelled.most_common(1)[0][0]][0] < SHORTEST_CORRIDOR:
         return None
     _, track = longest[travelled.most_common(1)[0][0]]
     rows = slice(int(t.starts[track]), int(t.starts[track + 1]))
     way = np.column_stack([t.x[rows], t.y[rows]])
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
-    places = np.arange(0.0, along[-1], SPACING)
+    places = np.arange(0.0, along[-1], CORRIDOR_SPACING)
     points = np.column_stack([np.interp(places, along, way[:, 0]), np.interp(places, along, way[:, 1])])
     ahead = np.gradient(points, axis=0)
     return Corridor(points, np.arctan2(ahead[:, 1], ahead[:, 0]))
@@ -67,5 +67,5 @@ def along(corridor: Corridor, trajectories: Trajectories) -> Floats:
     dx, dy = t.x - corridor.points[nearest, 0], t.y - corridor.points[nearest, 1]
     beyond = dx * np.cos(corridor.direction[nearest]) + dy * np.sin(corridor.direction[nearest])
     # Before the beginning and beyond the end the nearest point is the first or the last one.
-    inside = (apart < ASIDE) & (turned < ALIGNED) & (np.abs(beyond) <= SPACING)
-    return np.where(inside, nearest * SPACING + beyond, np.nan)
+    inside = (apart < MAX_LATERAL_OFFSET) & (turned < MAX_HEADING_DIFFERENCE) & (np.abs(beyond) <= CORRIDOR_SPACING)
+    return np.where(inside, nearest * CORRIDOR_SPACING + beyond, np.nan)

@@ -7,13 +7,13 @@ import numpy as np
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 
-SHORTEST = 120.0
+SHORTEST_RUN = 120.0
 """s; of shorter runs nothing is said: a network that fills up looks the same."""
 GROWTH = 1.2
 """Ratio of the vehicles in the last tenth of the run to those around its middle above which their number grows."""
 MORE_STANDING = 0.05
 """By how much their standing share must have grown with it."""
-FEWEST = 20
+LEAST_GROWTH = 20
 """Vehicles more than around the middle; smaller numbers grow by chance."""
 
 
@@ -33,19 +33,19 @@ class Density:
 
     def jam(self) -> str | None:
         """A sentence where vehicles accumulate: their number and the share of them that stand have grown since the
-        middle of the run. None where they do not, or where the run is shorter than SHORTEST."""
+        middle of the run. None where they do not, or where the run is shorter than SHORTEST_RUN."""
         times, vehicles, standing = (
             np.array(values, np.float64) for values in (self._times, self._vehicles, self._standing)
         )
         n = len(times)
-        if times[-1] - times[0] < SHORTEST:
+        if times[-1] - times[0] < SHORTEST_RUN:
             return None
         middle, end = slice(round(0.45 * n), round(0.55 * n)), slice(round(0.9 * n), n)
         before, now = float(vehicles[middle].mean()), float(vehicles[end].mean())
         share_before, share_now = (
             float(standing[part].sum()) / max(float(vehicles[part].sum()), 1.0) for part in (middle, end)
         )
-        if now < GROWTH * before or now - before < FEWEST or share_now < share_before + MORE_STANDING:
+        if now < GROWTH * before or now - before < LEAST_GROWTH or share_now < share_before + MORE_STANDING:
             return None
         return (
             f"the traffic jams: {vehicles[-1]:.0f} vehicles are under way and their number grows (from {before:.0f} "

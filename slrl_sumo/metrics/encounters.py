@@ -16,7 +16,7 @@ TTC_LIMIT = 1.5
 """s; SSAM's usual limit (FHWA-HRT-08-051), after Hydén (1987) and van der Horst (1990)."""
 CLOSING_LIMIT = 1.0
 """m/s; pairs that approach more slowly, side by side or in a queue, are no near misses."""
-PAUSE = 2.0
+ENCOUNTER_PAUSE = 2.0
 """s; after this time apart a pair has a new encounter."""
 ALL = len(TYPE_NAMES)
 """Row of EncounterCounts for all types together."""
@@ -24,13 +24,13 @@ ALL = len(TYPE_NAMES)
 DEFINITIONS = {
     "collision": (
         f"The boxes of two road users overlap while at least one of them goes faster than {STANDING_SPEED:g} m/s. It "
-        f"counts once, when it begins; after {PAUSE:g} s apart the same two may have another. Boxes that overlap from "
-        "the first moment of one of the two on do not count."
+        f"counts once, when it begins; after {ENCOUNTER_PAUSE:g} s apart the same two may have another. Boxes that "
+        "overlap from the first moment of one of the two on do not count."
     ),
     "near miss": (
         f"Time to collision below {TTC_LIMIT:g} s: so soon would the two boxes touch if both kept velocity and heading "
         f"(the smallest value and its moment are given), and they close in by {CLOSING_LIMIT:g} m/s at least. Two "
-        f"pedestrians have no near miss, nor have two road users that collide within {PAUSE:g} s."
+        f"pedestrians have no near miss, nor have two road users that collide within {ENCOUNTER_PAUSE:g} s."
     ),
 }
 """Definitions for the readers of tables and pages."""
@@ -171,7 +171,7 @@ class EncounterCounts:
         for i, j, moving in zip(*(a[found.overlap].tolist() for a in (found.i, found.j, found.moving)), strict=True):
             pair = id_pair(world, i, j)
             overlap = self._overlaps.get(pair)
-            if overlap is None or now - overlap.last > PAUSE + 1e-9:
+            if overlap is None or now - overlap.last > ENCOUNTER_PAUSE + 1e-9:
                 ours = [world.ids[row] for row in (i, j) if counted[row]]
                 by_driving = self._present.issuperset(pair) and not self._counted.isdisjoint(ours)
                 overlap = self._overlaps[pair] = _Overlap(now, by_driving)
@@ -183,15 +183,15 @@ class EncounterCounts:
                 self.collisions[rows] += 1
                 self.with_background[rows] += not both
                 approach = self._approaches.get(pair)
-                if approach is not None and now - approach.last <= PAUSE + 1e-9:
+                if approach is not None and now - approach.last <= ENCOUNTER_PAUSE + 1e-9:
                     self.near_misses[approach.rows] -= 1
                     approach.rows = []
         for i, j in zip(found.i[found.near].tolist(), found.j[found.near].tolist(), strict=True):
             pair = id_pair(world, i, j)
             approach = self._approaches.get(pair)
-            if approach is None or now - approach.last > PAUSE + 1e-9:
+            if approach is None or now - approach.last > ENCOUNTER_PAUSE + 1e-9:
                 overlap = self._overlaps.get(pair)
-                collided = overlap is not None and overlap.begun and now - overlap.last <= PAUSE + 1e-9
+                collided = overlap is not None and overlap.begun and now - overlap.last <= ENCOUNTER_PAUSE + 1e-9
                 approach = self._approaches[pair] = _Approach(now, [] if collided else _rows(world, counted, i, j)[0])
                 self.near_misses[approach.rows] += 1
             approach.last = now
@@ -210,11 +210,13 @@ class EncounterCounts:
 
     def _forget(self, now: float) -> None:
         """Ended encounters are dropped from time to time: memory does not grow with the run."""
-        if now - self._pruned < 5.0 * PAUSE:
+        if now - self._pruned < 5.0 * ENCOUNTER_PAUSE:
             return
         self._pruned = now
-        self._overlaps = {pair: one for pair, one in self._overlaps.items() if now - one.last <= 2.0 * PAUSE}
-        self._approaches = {pair: one for pair, one in self._approaches.items() if now - one.last <= 2.0 * PAUSE}
+        self._overlaps = {pair: one for pair, one in self._overlaps.items() if now - one.last <= 2.0 * ENCOUNTER_PAUSE}
+        self._approaches = {
+            pair: one for pair, one in self._approaches.items() if now - one.last <= 2.0 * ENCOUNTER_PAUSE
+        }
 
 
 def id_pair(world: WorldState, i: int, j: int) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.metrics.conflicts import new_encounters
-from slrl_sumo.metrics.encounters import PAUSE, TTC_LIMIT, Moments, moments
+from slrl_sumo.metrics.encounters import ENCOUNTER_PAUSE, TTC_LIMIT, Moments, moments
 from slrl_sumo.metrics.neighbours import row_pairs
 from slrl_sumo.scene.geometry import Floats
 
@@ -74,7 +74,10 @@ def find_conflicts(
             of_pair.setdefault((a, b), []).append(collision)
     for part in _encounters(table[at.near]):
         a, b, begin, end = int(part[0, 0]), int(part[0, 1]), part[0, 2], part[-1, 2]
-        if any(c.time <= end + PAUSE + 1e-9 and begin <= c.end + PAUSE + 1e-9 for c in of_pair.get((a, b), ())):
+        if any(
+            c.time <= end + ENCOUNTER_PAUSE + 1e-9 and begin <= c.end + ENCOUNTER_PAUSE + 1e-9
+            for c in of_pair.get((a, b), ())
+        ):
             continue
         _, _, time, x, y, ttc, _, _ = part[part[:, 5].argmin()].tolist()
         found.append(Conflict("near miss", a, b, time, float(end), x, y, ttc))

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats
 
-CHUNK = 5000
+ROWS_AT_ONCE = 5000
 """Rows searched at once; bounds the memory."""
 
 Rows = NDArray[np.intp]
@@ -26,7 +26,7 @@ def row_pairs(*, x: Floats, y: Floats, frame: Integers, reach: Floats, lag: int 
     frames = frame[order]
     cuts = [0]
     for begin in np.flatnonzero(np.diff(frames, prepend=frames[:1])).tolist():
-        if begin - cuts[-1] >= CHUNK:  # parts of whole frames
+        if begin - cuts[-1] >= ROWS_AT_ONCE:  # parts of whole frames
             cuts.append(begin)
     for first, following in pairwise([*cuts, len(order)]):
         if first == following:

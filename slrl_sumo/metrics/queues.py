@@ -10,9 +10,9 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
-STANDING = 0.5
-"""m/s; slower vehicles stand."""
-CELL = 40.0
+QUEUE_SPEED = 0.5
+"""m/s; slower vehicles stand in a queue. With STANDING_SPEED, vehicles that move up in it would not."""
+QUEUE_CELL = 40.0
 """m; standing vehicles in one square of this size are one queue."""
 WAIT = 5.0
 """s that a vehicle stands without a break before it counts: one that gives way for a moment is no queue."""
@@ -46,7 +46,7 @@ class StandingLanes:
     def add(self, world: WorldState, lanes: Sequence[str]) -> None:
         """Count the vehicles that stand at a moment; `lanes`: SUMO's lane of each road user of `world`, '' where there
         is none."""
-        for row in np.flatnonzero((world.speed < STANDING) & (world.type != RoadUserType.PEDESTRIAN)).tolist():
+        for row in np.flatnonzero((world.speed < QUEUE_SPEED) & (world.type != RoadUserType.PEDESTRIAN)).tolist():
             if lanes[row]:
                 self._lanes.setdefault(_square(world.x[row], world.y[row]), Counter())[lanes[row]] += 1
 
@@ -57,13 +57,13 @@ class StandingLanes:
 
 
 def _square(x: float, y: float) -> tuple[int, int]:
-    return int(x // CELL), int(y // CELL)
+    return int(x // QUEUE_CELL), int(y // QUEUE_CELL)
 
 
 def find_queues(trajectories: Trajectories) -> list[Queue]:
     """All places at which vehicles stand for WAIT or longer, the longest added waiting time first."""
     t = trajectories
-    standing = (t.speed < STANDING) & (t.type[t.track] != RoadUserType.PEDESTRIAN)
+    standing = (t.speed < QUEUE_SPEED) & (t.type[t.track] != RoadUserType.PEDESTRIAN)
     new = np.ones(len(t), np.bool_)
     new[1:] = (np.diff(t.track) != 0) | (np.diff(t.frame) != 1) | (standing[1:] != standing[:-1])
     stop = np.cumsum(new) - 1
@@ -73,7 +73,7 @@ def find_queues(trajectories: Trajectories) -> list[Queue]:
         return []
     # All of a stop belongs to the square in which it begins.
     begins = np.flatnonzero(new)[stop[rows]]
-    squares = np.floor(np.column_stack([t.x[begins], t.y[begins]]) / CELL).astype(np.int64)
+    squares = np.floor(np.column_stack([t.x[begins], t.y[begins]]) / QUEUE_CELL).astype(np.int64)
     _, place = np.unique(squares, axis=0, return_inverse=True)
     queues = [_queue(t, rows[place == k]) for k in range(int(place.max()) + 1)]
     return sorted(queues, key=lambda queue: (-queue.waited_s, queue.x, queue.y))

@@ -19,18 +19,18 @@ from scipy.spatial import cKDTree
 
 from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.surfaces import SurfaceShapes
-from slrl_sumo.metrics.realism_features import FEATURES, KNOWN, Feature, features
+from slrl_sumo.metrics.realism_features import FEATURES, ROWS_BEFORE_KNOWN, Feature, features
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
 WINDOW = 16
 """Moments of a window: 6.4 s at intervals of 0.4 s."""
-SMOOTHING = 0.1
+DISTRIBUTION_SMOOTHING = 0.1
 """Share of each distribution that is spread evenly over all bins, so that what was never simulated is unlikely, not
 impossible; the same for one simulation as for many."""
-ALIKE = 20
+MOST_ALIKE_WINDOWS = 20
 """Windows of simulated traffic that began most like a window of the reference."""
-NEAR = 10.0
+FARTHEST_NEIGHBOUR = 10.0
 """m; for how alike situations are, road users farther away count as this far."""
 
 Values = Mapping[str, Floats]
@@ -90,9 +90,10 @@ def realism(
     """The realism of simulated road users against others, by type name; types that one of them lacks are left out.
 
     For traffic that was not simulated from what was recorded (for that, see `window_scores`): each window of the
-    reference is compared with the ALIKE windows of simulated road users of its type that began most alike, by speed,
-    acceleration, yaw rate, distance to the nearest and to the edge of the surface. Its likelihood under them is divided
-    by that under the windows of the reference that began most alike, so that the same traffic has the score 1.
+    reference is compared with the MOST_ALIKE_WINDOWS windows of simulated road users of its type that began most alike,
+    by speed, acceleration, yaw rate, distance to the nearest and to the edge of the surface. Its likelihood under them
+    is divided by that under the windows of the reference that began most alike, so that the same traffic has the score
+    1.
 
     With `tracks` and `reference_tracks`, (T,), only those road users count; the others are still seen by them. Parked
     ones and tracks shorter than WINDOW and the two moments before do not count.
@@ -113,7 +114,7 @@ def realism(
         place, scale = _situation(other, theirs)
         there = place / scale
         here = _situation(own, ours)[0] / scale
-        count = min(ALIKE, len(ours), len(theirs))
+        count = min(MOST_ALIKE_WINDOWS, len(ours), len(theirs))
         near, alike = (cKDTree(points).query(there, np.arange(1, count + 1))[1].T for points in (here, there))
         result[name] = mean_realism(
             window_scores(
@@ -129,7 +130,7 @@ def _windows(t: Trajectories, tracks: NDArray[np.bool_] | None, kind: int) -> In
     """First rows of the windows of one type, one after the other along each track."""
     counted = (~t.parked if tracks is None else tracks & ~t.parked) & (t.type == kind)
     ends = t.starts[1:]
-    since = t.frame - t.frame[t.starts[t.track]] - KNOWN
+    since = t.frame - t.frame[t.starts[t.track]] - ROWS_BEFORE_KNOWN
     first = (since >= 0) & (since % WINDOW == 0) & counted[t.track]
     return np.flatnonzero(first & (np.arange(len(t)) + WINDOW <= ends[t.track]))
 
@@ -142,7 +143,7 @@ def _taken(values: Values, first: Integers) -> dict[str, Floats]:
 def _situation(values: Values, first: Integers) -> tuple[Floats, Floats]:
     """Where windows begin, (N, quantities), and the spread of each quantity."""
     columns = [values[name][first] for name in ("speed", "acceleration", "yaw_rate")]
-    columns.append(np.minimum(values["nearest"][first], NEAR))
+    columns.append(np.minimum(values["nearest"][first], FARTHEST_NEIGHBOUR))
     if "road_edge" in values:
         columns.append(values["road_edge"][first])
     place = np.stack(columns, -1)
@@ -157,7 +158,7 @@ def _log_likelihood(recorded: Floats, samples: Floats, feature: Feature) -> Floa
     cells = np.arange(count)[:, None] * feature.bins
     held = np.bincount((cells + _bin(samples, feature)).ravel(), minlength=count * feature.bins)
     share = held / (samples.shape[0] * samples.shape[2])
-    density = np.log((1.0 - SMOOTHING) * share + SMOOTHING / feature.bins)
+    density = np.log((1.0 - DISTRIBUTION_SMOOTHING) * share + DISTRIBUTION_SMOOTHING / feature.bins)
     return np.asarray(density[cells + _bin(recorded, feature)].mean(-1), np.float64)
 
 

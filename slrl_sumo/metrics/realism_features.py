@@ -18,11 +18,11 @@ from slrl_sumo.scene.types import STANDING_SPEED
 
 LONGEST_TTC = 5.0
 """s; longer ones, and none, count as this."""
-FARTHEST = 40.0
+FARTHEST_BOX = 40.0
 """m; neighbours farther away, and none, count as this far."""
-NEIGHBOURS = 6
+NEAREST_CENTRES = 6
 """Number of road users, the nearest by their centres, among which the nearest box is searched."""
-KNOWN = 2
+ROWS_BEFORE_KNOWN = 2
 """Rows of a track before the first one at which all features are known: a yaw acceleration takes three positions."""
 
 
@@ -47,7 +47,7 @@ FEATURES: Mapping[str, Feature] = {
     "acceleration": Feature("kinematic", "m/s²", -12.0, 12.0, 49, 0.05),
     "yaw_rate": Feature("kinematic", "rad/s", -2.0, 2.0, 41, 0.05),
     "yaw_acceleration": Feature("kinematic", "rad/s²", -4.0, 4.0, 41, 0.05),
-    "nearest": Feature("interactive", "m", -5.0, FARTHEST, 45, 0.15),
+    "nearest": Feature("interactive", "m", -5.0, FARTHEST_BOX, 45, 0.15),
     "overlap": Feature("interactive", "1", 0.0, 1.0, 2, 0.15, event=True),
     "ttc": Feature("interactive", "s", 0.0, LONGEST_TTC, 10, 0.10),
     "road_edge": Feature("map", "m", -10.0, 10.0, 40, 0.10),
@@ -64,7 +64,7 @@ def features(
     """The features of each row, (R,), by name, in the units of FEATURES; map features only with the ground, `shapes`.
 
     With `rows` only these are computed, (len(rows),); the others are still seen by them. They are known from the row
-    KNOWN of a track on, 0 or as at the next row before.
+    ROWS_BEFORE_KNOWN of a track on, 0 or as at the next row before.
     """
     t = trajectories
     rows = np.arange(len(t)) if rows is None else rows
@@ -87,17 +87,17 @@ def features(
 
 def nearest_distance(trajectories: Trajectories, rows: NDArray[np.intp] | None = None) -> Floats:
     """Distance from box to box of the nearest other road user at the time, m, of each row, or of `rows`; at most
-    FARTHEST, negative in overlap."""
+    FARTHEST_BOX, negative in overlap."""
     t = trajectories
     rows = np.arange(len(t)) if rows is None else rows
-    nearest = np.full(len(rows), FARTHEST)
+    nearest = np.full(len(rows), FARTHEST_BOX)
     if not len(rows):
         return nearest
     box = boxes(t)
-    apart = 4.0 * FARTHEST
+    apart = 4.0 * FARTHEST_BOX
     points = np.column_stack([t.x, t.y, (t.frame - t.frame.min()) * apart])
-    count = min(NEIGHBOURS + 1, len(t))
-    _, index = cKDTree(points).query(points[rows], k=count, distance_upper_bound=2.0 * FARTHEST)
+    count = min(NEAREST_CENTRES + 1, len(t))
+    _, index = cKDTree(points).query(points[rows], k=count, distance_upper_bound=2.0 * FARTHEST_BOX)
     for column in np.asarray(index).reshape(len(rows), count).T:
         some = np.flatnonzero((column < len(t)) & (column != rows))
         nearest[some] = np.minimum(nearest[some], box_distance(a=box[rows[some]], b=box[column[some]]))

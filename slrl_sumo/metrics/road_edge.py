@@ -11,7 +11,7 @@ from slrl_sumo.scene.types import RoadUserType
 FINEST = 4.0
 """px/m."""
 MOST_PIXELS = 16 * 2**20
-AROUND = 10.0
+GROUND_MARGIN = 10.0
 """m of ground around the positions; edges farther away count as this far."""
 
 
@@ -25,7 +25,7 @@ def edge_distance(*, shapes: SurfaceShapes, x: Floats, y: Floats, kind: NDArray[
     distance = np.zeros(len(x))
     if not len(x):
         return distance
-    x0, y0, x1, y1 = x.min() - AROUND, y.min() - AROUND, x.max() + AROUND, y.max() + AROUND
+    x0, y0, x1, y1 = x.min() - GROUND_MARGIN, y.min() - GROUND_MARGIN, x.max() + GROUND_MARGIN, y.max() + GROUND_MARGIN
     resolution = min(FINEST, float(np.sqrt(MOST_PIXELS / ((x1 - x0) * (y1 - y0)))))
     canvas = np.zeros((int((y1 - y0) * resolution) + 1, int((x1 - x0) * resolution) + 1), np.uint8)
     paint(canvas, shapes.shapes, x0, y0, resolution)
@@ -43,6 +43,6 @@ def edge_distance(*, shapes: SurfaceShapes, x: Floats, y: Floats, kind: NDArray[
 def _outside(mask: NDArray[np.uint8]) -> Floats:
     """Distance of the centre of each pixel of `mask` to the border of the others, px; 0 outside of it."""
     if mask.all():  # no border: the largest distance
-        return np.full(mask.shape, AROUND * FINEST)
+        return np.full(mask.shape, GROUND_MARGIN * FINEST)
     apart = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
     return np.where(mask > 0, apart - 0.5, 0.0)

@@ -26,7 +26,7 @@ PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
 BEYOND, ASIDE = 0.5, 10.0
 """m behind a stop line, and beside its lane, within which a vehicle has passed the line that stands, or has no lane in
 SUMO."""
-KERB = 1.0
+CROSSING_END = 1.0
 """m at each end of a crossing on which persons may wait for green, or cut the corner."""
 AWAY = 3.0
 """m outside a crossing from which a person that returns makes a new crossing."""
@@ -73,8 +73,8 @@ class SignalCrossings:
 
     A vehicle passes when SUMO moves it from a lane that ends at a signal to a lane behind the signal. A vehicle without
     a lane in SUMO, because it is moved from outside and far from its route, passes when its front is behind the stop
-    line. A person passes when its centre is on a signalised crossing, more than KERB from the ends, from any side; the
-    most permissive aspect counts since it stepped on, or off a walking area within AWAY of it.
+    line. A person passes when its centre is on a signalised crossing, more than CROSSING_END from the ends, from any
+    side; the most permissive aspect counts since it stepped on, or off a walking area within AWAY of it.
 
     Red means red before the step and after it. SUMO switches at the beginning of a step, so a road user that moves in
     the step in which the light turns green has not run a red light, nor has one that moves in the step in which yellow
@@ -122,7 +122,7 @@ class SignalCrossings:
         if crossing is not None:
             if all(known.lane != crossing.id for known in self._crossings):
                 link = _Link(signal, index, frozenset(), "")
-                inner = shortened(crossing.shape, KERB)
+                inner = shortened(crossing.shape, CROSSING_END)
                 areas = tuple(self._walking_areas.get(junction_of(crossing.id), ()))
                 shape, half_width = crossing.shape, 0.5 * crossing.width
                 self._crossings.append(_Crossing(crossing.id, shape, inner, half_width, link, areas))

@@ -7,6 +7,8 @@ from typing import Any
 from slrl_sumo.errors import InputError
 from slrl_sumo.input_files import read_json
 
+DEFAULT_BUNDLE = "intersection"
+"""The shipped bundle that commands and functions take where none is named."""
 SHIPPED = Path(__file__).parent.parent / "bundles"
 FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
 NOTICE = "NOTICE"

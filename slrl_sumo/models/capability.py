@@ -26,11 +26,11 @@ STOPPING = np.arange(0.0, 50.5, 0.25)
 """Speeds (m/s) from which stopping distances are probed."""
 MAX_DECISIONS = 60
 """Decisions of a probed stop at most."""
-NEIGHBOURS = (0, 1, 3)
+PROBED_NEIGHBOURS = (0, 1, 3)
 """Numbers of other road users within 20 m that are probed: models turn differently in company."""
 MOST_FILES = 32
 """Bundles of which the results are kept."""
-HARD_BRAKING = -1.5
+MAX_CURVE_BRAKING = -1.5
 """m/s²: modes that brake harder do not count as a way through a curve."""
 
 
@@ -78,14 +78,14 @@ def _stamp(bundle: ModelBundle) -> str:
 
 
 def probed(bundle: ModelBundle) -> Capability:
-    """Probe all modes of a bundle; figures are medians over NEIGHBOURS."""
-    sharpest = np.zeros((len(NEIGHBOURS), len(RoadUserType), 2, len(SPEEDS)))
+    """Probe all modes of a bundle; figures are medians over PROBED_NEIGHBOURS."""
+    sharpest = np.zeros((len(PROBED_NEIGHBOURS), len(RoadUserType), 2, len(SPEEDS)))
     stopping = np.zeros((len(RoadUserType), len(STOPPING)))
     for kind in RoadUserType:
-        for company, others in enumerate(NEIGHBOURS):
+        for company, others in enumerate(PROBED_NEIGHBOURS):
             acceleration, yaw_rate = _motions(bundle, kind, SPEEDS, np.zeros(len(SPEEDS)), others)
             after = np.maximum(SPEEDS[:, None] + acceleration * DECISION_INTERVAL, 0.5)
-            curve = np.where(acceleration > HARD_BRAKING, yaw_rate / after, 0.0)
+            curve = np.where(acceleration > MAX_CURVE_BRAKING, yaw_rate / after, 0.0)
             sharpest[company, kind] = -curve.min(axis=1), curve.max(axis=1)
         stopping[kind] = _stopping(bundle, kind)
     # A curve that can be taken at some speed can be taken at any lower one: the road user speeds up first.
@@ -102,7 +102,9 @@ def _stopping(bundle: ModelBundle, kind: RoadUserType) -> Floats:
         # Those that stand are all alike; the first one stands from the beginning.
         still = (speed == 0.0) & (past == 0.0)
         going = np.flatnonzero(~still | (np.arange(len(still)) == still.argmax()))
-        each = [_motions(bundle, kind, speed[going], past[going], others)[0].min(axis=1) for others in NEIGHBOURS]
+        each = [
+            _motions(bundle, kind, speed[going], past[going], others)[0].min(axis=1) for others in PROBED_NEIGHBOURS
+        ]
         hardest = np.empty(len(speed))
         hardest[going] = np.median(each, axis=0)
         hardest[still] = hardest[still.argmax()]

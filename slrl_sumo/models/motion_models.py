@@ -16,11 +16,11 @@ from slrl_sumo.scene.types import DECISION_INTERVAL
 MODES = 20
 """Modes per road user type (paper, section 3.2)."""
 SPEED = FEATURES.index("speed")
-LIMIT = 5.0
+INPUT_LIMIT = 5.0
 """Standard deviations beyond which an input counts as this far out: the networks know nothing farther away."""
-BLOCK = 32
+BLOCK_ROWS = 32
 """Road users whose outputs of one network are computed together: its weights, and their inputs, stay in the cache."""
-FEW = 8
+FEW_OUTPUTS = 8
 """Outputs from which a network's layer is computed for all outputs at once."""
 
 Singles = NDArray[np.float32]
@@ -92,7 +92,7 @@ def _standardised(vector: Singles, kind: NDArray[np.int64], mean: Singles, scale
     for i in range(n):
         for k in range(columns):
             away = (vector[i, k] - mean[kind[i], k]) * scale[kind[i], k]
-            result[i, 0, k] = min(max(away, np.float32(-LIMIT)), np.float32(LIMIT))
+            result[i, 0, k] = min(max(away, np.float32(-INPUT_LIMIT)), np.float32(INPUT_LIMIT))
     return result
 
 
@@ -101,12 +101,12 @@ def layer(x: Singles, kind: NDArray[np.int64], weight: Singles, bias: Singles) -
     """Outputs (n, members, out) of one layer; `x`: (n, members or 1, in), `weight`: (types, members, in, out)."""
     n, columns, members, outputs = len(x), x.shape[2], weight.shape[1], weight.shape[3]
     result, out = np.empty((n, members, outputs), np.float32), np.empty(outputs, np.float32)
-    for begin in range(0, n, BLOCK):
+    for begin in range(0, n, BLOCK_ROWS):
         for member in range(members):
             mine = member if x.shape[1] > 1 else 0
-            for i in range(begin, min(begin + BLOCK, n)):
+            for i in range(begin, min(begin + BLOCK_ROWS, n)):
                 one = kind[i]
-                if outputs < FEW:
+                if outputs < FEW_OUTPUTS:
                     for j in range(outputs):
                         total = bias[one, member, 0, j]
                         for k in range(columns):

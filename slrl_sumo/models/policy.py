@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from slrl_sumo.models.motion_models import SPEED
 from slrl_sumo.models.policy_network import (
     COUNT_SCALE,
-    EXCLUDED,
+    EXCLUDED_LOGIT,
     HEADING,
     KNOWN,
     LEAST_PRIOR,
@@ -28,7 +28,7 @@ from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
 
-AT_ONCE = 256
+IMAGES_AT_ONCE = 256
 """Images that are encoded at once: 1,024 in one go take twice as long, because they leave the cache."""
 
 
@@ -106,7 +106,7 @@ class Policy(nn.Module):
         known = [_normalised(vector, self.config.vector_columns)]
         if self.config.image:
             assert image is not None
-            known.insert(0, torch.cat([self._encoded(some) for some in torch.split(image, AT_ONCE)]))
+            known.insert(0, torch.cat([self._encoded(some) for some in torch.split(image, IMAGES_AT_ONCE)]))
         if self.config.route_columns:
             assert route is not None
             known.append(route)
@@ -211,13 +211,13 @@ def policy_logits(
         count = logits.shape[-1] if mask is None else mask.sum(-1, keepdim=True)
         uniform = torch.log(explore / torch.as_tensor(count, dtype=logits.dtype)).expand_as(logits)
         logits = torch.logaddexp(logits + math.log1p(-explore), uniform)
-        logits = logits if mask is None else logits.masked_fill(~mask, EXCLUDED)
+        logits = logits if mask is None else logits.masked_fill(~mask, EXCLUDED_LOGIT)
     return logits, value
 
 
 def masked(logits: Tensor, mask: Tensor) -> Tensor:
     """Log probabilities (n, modes) when only modes where `mask` (n, modes) is True may be chosen."""
-    return torch.log_softmax(logits.masked_fill(~mask, EXCLUDED), -1)
+    return torch.log_softmax(logits.masked_fill(~mask, EXCLUDED_LOGIT), -1)
 
 
 def choice_logits(

@@ -47,7 +47,7 @@ MPS_SCALE = 0.2
 """... and for relative velocities."""
 LEAST_PRIOR = -4.0
 """Least log probability of the prior, so that training can find modes that the prior has never seen."""
-EXCLUDED = -1e4
+EXCLUDED_LOGIT = -1e4
 """Log probability of a mode that is not allowed: its exponential is 0, and 0 times it is 0 (not so with -inf)."""
 
 
@@ -324,7 +324,7 @@ def log_softmax(logits: Singles) -> Singles:
 
 def masked(logits: Singles, mask: NDArray[np.bool_]) -> Singles:
     """As policy.masked: log probabilities (n, modes) when only modes where `mask` (n, modes) is True may be chosen."""
-    return log_softmax(np.where(mask, logits, np.float32(EXCLUDED)))
+    return log_softmax(np.where(mask, logits, np.float32(EXCLUDED_LOGIT)))
 
 
 def _rectified(one: Layer, x: Singles, kind: NDArray[np.int64]) -> Singles:

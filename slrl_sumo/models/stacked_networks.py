@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from slrl_sumo.models.motion_models import LIMIT
+from slrl_sumo.models.motion_models import INPUT_LIMIT
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.scene.types import RoadUserType
 
@@ -50,7 +50,7 @@ class StackedNetworks(nn.Module):
         mean, scale = self.mean.index_select(0, kind), self.scale.index_select(0, kind)
         if vector.dim() > mean.dim():
             mean, scale = mean[:, None], scale[:, None]
-        return ((vector - mean) * scale).clamp(-LIMIT, LIMIT)
+        return ((vector - mean) * scale).clamp(-INPUT_LIMIT, INPUT_LIMIT)
 
     def forward(self, vector: Tensor, kind: Tensor, member: Tensor) -> Tensor:
         """Outputs (n, rows, out) of one chosen network for each of n blocks of rows.

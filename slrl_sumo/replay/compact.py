@@ -11,13 +11,13 @@ Ints = NDArray[np.int64]
 
 METRE = 100
 """Units of position in a metre: 1 cm."""
-TURN = 1024
+HEADING_UNITS = 1024
 """Units of heading in a whole turn: 0.35 degrees."""
-SPEED = 10
+SPEED_UNITS = 10
 """Units of speed in 1 m/s."""
-FASTEST = 70.0
+JUMP_SPEED = 70.0
 """m/s: a road user that moves faster between two steps has been put there and did not drive."""
-SLACK = 4.0
+JUMP_SLACK = 4.0
 """m added to that: without the sublane model SUMO changes lanes in one step."""
 
 
@@ -52,11 +52,13 @@ def pack(rows: Rows, times: Ints) -> list[bytes]:
     first = np.flatnonzero(start)
     count = np.diff(np.append(first, len(start)))
     x, y = (np.rint(METRE * v).astype(np.int64) for v in (rows.x, rows.y))
-    heading = np.rint(rows.heading * (TURN / (2 * np.pi))).astype(np.int64) % TURN
-    turn = np.where(start, heading, (_difference(heading, start) + TURN // 2) % TURN - TURN // 2)
+    heading = np.rint(rows.heading * (HEADING_UNITS / (2 * np.pi))).astype(np.int64) % HEADING_UNITS
+    turn = np.where(
+        start, heading, (_difference(heading, start) + HEADING_UNITS // 2) % HEADING_UNITS - HEADING_UNITS // 2
+    )
     travelled = _travelled(x, y, start, times[rows.step])
     known = np.isfinite(rows.speed)
-    speed = np.where(known, np.rint(SPEED * np.where(known, rows.speed, 0.0)).astype(np.int64), travelled)
+    speed = np.where(known, np.rint(SPEED_UNITS * np.where(known, rows.speed, 0.0)).astype(np.int64), travelled)
     columns = (
         np.diff(rows.user[first], prepend=0),
         rows.step[first],
@@ -77,8 +79,8 @@ def run_starts(rows: Rows, times: Ints) -> NDArray[np.bool_]:
     seconds = np.diff(times[rows.step]) / 1000.0
     # Where speeds are known they say more: three times as far as the faster one of both rows is a jump.
     faster = np.fmax(rows.speed[1:], rows.speed[:-1])
-    most = np.where(np.isfinite(faster), np.minimum(3.0 * faster, FASTEST), FASTEST)
-    start[1:] |= np.hypot(np.diff(rows.x), np.diff(rows.y)) > most * seconds + SLACK
+    most = np.where(np.isfinite(faster), np.minimum(3.0 * faster, JUMP_SPEED), JUMP_SPEED)
+    start[1:] |= np.hypot(np.diff(rows.x), np.diff(rows.y)) > most * seconds + JUMP_SLACK
     return start
 
 
@@ -86,7 +88,7 @@ def _travelled(x: Ints, y: Ints, start: NDArray[np.bool_], time: Ints) -> Ints:
     """Speed of the movement to each row, in units of speed; 0 at the first row of a run. The page computes the same."""
     square = (_difference(x, start) ** 2 + _difference(y, start) ** 2).astype(np.float64)
     milliseconds = np.where(start, 1, _difference(time, start)).astype(np.float64)
-    speed = np.floor(np.sqrt(square) * (1000.0 * SPEED / METRE) / milliseconds + 0.5).astype(np.int64)
+    speed = np.floor(np.sqrt(square) * (1000.0 * SPEED_UNITS / METRE) / milliseconds + 0.5).astype(np.int64)
     return np.where(start, 0, speed)
 
 

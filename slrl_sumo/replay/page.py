@@ -25,7 +25,7 @@ from slrl_sumo.ground.surfaces import Area, Ribbon, Surface, SurfaceShapes
 from slrl_sumo.jobs.progress import progress
 from slrl_sumo.metrics.encounters import DEFINITIONS
 from slrl_sumo.metrics.near_misses import Conflict, find_conflicts
-from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack
+from slrl_sumo.replay.compact import HEADING_UNITS, METRE, SPEED_UNITS, Rows, pack
 from slrl_sumo.replay.signal_bars import signal_bars
 from slrl_sumo.replay.vehicle_sizes import CLASS_NAMES, Size, class_of, scenario_classes, scenario_sizes, size_of
 from slrl_sumo.scene.geometry import Floats, centre_from_front, heading_from_sumo
@@ -37,7 +37,7 @@ MOST_CONFLICTS = 2000
 """In the page's list: collisions first, then the near misses with the smallest times to collision."""
 SAMPLE = 20_000
 """Positions that are looked up in the network."""
-BESIDE = 2.0
+SURFACE_MARGIN = 2.0
 """m from a surface within which a position belongs to the network: SUMO's own pedestrians walk there at dead ends."""
 FOREIGN, ODD = 0.4, 0.05
 """Shares of positions off the network above which the trace belongs to another network, and above which a note says
@@ -190,7 +190,13 @@ def check_place(network: Network, rows: Rows, fcd: Path, net: str) -> list[str]:
     some = np.unique(np.linspace(0, len(rows.x) - 1, SAMPLE).astype(np.int64))
     beside = [
         roadmap.surface_at(rows.x[some] + dx, rows.y[some] + dy) == Surface.NONE
-        for dx, dy in ((0.0, 0.0), (BESIDE, 0.0), (-BESIDE, 0.0), (0.0, BESIDE), (0.0, -BESIDE))
+        for dx, dy in (
+            (0.0, 0.0),
+            (SURFACE_MARGIN, 0.0),
+            (-SURFACE_MARGIN, 0.0),
+            (0.0, SURFACE_MARGIN),
+            (0.0, -SURFACE_MARGIN),
+        )
     ]
     off = float(np.all(beside, axis=0).mean())
     x0, y0, x1, y1 = roadmap.bounds
@@ -246,7 +252,7 @@ def build_page(
         "title": title,
         "notes": notes,
         "told": told,
-        "units": {"metre": METRE, "turn": TURN, "speed": SPEED},
+        "units": {"metre": METRE, "turn": HEADING_UNITS, "speed": SPEED_UNITS},
         "times": np.diff(times, prepend=0).tolist(),
         "types": TYPE_NAMES,
         "classes": CLASS_NAMES,

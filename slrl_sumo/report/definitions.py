@@ -3,7 +3,7 @@
 from slrl_sumo.metrics.conflicts import PET_LIMIT
 from slrl_sumo.metrics.encounters import DEFINITIONS as ENCOUNTERS
 from slrl_sumo.metrics.encounters import TTC_LIMIT
-from slrl_sumo.metrics.queues import CELL, STANDING, WAIT
+from slrl_sumo.metrics.queues import QUEUE_CELL, QUEUE_SPEED, WAIT
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "learned": (
@@ -68,9 +68,9 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
     ),
     "queue": (
         "queue",
-        f"Vehicles and bicycles slower than {STANDING:g} m/s for at least {WAIT:g} s without a break, learned or "
-        f"SUMO's own, in one square of {CELL:g} m; at signals, too. Its longest state counts those that stand at the "
-        "same time; its waiting time adds up that of all. The lane is SUMO's, the one with most of it.",
+        f"Vehicles and bicycles slower than {QUEUE_SPEED:g} m/s for at least {WAIT:g} s without a break, learned or "
+        f"SUMO's own, in one square of {QUEUE_CELL:g} m; at signals, too. Its longest state counts those that stand at "
+        "the same time; its waiting time adds up that of all. The lane is SUMO's, the one with most of it.",
     ),
     "ttc": (
         "time to collision, TTC (s)",

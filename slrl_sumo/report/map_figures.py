@@ -14,12 +14,12 @@ from slrl_sumo.metrics.corridor import along, busiest
 from slrl_sumo.report.looks import Look
 from slrl_sumo.scene.types import TYPE_NAMES
 
-CELL = 2.0
+DENSITY_CELL = 2.0
 """m; side of a cell of the density map, larger where there would be more than MOST_CELLS along a side."""
 MOST_CELLS = 400
 
 
-PARTS = 10
+INTERVAL_PARTS = 10
 """Of the path of an interval, for the density."""
 
 
@@ -53,14 +53,14 @@ def draw_paths(
 def draw_density(tracks: Trajectories, ground: GroundPicture) -> Figure:
     """Mean density and mean speed of all road users, learned and background, by place."""
     extent = ground.extent
-    side = max(CELL, max(extent[1] - extent[0], extent[3] - extent[2]) / MOST_CELLS)
+    side = max(DENSITY_CELL, max(extent[1] - extent[0], extent[3] - extent[2]) / MOST_CELLS)
     edges = [np.arange(extent[k], extent[k + 1] + side, side) for k in (0, 2)]
     # A car is 6 m further after an interval: the cells in between had it as well.
     begin = np.flatnonzero(np.diff(tracks.track) == 0)
-    shares = (np.arange(PARTS) + 0.5)[:, None] / PARTS
+    shares = (np.arange(INTERVAL_PARTS) + 0.5)[:, None] / INTERVAL_PARTS
     x, y = ((v[begin] + shares * (v[begin + 1] - v[begin])).ravel() for v in (tracks.x, tracks.y))
-    count = np.histogram2d(x, y, edges)[0] / PARTS
-    speed = np.histogram2d(x, y, edges, weights=np.tile(tracks.speed[begin + 1], PARTS))[0] / PARTS
+    count = np.histogram2d(x, y, edges)[0] / INTERVAL_PARTS
+    speed = np.histogram2d(x, y, edges, weights=np.tile(tracks.speed[begin + 1], INTERVAL_PARTS))[0] / INTERVAL_PARTS
     density = 1000.0 * count / (max(len(tracks.frames) - 1, 1) * side**2)
     height = 6.2 * (extent[3] - extent[2]) / (extent[1] - extent[0])
     figure = Figure(figsize=(15.0, min(max(height, 2.5), 12.0) + 0.8), layout="constrained")

@@ -13,7 +13,7 @@ from slrl_sumo.metrics.queues import Queue
 from slrl_sumo.report.conflict_figures import GROUP_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
 from slrl_sumo.report.looks import DARK
-from slrl_sumo.report.queue_figures import NAMED
+from slrl_sumo.report.queue_figures import NAMED_QUEUES
 from slrl_sumo.report.recorder import RunRecord
 from slrl_sumo.report.reference import Reference, counts_by_group
 from slrl_sumo.scene.types import TYPE_NAMES
@@ -192,7 +192,7 @@ def _queues(record: RunRecord, queues: Sequence[Queue], pictures: Sequence[str])
             *(f"{queue.x:.0f}, {queue.y:.0f}", f"{queue.begin:.0f} to {queue.end:.0f}"),
             *(str(queue.longest), f"{queue.waited_s:.0f}", f"{queue.first_id} ({queue.first_s:.0f} s)"),
         ]
-        for number, queue in enumerate(queues[:NAMED], start=1)
+        for number, queue in enumerate(queues[:NAMED_QUEUES], start=1)
     ]
     words = (
         "number",

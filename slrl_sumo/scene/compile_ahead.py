@@ -21,9 +21,9 @@ import numba
 
 types: Any = numba.types
 SIGNATURES = Path(__file__).with_name("signatures.json")
-LEAST = 8
+FEWEST_KERNELS = 8
 """Kernels to compile from which other processes are worth their start: it takes 1 s, a kernel 0.2 to 4 s."""
-MOST = 8
+MOST_PROCESSES = 8
 """Processes at once: the slowest kernel takes an eighth of the time of all. Each holds 250 MiB."""
 AGAIN_S = 0.03
 """s between two looks for machine code that another process makes."""
@@ -100,7 +100,7 @@ def _start(others: list[subprocess.Popen[bytes]]) -> None:
     """Start a process for each core, which hold a lock on SIGNATURES until they end."""
     cores = len(os.sched_getaffinity(0))
     missing = [number for number, name in enumerate(recorded()) if not named(name)._cache.filled()]
-    if cores == 1 or len(missing) < LEAST or not sys.executable:
+    if cores == 1 or len(missing) < FEWEST_KERNELS or not sys.executable:
         return
     program = f"import sys; sys.path[:] = {sys.path}; from {__name__} import compile_for; compile_for({os.getpid()})"
     with open(SIGNATURES, "rb") as lock:
@@ -117,7 +117,7 @@ def _start(others: list[subprocess.Popen[bytes]]) -> None:
                     stderr=subprocess.DEVNULL,
                     pass_fds=[lock.fileno()],
                 )
-                for _ in range(min(cores, MOST))
+                for _ in range(min(cores, MOST_PROCESSES))
             ]
         finally:
             os.close(numbers)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.scene.geometry import Floats
 
-REACH = 3.0
+LANE_REACH = 3.0
 """m from a point of a lane within which a road user is on that lane: half a lane, and the way between two points."""
 ALIGNED = 0.5
 """Sine of the angle between a lane and a road user on it, in either direction, beyond which its level is unknown."""
@@ -36,7 +36,7 @@ def apart(
     """Whether two places are on different levels; each by its position (m) and the cosine and sine of the direction of
     the road user there, because two streets share the place where they cross.
 
-    A place has the level of the lane within REACH that has its direction best; none where no lane has it.
+    A place has the level of the lane within LANE_REACH that has its direction best; none where no lane has it.
     """
     mine = 0
     for place in range(2):
@@ -45,15 +45,15 @@ def apart(
         low, high = 0, len(levels.x)
         while low < high:
             middle = (low + high) // 2
-            if levels.x[middle] < x - REACH:
+            if levels.x[middle] < x - LANE_REACH:
                 low = middle + 1
             else:
                 high = middle
         best, level = ALIGNED, 0
-        while low < len(levels.x) and levels.x[low] <= x + REACH:
+        while low < len(levels.x) and levels.x[low] <= x + LANE_REACH:
             dx, dy = levels.x[low] - x, levels.y[low] - y
             turned = abs(cos * levels.sin[low] - sin * levels.cos[low])
-            if turned < best and dx * dx + dy * dy < REACH * REACH:
+            if turned < best and dx * dx + dy * dy < LANE_REACH * LANE_REACH:
                 best, level = turned, int(levels.level[low])
             low += 1
         if level == 0:

@@ -8,13 +8,14 @@ from types import TracebackType
 from typing import Self
 
 from slrl_sumo.errors import InputError
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.excluded import Excluded
 from slrl_sumo.simulation.preparation import add_learned, load_models
 from slrl_sumo.simulation.region import RegionSpec
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE, LearnedSettings, constraint_names
+from slrl_sumo.simulation.settings import LearnedSettings, constraint_names
 from slrl_sumo.simulation.shares import Shares
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.session import AttachedSession

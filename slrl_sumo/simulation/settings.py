@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slrl_sumo.errors import InputError, check_type, check_whole_number
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 from slrl_sumo.simulation.excluded import Excluded, parse_excluded
 from slrl_sumo.simulation.shares import Shares, parse_mix, parse_shares, shares_text
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
@@ -18,7 +19,6 @@ from slrl_sumo.sumo.scenario.options import with_options
 if TYPE_CHECKING:
     from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
 
-DEFAULT_BUNDLE = "intersection"
 MOST_AGENTS = 1_000_000
 """No network holds more."""
 

@@ -17,31 +17,31 @@ from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 DEFAULT_MIX = np.array([0.5, 0.2, 0.3])
 """Shares of cars, bicycles and pedestrians when the user gives none."""
 
-SPACING = np.array([9.0, 4.0, 2.0])
+START_SPACING = np.array([9.0, 4.0, 2.0])
 """m between two road users at the start, per type: a car's length and a gap in which it can stop at low speed."""
 
-TIGHT_SPACING = np.array([6.5, 2.4, 1.0])
+TIGHT_START_SPACING = np.array([6.5, 2.4, 1.0])
 """The same where so many are wanted that they must start closer together: no box touches another."""
 
-SIDE_GAP = 0.3
+START_SIDE_GAP = 0.3
 """m that the claim of a road user is wider than its box at the start."""
 
-STRIP = np.array([np.inf, np.inf, 0.9])
+LANE_STRIP = np.array([np.inf, np.inf, 0.9])
 """m of a lane's width that a road user takes: on wide lanes several pedestrians start side by side. Vehicles start in
 the middle of their lane, where they drive: from side by side they would meet there."""
 
-POINT_SPACING = SPACING / 4
+POINT_SPACING = START_SPACING / 4
 """m between the places that are tried."""
 
-MOST_POINTS = 200_000
+MOST_STARTING_POINTS = 200_000
 """Of one type: without a limit a city of 10 km x 10 km had 7.6 million for pedestrians, in 1 GB."""
 
-SHARED_SPEED = 8.4
+MAX_SHARED_LANE_SPEED = 8.4
 """m/s (30 km/h). A carriageway that also admits pedestrians is a place for them up to this limit; SUMO's networks
 without sidewalks admit all road users everywhere, which says nothing about walking on a fast road."""
 
-CYCLING_SPEED = 20.0
-"""m/s (72 km/h). The same for bicycles."""
+MAX_CYCLING_LANE_SPEED = 20.0
+"""m/s (72 km/h): the same for bicycles, which SUMO admits on nearly every road."""
 
 
 SLOWER = 0.1
@@ -56,25 +56,26 @@ def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
     if kind == RoadUserType.CAR:
         return [lane for lane in lanes if "passenger" in lane.allowed]
     if kind == RoadUserType.BICYCLE:
-        return [lane for lane in lanes if "bicycle" in lane.allowed and lane.max_speed <= CYCLING_SPEED]
+        return [lane for lane in lanes if "bicycle" in lane.allowed and lane.max_speed <= MAX_CYCLING_LANE_SPEED]
     return [
         lane
         for lane in lanes
-        if "pedestrian" in lane.allowed and (lane.surface == Surface.SIDEWALK or lane.max_speed <= SHARED_SPEED)
+        if "pedestrian" in lane.allowed
+        and (lane.surface == Surface.SIDEWALK or lane.max_speed <= MAX_SHARED_LANE_SPEED)
     ]
 
 
 def starting_points(network: Network) -> tuple[LanePoints, ...]:
     """Places to start at per type, indexed by RoadUserType; empty where the network has no surface for the type.
 
-    About MOST_POINTS per type at most: in a city they are farther apart.
+    About MOST_STARTING_POINTS per type at most: in a city they are farther apart.
     """
     points = []
     for kind in RoadUserType:
         lanes = [lane for lane in legal_lanes(network, kind) if lane.edge not in network.removing]
-        spacing, strip = float(POINT_SPACING[kind]), float(STRIP[kind])
+        spacing, strip = float(POINT_SPACING[kind]), float(LANE_STRIP[kind])
         many = sum(lane.length * max(1, int(lane.width / strip)) for lane in lanes) / spacing
-        points.append(LanePoints(lanes, spacing=spacing * max(1.0, many / MOST_POINTS), strip=strip))
+        points.append(LanePoints(lanes, spacing=spacing * max(1.0, many / MOST_STARTING_POINTS), strip=strip))
     return tuple(points)
 
 
@@ -145,10 +146,10 @@ def draw_starts(counts: NDArray[np.int64], points: tuple[LanePoints, ...], rng: 
     as boxes allow. Raises InputError when not all of them fit even so.
     """
     orders = [rng.permutation(len(source)) for source in points]
-    chosen = _choose(counts, points, orders, SPACING)
+    chosen = _choose(counts, points, orders, START_SPACING)
     if any(len(rows) < count for rows, count in zip(chosen, counts, strict=True)):
         # Along the lanes one after the other is the densest order there is.
-        chosen = _choose(counts, points, [np.arange(len(source)) for source in points], TIGHT_SPACING)
+        chosen = _choose(counts, points, [np.arange(len(source)) for source in points], TIGHT_START_SPACING)
     for kind, rows in enumerate(chosen):
         if len(rows) < counts[kind]:
             raise InputError(
@@ -212,7 +213,7 @@ def _choose(
                 source.y[order],
                 source.heading[order],
                 np.full(n, spacing[kind]),
-                np.full(n, DEFAULT_WIDTH[kind] + SIDE_GAP),
+                np.full(n, DEFAULT_WIDTH[kind] + START_SIDE_GAP),
             ]
         )
         rows = _first_free(claims, taken, int(counts[kind]))

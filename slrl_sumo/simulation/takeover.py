@@ -16,7 +16,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.contacts import colliding_pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, STANDING_SPEED, RoadUserType
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
 from slrl_sumo.simulation.wraparound import left_scene
@@ -24,25 +24,23 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
-WALKING = 0.1
-"""m/s: slower persons are not taken over."""
 HYSTERESIS = 5.0
 """m that a road user may be outside the region before it is handed back."""
 
-FAST_LANE = 1.2
+FAST_LANE_RATIO = 1.2
 """Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
-TURNING = 10.0
+SHARP_TURN_TIME = 10.0
 """s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
-FAST = "fast lane"
+FAST_LANE_REASON = "fast lane"
 """Why a road user stays SUMO's there."""
-EXCLUDED = "excluded"
+EXCLUDED_REASON = "excluded"
 """Why one stays SUMO's, or the script's, by its id."""
 NEAR_JUNCTION = 2.0
 """m before the end of its lane, and those of one decision, within which a vehicle is not taken over: after its first
 step it could be in a turn that it cannot follow, or beyond its destination, where SUMO does not take it back."""
-STANDING = 0.5
-"""m/s: slower vehicles are taken over in junctions, too."""
-ON_LANE = 0.2
+JUNCTION_STANDING_SPEED = 0.5
+"""m/s: slower vehicles are taken over in junctions, too; in one decision they go 0.2 m at most."""
+REAR_TOLERANCE = 0.2
 """m of a vehicle's length that may still be before its lane: SUMO's depart within 0.1 m of the whole length."""
 RIM = 8.0
 """m outside the network's bounding box that a road user of the scenario may be."""
@@ -114,7 +112,7 @@ class Handover:
         back = self._population.hand_back(leaving)
         # A road user that is about to arrive is not taken over again.
         self.finished.update(ending_ids.intersection(back))
-        self._turning |= {learned.ids[row]: time + TURNING for row in np.flatnonzero(turning)}
+        self._turning |= {learned.ids[row]: time + SHARP_TURN_TIME for row in np.flatnonzero(turning)}
         return back
 
     def take_over(
@@ -150,7 +148,7 @@ class Handover:
             wanted[vehicles] = ~self._near_junction(vehicles, users, snapshot)
         # SUMO sets the heading of a person with its first step: until then it may face the other way.
         persons = np.flatnonzero(users.type == RoadUserType.PEDESTRIAN)
-        wanted[persons] &= users.speed[persons] > WALKING
+        wanted[persons] &= users.speed[persons] > STANDING_SPEED
         # Persons of a flow depart inside each other: SUMO leads them apart, learned ones would stay in single file.
         wanted[persons[colliding_pairs(users.take(persons))]] = False
         room = int(min(rule.most - len(learned_before), len(users)))
@@ -159,11 +157,11 @@ class Handover:
         obstacles = self._control.obstacles(ids, snapshot.person[rows], models=self._driver.has_models)
         if self._fast:
             fast = self._on_fast_lane(ids, snapshot).tolist()
-            obstacles = tuple(why or FAST * on for why, on in zip(obstacles, fast, strict=True))
+            obstacles = tuple(why or FAST_LANE_REASON * on for why, on in zip(obstacles, fast, strict=True))
         # Where one was learned before, it is counted as handed back.
         self.left = {
             user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self.handed_back
-        } | dict.fromkeys(excluded, EXCLUDED)
+        } | dict.fromkeys(excluded, EXCLUDED_REASON)
         rows = rows[np.array([not why for why in obstacles], np.bool_)][:room]
         taken = tuple(users.ids[row] for row in rows)
         if taken:
@@ -180,9 +178,9 @@ class Handover:
         left = np.array([self._lane_ends.get(lane, -math.inf) for lane in lanes]) - front
         near = left < NEAR_JUNCTION + DECISION_INTERVAL * users.speed[rows]
         # Behind a sharp turn SUMO's vehicles are not yet in the direction of the lane.
-        near |= front < users.length[rows] - ON_LANE
+        near |= front < users.length[rows] - REAR_TOLERANCE
         # Those that stand could be in the way of learned ones for ever.
-        near &= users.speed[rows] > STANDING
+        near &= users.speed[rows] > JUNCTION_STANDING_SPEED
         # On no lane: why these cannot be taken over is said later.
         return np.asarray(near & np.array([lane != "" for lane in lanes]))
 
@@ -193,9 +191,10 @@ class Handover:
 
 
 def fast_lanes(network: Network, max_speed: Floats) -> frozenset[str]:
-    """Ids of car lanes with a limit above FAST_LANE times the top speed of learned cars (`max_speed`: of each type,
-    (3,) m/s): no vehicle is learned there, because all others would queue behind it. None where no cars are learned."""
-    most = FAST_LANE * float(max_speed[RoadUserType.CAR]) or np.inf
+    """Ids of car lanes with a limit above FAST_LANE_RATIO times the top speed of learned cars (`max_speed`: of each
+    type, (3,) m/s): no vehicle is learned there, because all others would queue behind it. None where no cars are
+    learned."""
+    most = FAST_LANE_RATIO * float(max_speed[RoadUserType.CAR]) or np.inf
     return frozenset(
         lane.id
         for lane in network.lanes

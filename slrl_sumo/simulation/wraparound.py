@@ -14,10 +14,10 @@ from slrl_sumo.simulation.insertion import boxes_of, insertions, safe_speed
 from slrl_sumo.simulation.spawn import starting_speed
 from slrl_sumo.sumo.network.lanes import LanePoints
 
-CANDIDATES = (24, 384)
+ENTRY_CANDIDATES = (24, 384)
 """Numbers of entry places that are tried for each returning road user: the second where the first ones are taken."""
 
-ROOM = np.array([4.7, 2.3, 1.0])
+ENTRY_ROOM = np.array([4.7, 2.3, 1.0])
 """m between the circles around two boxes that a returning road user of each type needs."""
 
 NO_EXITS = np.zeros((0, 4))
@@ -64,7 +64,7 @@ def reinsert(
         extent = min((x1 - x0) / max(abs(c), 1e-6), (y1 - y0) / max(abs(s), 1e-6))
         wrapped_x = np.clip(x[row] - extent * c, x0, x1)
         wrapped_y = np.clip(y[row] - extent * s, y0, y1)
-        for count in CANDIDATES:
+        for count in ENTRY_CANDIDATES:
             rows = source.nearest(np.array([wrapped_x]), np.array([wrapped_y]), count)[0]
             turn = np.abs(wrap_angle(source.heading[rows] - heading[row]))
             if kind == RoadUserType.PEDESTRIAN:
@@ -73,7 +73,7 @@ def reinsert(
             gap, slowest, fastest = insertions(source.x[rows], source.y[rows], source.heading[rows], crowd, row)
             if kind != RoadUserType.PEDESTRIAN:
                 fastest = np.minimum(fastest, safe_speed(source.rest_of_lane(rows)))
-            free = (gap >= ROOM[kind]) & (source.offset[rows] >= ENTRANCE[kind])
+            free = (gap >= ENTRY_ROOM[kind]) & (source.offset[rows] >= ENTRANCE[kind])
             free &= slowest <= np.minimum(wish, fastest)
             away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
             # On the other side; at the end that it has left there is room, but it would leave again.
@@ -114,9 +114,9 @@ def start_anew(
     for row in rows.tolist():
         kind = int(world.type[row])
         source = points[kind]
-        drawn = rng.integers(0, len(source), CANDIDATES[0])
+        drawn = rng.integers(0, len(source), ENTRY_CANDIDATES[0])
         gap, slowest, fastest = insertions(source.x[drawn], source.y[drawn], source.heading[drawn], crowd, row)
-        place = int(np.where(slowest <= fastest, np.minimum(gap, ROOM[kind]), -np.inf).argmax())
+        place = int(np.where(slowest <= fastest, np.minimum(gap, ENTRY_ROOM[kind]), -np.inf).argmax())
         best = int(drawn[place])
         x[row], y[row] = source.x[best], source.y[best]
         about = np.pi * int(rng.integers(0, 2)) if kind == RoadUserType.PEDESTRIAN else 0.0

@@ -18,7 +18,7 @@ Entry = TypeVar("Entry")
 
 LINE = 64 << 20
 """Bytes: longest line that is read; one of 10,000 road users has less than 10 MB."""
-BLOCK = 65536
+TAIL_BLOCK = 65536
 """Bytes read at once from the end of the file."""
 
 
@@ -88,7 +88,7 @@ class StudyLog:
             while end:
                 if size - end > LINE:
                     raise self._damaged()
-                begin = max(0, end - BLOCK)
+                begin = max(0, end - TAIL_BLOCK)
                 stream.seek(begin)
                 newline = stream.read(end - begin).rfind(b"\n")
                 end = begin + newline + 1 if newline >= 0 else begin

@@ -11,9 +11,9 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
-NEARBY = 0.05
+SLOPE_REACH = 0.05
 """m to both sides of a place between which its slope is measured: pieces of lanes are longer."""
-AROUND = 0.5
+WALKING_AREA_MARGIN = 0.5
 """m around a walking area within which lanes and crossings end on it."""
 
 
@@ -66,7 +66,7 @@ class Elevation:
 
     def on_lane(self, lane: Lane, place: float) -> tuple[float, float]:
         """Height (m) and slope (degrees) at a place (m along it) of a lane or crossing."""
-        low, high = max(place - NEARBY, 0.0), min(place + NEARBY, lane.length)
+        low, high = max(place - SLOPE_REACH, 0.0), min(place + SLOPE_REACH, lane.length)
         (ax, ay, az), (bx, by, bz) = (self._at(lane, each) for each in (low, high))
         return self._at(lane, min(max(place, 0.0), lane.length))[2], degrees(atan2(bz - az, hypot(bx - ax, by - ay)))
 
@@ -77,7 +77,7 @@ class Elevation:
         """
         ends = self._around.get(area.id)
         if ends is None:
-            low, high = area.shape.min(axis=0) - AROUND, area.shape.max(axis=0) + AROUND
+            low, high = area.shape.min(axis=0) - WALKING_AREA_MARGIN, area.shape.max(axis=0) + WALKING_AREA_MARGIN
             near = (self._end_x >= low[0]) & (self._end_x <= high[0])
             near &= (self._end_y >= low[1]) & (self._end_y <= high[1])
             ends = np.array([self._at(*self._ends[k]) for k in np.flatnonzero(near)] or [self._at(area, 0.0)])

@@ -18,7 +18,7 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import LanePoints
 
 MAY_BE_REMOVED = "it comes to an edge with a calibrator or vaporizer, which may remove vehicles"
-REACH = 10.0
+ASSIGNMENT_REACH = 10.0
 """m from the middle of a lane within which `moveToXY` may assign a vehicle to it: its threshold and half a lane."""
 
 
@@ -34,7 +34,7 @@ class RemovingEdges:
         if not self._edges:
             return np.zeros(len(x), np.bool_)
         point = self._points.nearest(x, y)[:, 0]
-        return np.asarray(np.hypot(self._points.x[point] - x, self._points.y[point] - y) < REACH)
+        return np.asarray(np.hypot(self._points.x[point] - x, self._points.y[point] - y) < ASSIGNMENT_REACH)
 
     def next_for(self, vehicle: str, *, inside_junctions: bool = False) -> bool:
         """Whether a vehicle is on such an edge, or comes to one next; `inside_junctions`: and is not on the edge before

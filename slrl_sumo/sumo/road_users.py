@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from slrl_sumo.sumo.api import StageRecord, SumoApi
 
-WALKING = 2
+WALKING_STAGE = 2
 """Type of a walking stage (https://sumo.dlr.de/docs/TraCI/Person_Value_Retrieval.html)."""
 
 
@@ -196,5 +196,5 @@ def insert_pedestrian(
 ) -> None:
     """Insert a person that SUMO lets walk from `position` (m) on `edge`; without a walk to 1 m behind its begin."""
     api.person.add(person, edge, position, typeID=person_type)
-    for stage in walk or (api.simulation.Stage(type=WALKING, edges=[edge], arrivalPos=1.0),):
+    for stage in walk or (api.simulation.Stage(type=WALKING_STAGE, edges=[edge], arrivalPos=1.0),):
         api.person.appendStage(person, stage)

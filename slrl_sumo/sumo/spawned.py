@@ -39,7 +39,7 @@ MATCH_THRESHOLD = 5.0
 MATCH_THRESHOLD_PERSON = 0.1
 """m; with 5 m SUMO moves about 1 % of the persons by up to 8 m, to the edge of another lane."""
 
-SHORT = 1.0
+SHORT_LANE = 1.0
 """m: lanes up to this length are used only where a network has no others."""
 
 
@@ -60,7 +60,7 @@ class SpawnedControl:
         free = _staging_points([lane for lane in lanes if lane.edge not in network.removing], self._vehicle_class)
         self._staging = free if len(free) else _staging_points(lanes, self._vehicle_class)
         self._walks = network.walks
-        if any(lane.length <= SHORT for lane in self._walks.lanes):
+        if any(lane.length <= SHORT_LANE for lane in self._walks.lanes):
             self._walks = _staging_points(lanes, "pedestrian")
         self._sublanes = Sublanes(api, network)
         self._define_types()
@@ -205,7 +205,7 @@ class SpawnedControl:
 def _staging_points(lanes: list[Lane], vehicle_class: str) -> LanePoints:
     """Points on the lanes for a class: on short ones only where there are no others (grids with streets of 8 m)."""
     admitting = [lane for lane in lanes if vehicle_class in lane.allowed]
-    return LanePoints([lane for lane in admitting if lane.length > SHORT] or admitting, spacing=2.0)
+    return LanePoints([lane for lane in admitting if lane.length > SHORT_LANE] or admitting, spacing=2.0)
 
 
 def arrival_on(lane: Lane) -> float:

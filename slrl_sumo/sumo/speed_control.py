@@ -93,7 +93,7 @@ class SpeedControl:
             self.forget((vehicle,))
 
 
-HELD = 0.001
+HELD_SPEED_FACTOR = 0.001
 """Speed factor of persons that are held. With 0, SUMO 1.28 moves one that stands on a walking area over the whole next
 edge in one step, as far as 115 m."""
 
@@ -120,7 +120,7 @@ class WalkControl:
         for person in sorted(set(persons) - self._factor.keys()):
             with self._refusals.of(person):
                 self._factor[person] = self._api.person.getSpeedFactor(person)
-                self._api.person.setSpeedFactor(person, HELD)
+                self._api.person.setSpeedFactor(person, HELD_SPEED_FACTOR)
 
     def release(self, persons: Iterable[str]) -> None:
         """Let those of `persons` that are held walk on."""

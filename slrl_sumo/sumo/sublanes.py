@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from slrl_sumo.sumo.network import Network
     from slrl_sumo.sumo.network.lanes import Lane
 
-ROOM = 0.5
+REAR_ROOM = 0.5
 """m behind a vehicle that is put onto a lane, so that its rear is on no other lane."""
 
 
@@ -67,7 +67,7 @@ class Sublanes:
             del self._places[road_user]
             # Onto a lane of its route for the coming step, after which it is off all lanes without a registration.
             edge = vehicle.getRoute(road_user)[max(vehicle.getRouteIndex(road_user), 0)]
-            self._put(road_user, edge, max(before[1], self._length(road_user) + ROOM), "")
+            self._put(road_user, edge, max(before[1], self._length(road_user) + REAR_ROOM), "")
 
     def forget(self, vehicles: Iterable[str]) -> None:
         """Drop the memory of vehicles that are no longer moved."""

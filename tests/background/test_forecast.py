@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.background.forecast import HORIZON, MOMENTS, WITHOUT_ROUTE, forecast
+from slrl_sumo.background.forecast import FORECAST_HORIZON, MOMENTS, MOTION_HORIZON, forecast
 from slrl_sumo.perception.route_context import RouteContext, route_context
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, POINTS, SPACING, RouteAhead
@@ -36,7 +36,7 @@ def left_turn(radius: float, begin: float) -> tuple[Floats, Floats]:
 
 def test_without_a_route_vehicles_keep_their_yaw_rate_for_a_short_time() -> None:
     boxes, predicted, _ = forecast(car(2.0, yaw_rate=0.5))
-    near = MOMENTS <= WITHOUT_ROUTE
+    near = MOMENTS <= MOTION_HORIZON
     assert predicted[0] == near.sum()
     # A circle of radius v / yaw rate.
     t = MOMENTS[near]
@@ -63,7 +63,7 @@ def test_on_its_route_a_road_user_follows_the_path_whatever_its_yaw_rate(yaw_rat
     user = car(8.0, yaw_rate=yaw_rate)
     boxes, predicted, _ = forecast(user, on(*left_turn(10.0, 8.0), user))
     assert predicted[0] == len(MOMENTS)
-    assert MOMENTS[-1] == HORIZON
+    assert MOMENTS[-1] == FORECAST_HORIZON
     # 32 m: 8 m straight on, 15.7 m in the turn, 8.3 m north.
     np.testing.assert_allclose(boxes[0, -1, :3], [18.0, 18.3, np.pi / 2], atol=0.15)
     assert np.abs(boxes[0, MOMENTS < 1.0, 1]).max() < 1e-6
@@ -109,4 +109,4 @@ def test_later_in_the_interval_the_path_is_that_of_the_decision() -> None:
 
 def test_faster_road_users_are_committed_for_longer() -> None:
     assert forecast(car(9.0)).committed[0] == pytest.approx(1.0)
-    assert forecast(car(1.3, type=2)).committed[0] > WITHOUT_ROUTE
+    assert forecast(car(1.3, type=2)).committed[0] > MOTION_HORIZON

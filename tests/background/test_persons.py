@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from builders import make_scenario, make_world
 
-from slrl_sumo.background.persons import PATIENCE
+from slrl_sumo.background.persons import LONGEST_PERSON_WAIT
 from slrl_sumo.background.yielding import Yielding
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
-from slrl_sumo.sumo.speed_control import HELD
+from slrl_sumo.sumo.speed_control import HELD_SPEED_FACTOR
 
 STEP = 0.4
 PERSON = "walker"
@@ -76,8 +76,8 @@ def test_a_person_that_is_excluded_is_not_held(session: SumoSession) -> None:
 def test_a_person_stops_before_one_that_stands_and_walks_on_after_a_while(session: SumoSession) -> None:
     factor = session.api.person.getSpeedFactor(PERSON)
     learned = _ahead(session, 4.0, type=RoadUserType.PEDESTRIAN)
-    places = _walk(session, PATIENCE + 20.0, learned)
-    first, later = places[: round(PATIENCE / STEP)], places[round(PATIENCE / STEP) :]
+    places = _walk(session, LONGEST_PERSON_WAIT + 20.0, learned)
+    first, later = places[: round(LONGEST_PERSON_WAIT / STEP)], places[round(LONGEST_PERSON_WAIT / STEP) :]
     assert _nearest(first, learned) > 0.5
     # It waits near by.
     assert _nearest(first, learned) < 1.2
@@ -89,7 +89,7 @@ def test_a_person_stops_before_one_that_stands_and_walks_on_after_a_while(sessio
 
 def test_a_person_walks_through_it_otherwise(session: SumoSession) -> None:
     learned = _ahead(session, 4.0, type=RoadUserType.PEDESTRIAN)
-    assert _nearest(_walk(session, PATIENCE), learned) < 0.5
+    assert _nearest(_walk(session, LONGEST_PERSON_WAIT), learned) < 0.5
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_a_person_stops_before_a_car_that_moves(session: SumoSession) -> None:
 def test_release_lets_it_walk_on(session: SumoSession) -> None:
     factor = session.api.person.getSpeedFactor(PERSON)
     yielding, learned = _held(session)
-    assert session.api.person.getSpeedFactor(PERSON) == HELD
+    assert session.api.person.getSpeedFactor(PERSON) == HELD_SPEED_FACTOR
     yielding.release((PERSON,))
     assert yielding.held == frozenset()
     assert session.api.person.getSpeedFactor(PERSON) == factor

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.background.safe_speed import STOP_SHORT
-from slrl_sumo.background.yielding import PATIENCE, Yielding
+from slrl_sumo.background.yielding import LONGEST_VEHICLE_WAIT, Yielding
 from slrl_sumo.netgen.scenario import scenario_files
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.perception.route_context import route_context
@@ -329,7 +329,7 @@ def test_a_car_that_waits_in_a_junction_beside_a_learned_one_goes_on(session: Su
     while not vehicle.getLaneID(CAR).startswith(":"):
         scene.step(scene.home)
     vehicle.setSpeed(CAR, 0.0)
-    for _ in range(round(1.2 * PATIENCE / STEP)):
+    for _ in range(round(1.2 * LONGEST_VEHICLE_WAIT / STEP)):
         scene.step(scene.home)
         # Far away is no learned one that it could wait for.
         assert vehicle.getSpeedMode(CAR) == at_first

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from rich.table import Table
 
-from slrl_sumo.cli.app import DEFAULT_BUNDLE, app
+from slrl_sumo.cli.app import app
 from slrl_sumo.jobs.tables import table_text
-from slrl_sumo.simulation import settings
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 from slrl_sumo.sumo.scenario import shipped_scenarios
 
 Cli = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -38,8 +38,7 @@ def test_defaults_that_depend_are_in_the_help(cli: Cli) -> None:
     assert "[default: the bundle's usual one: rule of shared-space, else the trained one]" in text
     assert "[default: to the scenario's end, or until its road users have left]" in text
     for command in ("run", "evaluate", "compare", "train", "bench"):
-        assert "[default: intersection]" in " ".join(cli(command, "--help").stdout.split())
-    assert settings.DEFAULT_BUNDLE == DEFAULT_BUNDLE
+        assert f"[default: {DEFAULT_BUNDLE}]" in " ".join(cli(command, "--help").stdout.split())
 
 
 def test_without_words_it_prints_its_help(cli: Cli) -> None:

@@ -3,9 +3,9 @@ from pathlib import Path
 
 import pytest
 
-from slrl_sumo.doctor.versions import PACKAGES, home_version, installed, library_version, release, version_skew
+from slrl_sumo.doctor.versions import SUMO_PACKAGES, home_version, installed, library_version, release, version_skew
 
-SAME = dict.fromkeys(PACKAGES, "1.28.0")
+SAME = dict.fromkeys(SUMO_PACKAGES, "1.28.0")
 
 
 def fake_home(folder: Path, printed: str) -> Path:

@@ -14,7 +14,7 @@ from lxml import etree
 
 from slrl_sumo.errors import DefectError, InputError, SumoError
 from slrl_sumo.jobs import pool
-from slrl_sumo.jobs.pool import ATTEMPTS, Backend, Finished, run_jobs
+from slrl_sumo.jobs.pool import JOB_ATTEMPTS, Backend, Finished, run_jobs
 from slrl_sumo.jobs.workers import MachineLostError
 from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, play
@@ -96,7 +96,7 @@ def test_an_episode_that_always_kills_its_process_is_left_out() -> None:
     assert first.record is not None
     assert [(each.job, each.record) for each in rest] == [(episodes(2)[1], None)]
     assert "SIGKILL" in rest[0].reason
-    assert len(killed) == ATTEMPTS
+    assert len(killed) == JOB_ATTEMPTS
 
 
 def test_closing_ends_the_workers_and_removes_their_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -159,7 +159,7 @@ def test_only_as_many_jobs_are_drawn_as_can_run_and_each_comes_back_once() -> No
 def test_a_job_that_always_dies_is_left_out_with_the_signal_and_the_others_are_done() -> None:
     found = {each.job: each for each in run_jobs(half_or_die, range(5), Backend(2))}
     assert {job: each.record for job, each in found.items()} == {0: 0.0, 1: 0.5, 2: 1.0, 3: None, 4: 2.0}
-    assert found[3].reason == f"its process died (SIGSEGV), {ATTEMPTS} times"
+    assert found[3].reason == f"its process died (SIGSEGV), {JOB_ATTEMPTS} times"
 
 
 def test_a_bug_is_told_with_its_traceback() -> None:
@@ -194,11 +194,11 @@ class _UnluckyWorkers:
 
 
 def test_jobs_whose_machines_are_lost_are_done_elsewhere_and_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    workers = _UnluckyWorkers(losses=ATTEMPTS + 2)
+    workers = _UnluckyWorkers(losses=JOB_ATTEMPTS + 2)
     monkeypatch.setattr(pool, "_workers", lambda work, backend: workers)
     found = list(run_jobs(half_or_die, range(5), Backend(2)))
     assert sorted((each.job, each.record) for each in found) == [(job, -job) for job in range(5)]
-    assert len(workers.begun) == 5 + 2 * (ATTEMPTS + 2)
+    assert len(workers.begun) == 5 + 2 * (JOB_ATTEMPTS + 2)
     assert sorted(workers.begun[2:4]) == [0, 1]  # at once, not after all the others
 
 

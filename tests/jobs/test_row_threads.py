@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import Cli
 
-from slrl_sumo.jobs.row_threads import LEAST, RowThreads
+from slrl_sumo.jobs.row_threads import FEWEST_ROWS, RowThreads
 
 
 def test_parts_cover_all_rows_in_order_in_several_threads() -> None:
@@ -18,10 +18,10 @@ def test_parts_cover_all_rows_in_order_in_several_threads() -> None:
         threads.add(get_ident())
         return list(range(some.start, some.stop))
 
-    for rows in (0, 1, 2 * LEAST - 1, 2 * LEAST, 10 * LEAST + 7):
+    for rows in (0, 1, 2 * FEWEST_ROWS - 1, 2 * FEWEST_ROWS, 10 * FEWEST_ROWS + 7):
         parts = RowThreads(3).each(work, rows)
         assert [row for part in parts for row in part] == list(range(rows))
-        assert len(parts) == max(1, min(3, rows // LEAST))
+        assert len(parts) == max(1, min(3, rows // FEWEST_ROWS))
     assert len(threads) > 1
 
 
@@ -31,7 +31,7 @@ def test_errors_in_other_threads_are_raised() -> None:
             raise ValueError("late")
 
     with pytest.raises(ValueError, match="late"):
-        RowThreads(2).each(work, 4 * LEAST)
+        RowThreads(2).each(work, 4 * FEWEST_ROWS)
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ def test_the_size_of_the_parts_that_are_searched_does_not_matter(monkeypatch: py
     t = scene(*(straight(*rng.uniform(-30, 30, 2), rng.uniform(-3, 3), rng.uniform(2, 12), 15) for _ in range(12)))
     whole = ttc_conflicts(t), pet_conflicts(t)
     assert all(len(found) > 0 for found in whole)
-    monkeypatch.setattr("slrl_sumo.metrics.neighbours.CHUNK", 7)
+    monkeypatch.setattr("slrl_sumo.metrics.neighbours.ROWS_AT_ONCE", 7)
     for found, before in zip((ttc_conflicts(t), pet_conflicts(t)), whole, strict=True):
         assert found.value.tolist() == before.value.tolist()
         assert found.time.tolist() == before.time.tolist()

@@ -8,7 +8,7 @@ from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.surfaces import Ribbon, Surface, SurfaceShapes
-from slrl_sumo.metrics.realism import SMOOTHING, WINDOW, mean_realism, realism, window_scores
+from slrl_sumo.metrics.realism import DISTRIBUTION_SMOOTHING, WINDOW, mean_realism, realism, window_scores
 
 ROAD = SurfaceShapes((Ribbon(Surface.ROAD, np.array([[-50.0, 0.0], [250.0, 0.0]]), 8.0),))
 """8 m wide along x."""
@@ -24,14 +24,16 @@ def test_a_window_is_as_likely_as_its_moments_among_all_simulated_ones() -> None
     # The first road user goes at 1.1 m/s; half of its samples do, the other half at 3.1. The second one is as recorded.
     recorded = np.array([[1.1] * WINDOW, [2.1] * WINDOW])
     simulated = np.array([[[1.1] * WINDOW, [2.1] * WINDOW], [[3.1] * WINDOW, [2.1] * WINDOW]])
-    floor = SMOOTHING / 50
+    floor = DISTRIBUTION_SMOOTHING / 50
     found = window_scores({"speed": recorded}, {"speed": simulated})["speed"]
-    assert found == pytest.approx([((1 - SMOOTHING) / 2 + floor) / (1 - SMOOTHING + floor), 1.0])
+    assert found == pytest.approx(
+        [((1 - DISTRIBUTION_SMOOTHING) / 2 + floor) / (1 - DISTRIBUTION_SMOOTHING + floor), 1.0]
+    )
     # Of an event it counts in how many samples it happens at any moment.
     event, never = np.zeros((1, WINDOW)), np.zeros((4, 1, WINDOW))
     never[0, 0, 3] = 1.0
     found = window_scores({"overlap": event}, {"overlap": never})["overlap"]
-    assert found == pytest.approx([((1 - SMOOTHING) * 0.75 + 0.05) / (1 - SMOOTHING + 0.05)])
+    assert found == pytest.approx([((1 - DISTRIBUTION_SMOOTHING) * 0.75 + 0.05) / (1 - DISTRIBUTION_SMOOTHING + 0.05)])
 
 
 def test_more_samples_of_the_same_prediction_change_nothing() -> None:

@@ -10,7 +10,7 @@ from builders import make_world
 
 from slrl_sumo.models import capability
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.capability import MAX_DECISIONS, NEIGHBOURS, SPEEDS, STOPPING, Capability, capability_of
+from slrl_sumo.models.capability import MAX_DECISIONS, PROBED_NEIGHBOURS, SPEEDS, STOPPING, Capability, capability_of
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.scene.advance import advance, halting
 from slrl_sumo.scene.geometry import Floats
@@ -56,7 +56,7 @@ def test_ways_to_a_stand_are_those_of_the_models(
     for _ in range(MAX_DECISIONS):
         hardest = [
             motions(shipped_bundle, kind, state.speed[0], state.acceleration[0], others)[0].min()
-            for others in NEIGHBOURS
+            for others in PROBED_NEIGHBOURS
         ]
         braking = halting(state.speed, np.array([np.median(hardest)]), DECISION_INTERVAL)
         state = advance(state, braking, np.zeros(1), np.array([50.0]), DECISION_INTERVAL)
@@ -76,7 +76,7 @@ def test_the_sharpest_curves_are_those_of_modes_that_do_not_brake_hard(
         best = np.zeros((2, len(SPEEDS)))
         for i, speed in enumerate(SPEEDS):
             sides = []
-            for others in NEIGHBOURS:
+            for others in PROBED_NEIGHBOURS:
                 acceleration, yaw_rate = motions(shipped_bundle, kind, speed, 0.0, others)
                 after = np.maximum(speed + DECISION_INTERVAL * acceleration, 0.5)
                 curves = [0.0, *(yaw_rate / after)[acceleration > -1.5]]

@@ -17,7 +17,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
-from slrl_sumo.models.policy import AT_ONCE, Policy, choice_logits, policy_logits
+from slrl_sumo.models.policy import IMAGES_AT_ONCE, Policy, choice_logits, policy_logits
 from slrl_sumo.models.policy_files import network_of, on_expected_routes
 from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.perception.observation import Observation
@@ -340,9 +340,9 @@ def test_each_is_judged_by_the_heads_of_its_type(seen: Observation, extended: Po
     rng = np.random.default_rng(4)
     ahead, route = (torch.from_numpy(rng.random((len(seen), *shape), np.float32)) for shape in ((20, 9), (14,)))
     vector, image, kind = _arguments(looking)
-    assert len(kind) > AT_ONCE
+    assert len(kind) > IMAGES_AT_ONCE
     correction, value = extended(vector, image, kind, ahead, route)
-    for row in (0, 1, 7, AT_ONCE - 1, AT_ONCE, len(kind) - 1):
+    for row in (0, 1, 7, IMAGES_AT_ONCE - 1, IMAGES_AT_ONCE, len(kind) - 1):
         one = slice(row, row + 1)
         features = torch.cat([vector[one, :5] * torch.tensor([0.1, 0.3, 1.0, 1.0, 1.0])], -1)
         counts = 0.5 * torch.log1p(vector[one, 6:])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from slrl_sumo.replay.compact import METRE, SPEED, TURN, Rows, pack, run_starts, zigzag
+from slrl_sumo.replay.compact import HEADING_UNITS, METRE, SPEED_UNITS, Rows, pack, run_starts, zigzag
 
 
 def numbers(data: bytes) -> list[int]:
@@ -32,10 +32,10 @@ def unpack(streams: list[bytes], times: np.ndarray) -> np.ndarray:
                 vx, vy = (dx, dy) if k == 1 else (vx + dx, vy + dy)
                 x, y = x + vx, y + vy
                 ms = int(times[step + k] - times[step + k - 1])
-                travelled = int(np.floor(np.sqrt(float(vx**2 + vy**2)) * (1000 * SPEED / METRE) / ms + 0.5))
+                travelled = int(np.floor(np.sqrt(float(vx**2 + vy**2)) * (1000 * SPEED_UNITS / METRE) / ms + 0.5))
             heading, state = heading + turn, state + change
-            angle = 2 * np.pi * heading / TURN
-            rows.append((who, step + k, x / METRE, y / METRE, angle, (travelled + slip) / SPEED, state))
+            angle = 2 * np.pi * heading / HEADING_UNITS
+            rows.append((who, step + k, x / METRE, y / METRE, angle, (travelled + slip) / SPEED_UNITS, state))
             at += 1
     return np.array(rows)
 
@@ -68,8 +68,8 @@ def test_rows_come_back_within_half_a_unit() -> None:
     assert np.abs(back[:, 2] - rows.x).max() <= 0.5 / METRE + 1e-9
     assert np.abs(back[:, 3] - rows.y).max() <= 0.5 / METRE + 1e-9
     off = np.mod(back[:, 4] - rows.heading + np.pi, 2 * np.pi) - np.pi
-    assert np.abs(off).max() <= np.pi / TURN + 1e-9
-    assert np.abs(back[:, 5] - rows.speed).max() <= 0.5 / SPEED + 1e-9
+    assert np.abs(off).max() <= np.pi / HEADING_UNITS + 1e-9
+    assert np.abs(back[:, 5] - rows.speed).max() <= 0.5 / SPEED_UNITS + 1e-9
     assert back[:, 6].tolist() == rows.state.tolist()
 
 

@@ -6,7 +6,7 @@ import pytest
 from builders import make_levels
 
 from slrl_sumo.scene import kernels, levels
-from slrl_sumo.scene.levels import ALIGNED, FLAT, REACH
+from slrl_sumo.scene.levels import ALIGNED, FLAT, LANE_REACH
 
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
 
@@ -18,7 +18,7 @@ EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
     ((0.0, 0.0, *EAST), (5.0, 0.0, *EAST), False),  # on one street
     ((0.0, 0.0, *EAST), (0.0, 0.0, *EAST), False),
     ((-30.0, 0.0, *EAST), (0.0, 0.0, *NORTH), False),  # far from the crossing: nothing is known
-    ((0.0, REACH + 0.5, *EAST), (0.0, 0.0, *NORTH), False),  # beside the street
+    ((0.0, LANE_REACH + 0.5, *EAST), (0.0, 0.0, *NORTH), False),  # beside the street
     ((0.0, 0.0, math.cos(0.4), math.sin(0.4)), (0.0, 0.0, *NORTH), True),  # while it changes lanes
     ((0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)), (0.0, 0.0, *NORTH), False),  # along neither street
 ])  # fmt: skip

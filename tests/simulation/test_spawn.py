@@ -256,7 +256,7 @@ def test_points_of_no_network_are_no_starts() -> None:
 def test_places_are_farther_apart_where_there_would_be_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
     with SumoSession(find_scenario("district")) as session:
         usual = starting_points(session.network)
-        monkeypatch.setattr("slrl_sumo.simulation.spawn.MOST_POINTS", 1000)
+        monkeypatch.setattr("slrl_sumo.simulation.spawn.MOST_STARTING_POINTS", 1000)
         fewer = starting_points(session.network)
     # Short lanes have one place however few there are to be.
     assert [len(points) <= max(1000, 2 * len(points.lanes)) for points in fewer] == [True] * 3

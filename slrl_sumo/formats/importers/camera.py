@@ -9,7 +9,7 @@ from slrl_sumo.scene.geometry import Floats
 SPAN = 1.0
 """s of the time windows in which motion is compared; they overlap by half."""
 
-FEWEST = 5
+FEWEST_CARS = 5
 """Least number of cars for a decision."""
 
 SLIDE = 0.3
@@ -34,7 +34,7 @@ def camera_moves(car: Integers, frame: Integers, x: Floats, y: Floats, rate: flo
     for first in range(int(frame.min(initial=0)), int(frame.max(initial=0)) - span + 1, span // 2):
         now, then = frame == first, frame == first + span
         _, a, b = np.intersect1d(car[now], car[then], assume_unique=True, return_indices=True)
-        if len(a) < FEWEST:
+        if len(a) < FEWEST_CARS:
             continue
         dx, dy = x[then][b] - x[now][a], y[then][b] - y[now][a]
         length = np.hypot(dx, dy)

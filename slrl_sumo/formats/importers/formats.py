@@ -18,7 +18,7 @@ from slrl_sumo.formats.importers.sind import read_sind
 from slrl_sumo.formats.importers.tgsim import read_tgsim
 from slrl_sumo.formats.trajectories import Trajectories, track_names
 
-PAUSE = 250
+RECORDING_PAUSE = 250
 """Intervals between two joined recordings: 100 s, longer than any rollout."""
 
 
@@ -129,7 +129,8 @@ def _name(format: Format, file: Path) -> str:
 
 
 def join(recordings: Sequence[tuple[str, Trajectories]]) -> Trajectories:
-    """Several named recordings as one, each `PAUSE` intervals after the previous: their road users do not interact.
+    """Several named recordings as one, each `RECORDING_PAUSE` intervals after the previous: their road users do not
+    interact.
 
     Tracks are called `name/id`. A single recording stays as it is.
     """
@@ -139,7 +140,7 @@ def join(recordings: Sequence[tuple[str, Trajectories]]) -> Trajectories:
     offsets, first = [], 0
     for part in parts:
         offsets.append(first - part.frames.start)
-        first += len(part.frames) + PAUSE
+        first += len(part.frames) + RECORDING_PAUSE
     tracks = np.cumsum([0] + [len(part.ids) for part in parts])
 
     return Trajectories(

@@ -14,7 +14,7 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.input_files import check_lines, open_input
 from slrl_sumo.scene.geometry import Floats
 
-MOST = 1e15
+HIGHEST_NUMBER = 1e15
 """Highest whole number; all are exact up to there."""
 _WORD = 32
 """Longest word kept, characters."""
@@ -42,9 +42,11 @@ class Table:
         if (odd := values != np.round(values)).any():
             row = int(np.flatnonzero(odd)[0])
             raise InputError(f"{self.where(row)}: column {column!r} needs whole numbers, it is {values[row]:g}")
-        if (odd := np.abs(values) > MOST).any():
+        if (odd := np.abs(values) > HIGHEST_NUMBER).any():
             row = int(np.flatnonzero(odd)[0])
-            raise InputError(f"{self.where(row)}: column {column!r} is {values[row]:g}: at most {MOST:g} is possible")
+            raise InputError(
+                f"{self.where(row)}: column {column!r} is {values[row]:g}: at most {HIGHEST_NUMBER:g} is possible"
+            )
         return values.astype(np.int64)
 
     def words(self, column: str) -> NDArray[np.str_]:

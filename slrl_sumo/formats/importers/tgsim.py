@@ -14,7 +14,7 @@ LICENCE = "TGSIM: public domain of the U.S. Department of Transportation (https:
 PERIOD = 0.1
 """s between two rows of a road user."""
 
-PAUSE = 100.0
+RUN_PAUSE = 100.0
 """s between two runs."""
 
 CODES = {
@@ -47,7 +47,7 @@ def read_tgsim(path: Path) -> Trajectories:
     # Runs begin at time 0 each; they must not overlap in time.
     time, runs = table.numbers("time"), np.unique(which)
     starts, ends = (np.array([reach(time[which == one]) for one in runs]) for reach in (np.min, np.max))
-    offset = np.r_[0.0, np.cumsum(ends - starts + PAUSE)[:-1]] - starts
+    offset = np.r_[0.0, np.cumsum(ends - starts + RUN_PAUSE)[:-1]] - starts
     return resample(
         Samples(
             file=str(path),

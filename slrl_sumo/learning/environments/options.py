@@ -17,10 +17,10 @@ from slrl_sumo.learning.environments.source import ArenaSource, is_family
 from slrl_sumo.learning.rewards.terms import RewardWeights
 from slrl_sumo.learning.rewards.transition import RewardFunction
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
+from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE
 from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.simulation.excluded import Excluded, parse_excluded
-from slrl_sumo.simulation.settings import DEFAULT_BUNDLE
 from slrl_sumo.simulation.shares import Shares, parse_mix, served_shares
 from slrl_sumo.sumo.scenario import find_scenario
 

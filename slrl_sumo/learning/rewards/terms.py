@@ -17,31 +17,31 @@ from slrl_sumo.scene.kernels import moved, overlap
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-CLOSE = 1.0
+COLLISION_DISTANCE = 1.0
 """m between centres; the paper's r1."""
-SLOW = 0.5
+MOVING_SPEED = 0.5
 """m/s; the paper's r3."""
-PENALTY = np.zeros((len(RoadUserType), len(Surface)))
+SURFACE_PENALTY = np.zeros((len(RoadUserType), len(Surface)))
 """Penalty of a Surface for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads at a small
 penalty (paper, r2)."""
-PENALTY[:, Surface.NONE] = 1.0
-PENALTY[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
-PENALTY[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
+SURFACE_PENALTY[:, Surface.NONE] = 1.0
+SURFACE_PENALTY[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
+SURFACE_PENALTY[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
 HARD_ACCELERATION = 3.0
 """m/s²; uncomfortable, longitudinal or lateral."""
-HORIZON = 2.4
+DANGER_HORIZON = 2.4
 """s of prediction in `danger`: within it a car stops comfortably from 25 km/h."""
-MARGIN = 0.5
+DANGER_MARGIN = 0.5
 """m between boxes below which `danger` counts: centres of pedestrians collide before their small boxes do."""
-REACH = 40.0
+DANGER_REACH = 40.0
 """m between centres beyond which `danger` ignores road users."""
-STEP = 0.2
+STANDING_DISTANCE = 0.2
 """m in a decision interval; where less is wanted, the road user is to stand."""
-LEAST = 1.0
+LEAST_OVERSHOOT = 1.0
 """m: what is covered beyond a distance wanted in a decision interval counts relative to at least this."""
-PATH = 0.25
+PATH_TOLERANCE = 0.25
 """m of lateral offset that are not penalised."""
-RAREST = -8.0
+RAREST_MODE = -8.0
 """Log probability of modes that count as never seen."""
 
 
@@ -85,19 +85,20 @@ def weighted(terms: dict[str, Floats], weights: RewardWeights) -> Floats:
 
 
 def close(world: WorldState, n: int) -> Floats:
-    """r1: minus the number of road users whose centres are closer than CLOSE, for the first `n` of `world`, (n,)."""
-    pairs = close_pairs(world, CLOSE)
+    """r1: minus the number of road users whose centres are closer than COLLISION_DISTANCE, for the first `n` of
+    `world`, (n,)."""
+    pairs = close_pairs(world, COLLISION_DISTANCE)
     return -np.bincount(pairs.ravel(), minlength=len(world))[:n].astype(np.float64)
 
 
 def off_surface(kind: NDArray[np.int8], surface: NDArray[np.uint8]) -> Floats:
     """r2: minus the penalty of the `surface` under each road user for its type `kind`; both (n,)."""
-    return -PENALTY[kind, surface]
+    return -SURFACE_PENALTY[kind, surface]
 
 
 def moving(speed: Floats) -> Floats:
-    """r3: 1 for road users faster than SLOW; `speed` (n,) in m/s."""
-    return (speed > SLOW).astype(np.float64)
+    """r3: 1 for road users faster than MOVING_SPEED; `speed` (n,) in m/s."""
+    return (speed > MOVING_SPEED).astype(np.float64)
 
 
 def alive(n: int) -> Floats:
@@ -119,14 +120,14 @@ def lost(gone: NDArray[np.bool_]) -> Floats:
 def danger(world: WorldState, n: int) -> Floats:
     """From 0 down to -1 the sooner each of the first `n` road users of `world` would come too near to another, (n,).
 
-    Too near: MARGIN from box to box. All road users are predicted at constant speed and yaw rate, in steps of 0.4 s up
-    to HORIZON. Only road users ahead count: one that is hit from behind cannot avoid it.
+    Too near: DANGER_MARGIN from box to box. All road users are predicted at constant speed and yaw rate, in steps of
+    0.4 s up to DANGER_HORIZON. Only road users ahead count: one that is hit from behind cannot avoid it.
     """
-    seconds = np.arange(HORIZON, 0.0, -DECISION_INTERVAL)
+    seconds = np.arange(DANGER_HORIZON, 0.0, -DECISION_INTERVAL)
     columns = (world.x, world.y, world.heading, world.speed, world.yaw_rate, world.length, world.width)
     first = _first_conflict(np.column_stack(columns), seconds, n)
-    after = np.append(seconds, HORIZON + DECISION_INTERVAL)[first]
-    return np.asarray(-(1.0 - (after - DECISION_INTERVAL) / HORIZON))
+    after = np.append(seconds, DANGER_HORIZON + DECISION_INTERVAL)[first]
+    return np.asarray(-(1.0 - (after - DECISION_INTERVAL) / DANGER_HORIZON))
 
 
 @compiled
@@ -142,22 +143,22 @@ def _first_conflict(now: Floats, seconds: Floats, n: int) -> NDArray[np.intp]:
             boxes[step, i, 2], boxes[step, i, 3] = math.cos(heading), math.sin(heading)
     first = np.full(n, -1)
     for i in range(n):
-        if not now[i, 3] > SLOW:
+        if not now[i, 3] > MOVING_SPEED:
             continue
         cos, sin, corner = math.cos(now[i, 2]), math.sin(now[i, 2]), math.hypot(now[i, 5], now[i, 6])
         for j in range(len(now)):
             dx, dy = now[j, 0] - now[i, 0], now[j, 1] - now[i, 1]
             apart = math.sqrt(dx * dx + dy * dy)
-            if j == i or not apart < REACH or not cos * dx + sin * dy > 0.0:
+            if j == i or not apart < DANGER_REACH or not cos * dx + sin * dy > 0.0:
                 continue
             # Pairs that cannot come near within the horizon need no comparison of boxes.
-            reach = 0.5 * (corner + math.hypot(now[j, 5], now[j, 6])) + 2.0 * MARGIN
-            if not apart - reach < (now[i, 3] + now[j, 3]) * HORIZON:
+            reach = 0.5 * (corner + math.hypot(now[j, 5], now[j, 6])) + 2.0 * DANGER_MARGIN
+            if not apart - reach < (now[i, 3] + now[j, 3]) * DANGER_HORIZON:
                 continue
             for step in range(len(boxes) - 1, first[i], -1):
                 a, b = boxes[step, i], boxes[step, j]
-                mine = Box(a[2], a[3], now[i, 5] + MARGIN, now[i, 6] + MARGIN)
-                theirs = Box(b[2], b[3], now[j, 5] + MARGIN, now[j, 6] + MARGIN)
+                mine = Box(a[2], a[3], now[i, 5] + DANGER_MARGIN, now[i, 6] + DANGER_MARGIN)
+                theirs = Box(b[2], b[3], now[j, 5] + DANGER_MARGIN, now[j, 6] + DANGER_MARGIN)
                 if overlap(b[0] - a[0], b[1] - a[1], mine, theirs):
                     first[i] = step
                     break
@@ -186,7 +187,7 @@ def realism(log_probability: Floats) -> Floats:
 
     `log_probability` (n,): that of the chosen mode under the bundle's prior, a density learned from recordings.
     """
-    return np.maximum(log_probability, RAREST) / -RAREST
+    return np.maximum(log_probability, RAREST_MODE) / -RAREST_MODE
 
 
 def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
@@ -194,22 +195,23 @@ def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Float
 
     `covered` and `wanted` (n,): m along the path; `known` (n,): whether there is a route; 0 without.
     """
-    share = np.clip(covered / np.maximum(wanted, STEP), -1.0, 1.0)
-    return np.where(known, np.where(wanted < STEP, 1.0, share), 0.0)
+    share = np.clip(covered / np.maximum(wanted, STANDING_DISTANCE), -1.0, 1.0)
+    return np.where(known, np.where(wanted < STANDING_DISTANCE, 1.0, share), 0.0)
 
 
 def excess(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
     """From 0 for road users that covered no more than the wanted distance down to -1 for twice as much.
 
-    Arguments as for `progress`. Where hardly anything is wanted, what is covered counts relative to LEAST.
+    Arguments as for `progress`. Where hardly anything is wanted, what is covered counts relative to LEAST_OVERSHOOT.
     """
-    more = np.maximum(covered - np.maximum(wanted, STEP), 0.0) / np.maximum(wanted, LEAST)
+    more = np.maximum(covered - np.maximum(wanted, STANDING_DISTANCE), 0.0) / np.maximum(wanted, LEAST_OVERSHOOT)
     return -np.where(known, np.minimum(more, 1.0), 0.0)
 
 
 def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
-    """From 0 within PATH of the path down to -1 at three times PATH; lateral offset `aside` in m, (n,)."""
-    return -np.where(known, np.clip((np.abs(aside) - PATH) / (2.0 * PATH), 0.0, 1.0), 0.0)
+    """From 0 within PATH_TOLERANCE of the path down to -1 at three times PATH_TOLERANCE; lateral offset `aside` in m,
+    (n,)."""
+    return -np.where(known, np.clip((np.abs(aside) - PATH_TOLERANCE) / (2.0 * PATH_TOLERANCE), 0.0, 1.0), 0.0)
 
 
 def passed(before: Floats, after: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:

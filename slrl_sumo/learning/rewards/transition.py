@@ -24,9 +24,9 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.events import Decision
 from slrl_sumo.sumo.network.lanes import LanePoints
 
-HORIZON = 4.8
+DESTINATION_HORIZON = 4.8
 """s from a window's moment to its destination (paper, section 3.2)."""
-MOVING_DISTANCE = rewards.SLOW * HORIZON
+MOVING_DISTANCE = rewards.MOVING_SPEED * DESTINATION_HORIZON
 
 
 @dataclass(frozen=True)
@@ -201,5 +201,5 @@ def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
     # Bundles that were fitted before this was written down: their modes are clusters of positions.
     distance = np.hypot(bundle.mode_centres[..., 0], bundle.mode_centres[..., 1])
     count = np.where(distance > MOVING_DISTANCE, bundle.mode_counts, 0)
-    car, bicycle, pedestrian = (distance * count).sum(1) / np.maximum(count.sum(1), 1) / HORIZON
+    car, bicycle, pedestrian = (distance * count).sum(1) / np.maximum(count.sum(1), 1) / DESTINATION_HORIZON
     return float(car), float(bicycle), float(pedestrian)

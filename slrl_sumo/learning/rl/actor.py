@@ -9,7 +9,7 @@ from slrl_sumo.models.policy import Policy, policy_logits
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 
-RAREST = -8.0
+LOWEST_PRIOR = -8.0
 """Log probability at which the prior's end, so that a mode that was never recorded costs a bounded amount."""
 CAR = FEATURES.index("car")
 """First column of the one-hot type in the vector."""
@@ -34,10 +34,10 @@ class Actor:
         return logits, values
 
     def prior_logits(self, seen: dict[str, Tensor]) -> Tensor:
-        """Log probabilities (n, modes) of the bundle's prior, at least RAREST."""
+        """Log probabilities (n, modes) of the bundle's prior, at least LOWEST_PRIOR."""
         vector = seen["vector"].to(self.device)
         with torch.no_grad():
-            return torch.log_softmax(self.prior.logits(vector, kind_of(vector)), -1).clamp_min(RAREST)
+            return torch.log_softmax(self.prior.logits(vector, kind_of(vector)), -1).clamp_min(LOWEST_PRIOR)
 
     def _logits(self, policy: Policy, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         vector, optional = seen["vector"].to(self.device), ("image", "rollouts", "route", "action_mask")

@@ -34,7 +34,7 @@ from slrl_sumo.models.threads import one_thread
 
 TIMEOUT = 120.0
 """s that a worker may take to begin a simulation."""
-ATTEMPTS = 5
+WORKER_ATTEMPTS = 5
 """Failures of a worker in a row after which training is given up."""
 STEP_TIMEOUT = 2.0
 """s more that a worker may take for each step."""
@@ -102,7 +102,7 @@ class RolloutWorker:
 class WorkerRollouts:
     """See slrl_sumo.learning.rl.ppo.Rollouts: `backend.workers` simulations of `source`, with policies of `config`.
 
-    Raises InputError if a worker cannot load scenario or bundle, SumoError if one fails ATTEMPTS times in a row.
+    Raises InputError if a worker cannot load scenario or bundle, SumoError if one fails WORKER_ATTEMPTS times in a row.
     """
 
     def __init__(self, source: ArenaSource, config: PolicyConfig, explore: float, backend: Backend) -> None:
@@ -132,7 +132,7 @@ class WorkerRollouts:
         """See Rollouts."""
         state = agent.policy.state_dict()
         self._workers.publish(save({name: tensor.detach().cpu().contiguous() for name, tensor in state.items()}))
-        failures = Failures(ATTEMPTS)
+        failures = Failures(WORKER_ATTEMPTS)
         restarted = set()
 
         def begin(number: int) -> None:

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.learning.supervised.windows import Windows
 from slrl_sumo.models.displacement import SPEED, DisplacementModels
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED, RoadUserType
 
-TURNING = 0.02
+TURNING_RATE = 0.02
 """rad/s; a road user with a higher yaw rate is turning."""
-STANDING = 0.1
-"""m/s; what was no faster, and is not afterwards, tells nothing of the bounds."""
 CORNERING = 10.0
 """m/s below which the curvature of vehicles' turns is measured."""
 FREE_TURNING = 0.5
@@ -23,7 +21,7 @@ HARDEST = 0.2
 """Percentile of the recorded accelerations of moving road users with which the type brakes in need. The 1st, which
 bounds the models, is a walk that slows down: pedestrians of whom one halves its speed in 0.4 s are rarer than that."""
 
-TOP_SPEED = {"paths": 99.9}
+TOP_SPEED_PERCENTILE = {"paths": 99.9}
 """Percentile of the recorded speeds that is the top speed of the models, where it is not the 99th. Joggers among SDD's
 pedestrians are faster than 99 % of the moments; models that slow them down err by 2.7 instead of 1.5 m there, which is
 0.04 of constant velocity's error over all pedestrians."""
@@ -39,7 +37,7 @@ def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadU
         moving = rows & in_motion
         rows = moving if moving.any() else rows
         # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
-        turning = rows & (np.abs(train.yaw_rate) > TURNING)
+        turning = rows & (np.abs(train.yaw_rate) > TURNING_RATE)
         turning = turning if turning.any() else rows
         for bounds, values in (
             (models.acceleration_bounds, train.acceleration[rows]),
@@ -54,13 +52,14 @@ def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadU
             models.max_curvature[t] = float(models.yaw_rate_bounds[t].abs().max()) / FREE_TURNING
         elif steering.any():
             models.max_curvature[t] = float(np.percentile(np.abs(train.yaw_rate[steering]) / after[steering], 99.7))
-        models.max_speed[t] = float(np.percentile(before[train.type == t], TOP_SPEED.get(modes, 99.0)))
+        models.max_speed[t] = float(np.percentile(before[train.type == t], TOP_SPEED_PERCENTILE.get(modes, 99.0)))
 
 
 def _in_motion(train: Windows) -> NDArray[np.bool_]:
-    """Which windows are of road users that move, before or after the first interval, (N,)."""
+    """Which windows are of road users that move, before or after the first interval, (N,). Those of others tell nothing
+    of the bounds."""
     before = train.vector[:, SPEED].astype(np.float64)
-    return np.asarray(np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING)
+    return np.asarray(np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING_SPEED)
 
 
 def hardest_braking(train: Windows) -> float:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.learning.supervised.modes import (
-    AT_ONCE,
     AT_PRESENT,
+    CURVATURE_INTERVALS,
     AccelerationRanges,
     Weigh,
     acceleration_ranges,
@@ -37,7 +37,7 @@ paths of 6.4 s, and each is trained on those that it predicts best (winner_takes
 the prior read the company of others, and the prior learns how well each mode predicts a path
 (winner_takes_all.responsibilities)."""
 
-HORIZONS = {"curved": AT_ONCE, "accelerations": AT_PRESENT, "paths": 16}
+HORIZONS = {"curved": CURVATURE_INTERVALS, "accelerations": AT_PRESENT, "paths": 16}
 """Intervals that the models of these modes learn; of all others, FUTURE. Models of modes that describe the next 1 to
 2 s would continue a turn in circles if they were trained for longer."""
 
@@ -73,7 +73,7 @@ def goals(every: Windows, modes: str, known: Ranges | None = None) -> Floats:
         goal = every.destination.copy()
         for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
             mine = every.type == kind
-            goal[mine] = curved(goal[mine], every.path[mine, AT_ONCE - 1], kind)
+            goal[mine] = curved(goal[mine], every.path[mine, CURVATURE_INTERVALS - 1], kind)
         return goal
     if modes == "accelerations":
         goal = every.destination.copy()

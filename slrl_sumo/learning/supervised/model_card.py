@@ -4,7 +4,7 @@ from typing import Any
 
 from slrl_sumo.scene.types import TYPE_NAMES
 
-FEW = 2000
+FEW_WINDOWS = 2000
 """Training windows below which the card contains a warning."""
 
 MODES_BY_TEXT = {
@@ -28,9 +28,10 @@ OBSERVED = {
 
 LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
 """Part of the windows that the models learn, where it is not all of them."""
-TOP_SPEED = {"paths": "99.9th"}
-"""Percentile of the recorded speeds that is the top speed, where it is not the 99th (see bounds.TOP_SPEED)."""
-ALONE = {"accelerations": " (others only the prior, not the displacement models)"}
+TOP_SPEED_PERCENTILE_NAME = {"paths": "99.9th"}
+"""Percentile of the recorded speeds that is the top speed, where it is not the 99th (see
+bounds.TOP_SPEED_PERCENTILE)."""
+NOT_OBSERVED = {"accelerations": " (others only the prior, not the displacement models)"}
 """What the models do not observe, where it is not the same for all."""
 
 
@@ -82,11 +83,11 @@ def model_card(name: str, training: dict[str, Any]) -> str:
     few = [
         f"{kind} ({count})"
         for kind in names
-        if (count := kinds[kind]["windows"] - kinds[kind]["held_out_windows"]) < FEW
+        if (count := kinds[kind]["windows"] - kinds[kind]["held_out_windows"]) < FEW_WINDOWS
     ]
     scarce = (
-        f"**Little training data**, fewer than {FEW} windows: {', '.join(few)}. Windows of successive moments overlap, "
-        "so these are a handful of road users, and the models of these types are unreliable.\n\n"
+        f"**Little training data**, fewer than {FEW_WINDOWS} windows: {', '.join(few)}. Windows of successive moments "
+        "overlap, so these are a handful of road users, and the models of these types are unreliable.\n\n"
         if few
         else ""
     )
@@ -135,8 +136,8 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             "",
             "The output of the models is bounded by the recorded range: accelerations by the 1st and 99th percentile "
             "of moving road users, yaw rates by those of turning road users, the top speed by the "
-            f"{TOP_SPEED.get(training['modes_by'], '99th')} percentile of all. The curvature of a path is bounded as "
-            "well. With the constraint `braking_residual` the mode that brakes hardest does so with the "
+            f"{TOP_SPEED_PERCENTILE_NAME.get(training['modes_by'], '99th')} percentile of all. The curvature of a path "
+            "is bounded as well. With the constraint `braking_residual` the mode that brakes hardest does so with the "
             "0.2nd percentile, where that was measured.",
             "",
             "| type | acceleration (m/s²) | hardest braking | yaw rate (rad/s) | curvature (1/m) | top speed (m/s) |",
@@ -151,8 +152,8 @@ def model_card(name: str, training: dict[str, Any]) -> str:
             *ranges,
             "",
             f"{scarce}The models observe {OBSERVED[training.get('preset', 'paper')]}"
-            f"{ALONE.get(training['modes_by'], '')}, but neither lanes, traffic lights nor destinations. Do not use "
-            "them for safety assessment. Outside the recorded range of density and speed their behaviour is an "
+            f"{NOT_OBSERVED.get(training['modes_by'], '')}, but neither lanes, traffic lights nor destinations. Do "
+            "not use them for safety assessment. Outside the recorded range of density and speed their behaviour is an "
             "extrapolation.",
             "",
             "## Training",

@@ -17,7 +17,7 @@ ENOUGH = 200_000
 BALANCE = 0.5
 """Balanced clustering gives a cell of n destinations the weight of n to the power of 1 - BALANCE."""
 
-TURNS = np.radians([-75.0, -45.0, -20.0, -7.0, 7.0, 20.0, 45.0, 75.0])
+BEARING_BOUNDS = np.radians([-75.0, -45.0, -20.0, -7.0, 7.0, 20.0, 45.0, 75.0])
 """Bounds between the cells of bearings, rad."""
 
 SPEED_CELLS = 6
@@ -26,29 +26,29 @@ GENTLE = {RoadUserType.CAR: 0.75, RoadUserType.BICYCLE: 0.5}
 """Exponent of the distance by which curvature is weighted: cars go far in 4.8 s, where a gentle curve shifts them by a
 lane's width."""
 
-BEND = {RoadUserType.CAR: 0.22, RoadUserType.BICYCLE: 0.13}
+BEND_WEIGHT = {RoadUserType.CAR: 0.22, RoadUserType.BICYCLE: 0.13}
 """Curvature (1/m) times that power of the distance (m) that weighs as much as the difference of 4 m and 9 m."""
 
-AT_ONCE = 5
+CURVATURE_INTERVALS = 5
 """Intervals, 2 s, over which the curvature is measured."""
 
 AT_PRESENT = 3
 """Intervals, 1.2 s, over which relative accelerations are measured: turns at corners take hardly longer, and means over
 2 s are wider than these turns."""
 
-SHORT = 2.0
+SHORT_PATH = 2.0
 """m below which the curvature of a path is unreliable."""
 
 SPEED_BIN, FEWEST = 1.0, 300
 """m/s, and windows of the bins of speed in which ranges of accelerations are measured."""
 EXTREME = 99.5
 """Percentile that counts as nearly the highest."""
-LEAST = 0.1
+LEAST_RANGE = 0.1
 """m/s²: smallest range."""
 CELL, EVENLY = 0.2, 0.9
 """Size of the cells of `balance_accelerations`, and its exponent: a cell of n windows has the weight of n to the power
 of 1 - EVENLY."""
-MOST = 1.3
+MOST_ACCELERATION = 1.3
 """Relative accelerations beyond this count as this: outliers must not be modes."""
 
 
@@ -62,21 +62,21 @@ def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
     far = np.hypot(destinations[:, 0], destinations[:, 1])
     width = max(float(np.percentile(np.repeat(far, counts), 99)) / SPEED_CELLS, 1e-3)
     ring = np.minimum(far / width, SPEED_CELLS - 1).astype(np.intp)
-    turn = np.searchsorted(TURNS, np.arctan2(destinations[:, 1], destinations[:, 0]))
-    cell = ring * (len(TURNS) + 1) + turn
+    turn = np.searchsorted(BEARING_BOUNDS, np.arctan2(destinations[:, 1], destinations[:, 0]))
+    cell = ring * (len(BEARING_BOUNDS) + 1) + turn
     return np.asarray(counts * np.bincount(cell, counts)[cell] ** -BALANCE, np.float64)
 
 
 def curved(destinations: Floats, near: Floats, kind: RoadUserType) -> Floats:
     """Next motion of cars or bicycles (`kind`) as root of the distance and weighted curvature, (N, 2).
 
-    `destinations`: positions after 4.8 s, (N, 2) m, ego frame; `near`: positions after the first AT_ONCE intervals. The
-    curvature is that of the circle tangent to the heading through `near`. In the plane, paths of 5 m to the left, to
-    the right and straight on are close together, so that K-Means puts them into one mode, which decelerates straight
-    on, and no mode decelerates in a turn. A turn at a junction takes about half of the 4.8 s. Roots of distances,
-    because 2 m and 5 m differ as much as 40 m and 50 m."""
+    `destinations`: positions after 4.8 s, (N, 2) m, ego frame; `near`: positions after the first CURVATURE_INTERVALS
+    intervals. The curvature is that of the circle tangent to the heading through `near`. In the plane, paths of 5 m to
+    the left, to the right and straight on are close together, so that K-Means puts them into one mode, which
+    decelerates straight on, and no mode decelerates in a turn. A turn at a junction takes about half of the 4.8 s.
+    Roots of distances, because 2 m and 5 m differ as much as 40 m and 50 m."""
     distance, curvature = np.hypot(destinations[:, 0], destinations[:, 1]), _curvature(near)
-    return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND[kind]], -1)
+    return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND_WEIGHT[kind]], -1)
 
 
 Weigh = Callable[[Floats, NDArray[np.int64]], Floats]
@@ -118,7 +118,7 @@ def acceleration_ranges(speed: Floats, path: Floats) -> AccelerationRanges:
         for one in rows
     ]
     speeds, *ranges = np.array(extremes).T
-    return AccelerationRanges(speeds, *(np.maximum(values, LEAST) for values in ranges))
+    return AccelerationRanges(speeds, *(np.maximum(values, LEAST_RANGE) for values in ranges))
 
 
 def relative_accelerations(speed: Floats, path: Floats, ranges: AccelerationRanges) -> Floats:
@@ -134,7 +134,13 @@ def relative_accelerations(speed: Floats, path: Floats, ranges: AccelerationRang
     hardest = np.interp(speed, ranges.speeds, ranges.braking)
     aside = lateral / np.interp(speed, ranges.speeds, ranges.lateral)
     along = np.where(forward > 0.0, forward / highest, forward / hardest)
-    return np.stack([np.clip(along, -MOST, MOST), np.clip(np.sign(aside) * np.sqrt(np.abs(aside)), -MOST, MOST)], -1)
+    return np.stack(
+        [
+            np.clip(along, -MOST_ACCELERATION, MOST_ACCELERATION),
+            np.clip(np.sign(aside) * np.sqrt(np.abs(aside)), -MOST_ACCELERATION, MOST_ACCELERATION),
+        ],
+        -1,
+    )
 
 
 def _accelerations(speed: Floats, path: Floats) -> tuple[Floats, Floats]:
@@ -150,7 +156,7 @@ def _accelerations(speed: Floats, path: Floats) -> tuple[Floats, Floats]:
 def _curvature(near: Floats) -> Floats:
     """1/m of the circles tangent to the heading through the places `near` (N, 2) m, ego frame; (N,)."""
     distance = np.hypot(near[:, 0], near[:, 1])
-    return np.asarray(2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(distance, SHORT))
+    return np.asarray(2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(distance, SHORT_PATH))
 
 
 def balance_accelerations(relative: Floats, counts: NDArray[np.int64]) -> Floats:

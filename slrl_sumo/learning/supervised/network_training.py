@@ -24,7 +24,7 @@ LEARNING_RATE = 3e-3
 TYPE_EPOCHS = 10
 """Epochs in which the modes of a type share their weights before they separate: a mode may have only a few windows."""
 
-STEPS = 8
+FEWEST_STEPS = 8
 """Minimum number of optimiser steps of an epoch, where there are enough windows: otherwise small data sets would get
 hardly any steps. Many more steps made modes with few windows overfit (tried on the HC recordings)."""
 
@@ -37,7 +37,7 @@ EPOCH_PATHS = 120_000
 of a million contains as much. Each mode gets the same share, or all of its windows: modes of rare manoeuvres have a few
 hundred of a million windows and would hardly learn otherwise."""
 
-ALONE = 0.5
+HIDDEN_SHARE = 0.5
 """Share of the windows in which the nearest road users are hidden: with them, models learn the few encounters of the
 recordings by heart (best of 20 of SDD's pedestrians elsewhere 0.59 instead of 0.56 of constant velocity without)."""
 
@@ -57,11 +57,11 @@ Longs = NDArray[np.int64]
 
 def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
     """Feature vectors with random headings: the models must not depend on the direction of north. In the preset
-    `history` the nearest road users are hidden in the share ALONE."""
+    `history` the nearest road users are hidden in the share HIDDEN_SHARE."""
     turned = vector.clone()
     turned[..., HEADING] = (torch.rand(vector.shape[:-1], generator=generator) * 2 - 1) * torch.pi
     if vector.shape[-1] > len(FEATURES):
-        turned[..., NEAR_FIRST:] *= torch.rand((*vector.shape[:-1], 1), generator=generator) >= ALONE
+        turned[..., NEAR_FIRST:] *= torch.rand((*vector.shape[:-1], 1), generator=generator) >= HIDDEN_SHARE
     return turned
 
 
@@ -86,7 +86,7 @@ def batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) -
         made.append(filled.reshape(n, rows))
         place.append((np.arange(n) + random.random(n)) / n)
     mixed = np.concatenate(made)[np.argsort(np.concatenate(place), kind="stable")]
-    blocks = min(blocks, -(-len(mixed) // STEPS))
+    blocks = min(blocks, -(-len(mixed) // FEWEST_STEPS))
     for first in range(0, len(mixed), blocks):
         yield torch.from_numpy(mixed[first : first + blocks])
 

@@ -25,7 +25,7 @@ CLUSTERS_PART = 4
 """The modes are first trained on their clusters, for one in CLUSTERS_PART of the epochs."""
 ASSIGN_EVERY = 4
 """Epochs after which windows are assigned anew to the mode that predicts them best."""
-RELAXATION = 0.05
+RANDOM_MODE_SHARE = 0.05
 """Share of the windows that a random mode learns instead of the best one, so that none is left behind untrained."""
 WEIGHT_DECAY = 0.01
 """Of the optimiser (AdamW)."""
@@ -33,7 +33,7 @@ LONGEST_GRADIENT = 1.0
 """Norm to which longer gradients are cut, as is usual for those that go through many steps."""
 ROWS, BLOCKS = 16, 32
 """Windows of one block, which share type and mode, and blocks of an optimiser step."""
-AT_ONCE = 1024
+WINDOWS_AT_ONCE = 1024
 """Windows that are rolled out in all modes at once where nothing is learned."""
 
 Longs = NDArray[np.int64]
@@ -71,7 +71,7 @@ def train_winners(
     for epoch in epochs_of(epochs, "winners", optimizer):
         if epoch % ASSIGN_EVERY == 0:
             best = mode_errors(models, part, horizon).argmin(-1)
-        left = random.random(len(part)) < RELAXATION
+        left = random.random(len(part)) < RANDOM_MODE_SHARE
         learns = np.where(left, random.integers(members, size=len(part)), best)
         chosen = torch.from_numpy(learns)
         for rows in batches(part.type * members + learns, ROWS, BLOCKS, random):
@@ -93,7 +93,7 @@ def mode_errors(models: DisplacementModels, every: Windows, horizon: int) -> Flo
     modes = torch.arange(models.networks.members)
     result = np.zeros((len(every), len(modes)))
     for t in RoadUserType:
-        for rows in np.array_split(mine := np.flatnonzero(every.type == t), -(-len(mine) // AT_ONCE) or 1):
+        for rows in np.array_split(mine := np.flatnonzero(every.type == t), -(-len(mine) // WINDOWS_AT_ONCE) or 1):
             if len(rows):
                 vector = torch.from_numpy(every.vector[rows]).expand(len(modes), -1, -1)
                 path = rolled(models, vector, torch.full_like(modes, int(t)), modes, horizon)[0]

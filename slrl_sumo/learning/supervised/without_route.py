@@ -32,7 +32,7 @@ from slrl_sumo.scene.types import RoadUserType
 
 STRIDE = 2
 """Every such frame of the recordings is used: 0.8 s."""
-PENALTY = 10.0
+SHARE_PENALTY = 10.0
 """Of the squared shares, in nats: of a type with few windows they stay near 0, the prior."""
 ROUNDS = 200
 CHANCE = 10.0
@@ -91,7 +91,7 @@ def shares(known: Tensor, corrections: Tensor, mode: Tensor) -> Tensor:
     optimizer = torch.optim.Adam([share], lr=0.02)
     for _ in range(ROUNDS):
         logits = known + (share[:, None, None] * corrections).sum(0)
-        loss = cross_entropy(logits, mode, reduction="sum") + PENALTY * share.square().sum()
+        loss = cross_entropy(logits, mode, reduction="sum") + SHARE_PENALTY * share.square().sum()
         optimizer.zero_grad()
         torch.autograd.backward(loss)
         optimizer.step()

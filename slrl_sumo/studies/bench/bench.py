@@ -23,7 +23,7 @@ from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload, me
 if TYPE_CHECKING:
     from slrl_sumo.studies.bench.learned import LearnedCost
 
-DEFAULT_MIX = "car=0.2,bicycle=0.2,pedestrian=0.6"
+BENCH_MIX = "car=0.2,bicycle=0.2,pedestrian=0.6"
 """With 50 % cars, the default of `run`, 256 road users do not fit into the small scenarios, nor 1,024 into `district`;
 with this mix all fit, and none starts bumper to bumper."""
 
@@ -42,7 +42,7 @@ class BenchSettings:
     """Decisions in each measurement, after the warm-up."""
     bundle: str = "intersection"
     selector: str | None = None
-    mix: str = DEFAULT_MIX
+    mix: str = BENCH_MIX
     seed: int = 1
 
 

@@ -35,7 +35,7 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import bare_moves
 
-WARM_UP = 10
+WARM_UP_DECISIONS = 10
 """Decisions before the measurement: the first ones draw the ground and read every road user from SUMO."""
 REPEATS = 20
 """Repetitions of each bare call; the median is used."""
@@ -81,8 +81,8 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
         start = cosimulation.start()
         tally = RunCounters(start.world)
         with FcdWriter(Path(folder) / "fcd.xml") as writer:
-            for number in range(WARM_UP + work.steps):
-                if number == WARM_UP:
+            for number in range(WARM_UP_DECISIONS + work.steps):
+                if number == WARM_UP_DECISIONS:
                     yield
                 stopwatch.take()
                 with one_thread():
@@ -91,7 +91,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                     writer.write(step.time, step.world, step.places)
                 tally.add(decision)
                 stopwatch.lap("record")
-                if number >= WARM_UP:
+                if number >= WARM_UP_DECISIONS:
                     seconds.append(stopwatch.take())
         memory = peak_memory_mib()
         driver = cosimulation.driver

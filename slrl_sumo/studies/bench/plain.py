@@ -26,7 +26,7 @@ from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
 
 WARM_UP_STEPS = 50
 """SUMO steps before the measurement: road users that find no gap at first have been inserted by then."""
-ATTEMPTS = 8
+DESTINATION_ATTEMPTS = 8
 """Destinations that are tried for a road user before its route ends on its first edge."""
 
 
@@ -64,14 +64,14 @@ class _Traffic:
         insert_vehicle(self._api, user, route, edges, SUMO_TEMPLATES[kind], lane.id, offset)
 
     def _drive(self, edge: str, points: LanePoints, kind: str) -> tuple[str, ...]:
-        for _ in range(ATTEMPTS):
+        for _ in range(DESTINATION_ATTEMPTS):
             edges = find_route(self._api, edge, self._somewhere(points), kind)
             if edges:
                 return edges
         return (edge,)
 
     def _walk(self, edge: str, points: LanePoints) -> tuple[StageRecord, ...]:
-        for _ in range(ATTEMPTS):
+        for _ in range(DESTINATION_ATTEMPTS):
             stages = find_walk(self._api, edge, self._somewhere(points))
             if stages:
                 return stages

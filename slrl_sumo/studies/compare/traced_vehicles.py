@@ -16,7 +16,7 @@ from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.road_users import Motor
 from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
 
-SPACING = 2.0
+TRACE_POINT_SPACING = 2.0
 """m between lane points."""
 
 
@@ -50,7 +50,7 @@ class TracedVehicles:
         """m/s of each row, (R,): the limit of the lane, at most the top speed of the vehicle type; 0 of pedestrians."""
         tracks = self.tracks
         lanes = [lane for lane in network.lanes if lane.allowed - {"pedestrian"} and len(lane.shape) > 1]
-        points = LanePoints(lanes, SPACING)
+        points = LanePoints(lanes, TRACE_POINT_SPACING)
         tops = [
             0.0 if not vtype else self.motors.get(vtype, self.motors[SUMO_TEMPLATES[kind]]).max_speed
             for vtype, kind in zip(self.types, tracks.type.tolist(), strict=True)

@@ -15,7 +15,7 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.trips import Trip, trips_of_trace
 from slrl_sumo.scene.types import TYPE_NAMES
-from slrl_sumo.studies.compare.measures import ALL, TRACE_MEASURES
+from slrl_sumo.studies.compare.measures import ALL_TYPES, TRACE_MEASURES
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import Record, Run, motion_record
 from slrl_sumo.studies.compare.tables import distances, rows
@@ -29,7 +29,7 @@ from slrl_sumo.sumo.scenario import Scenario
 FIRST, SECOND = "first", "second"
 LISTED = 10
 """Road users that the page names."""
-APART = 1.0
+MAX_END_DIFFERENCE = 1.0
 """s between the ends of two traces from which counts are of different lengths."""
 
 
@@ -75,7 +75,7 @@ def compare_traces(
     arms = (FIRST, SECOND)
     tracks = traced[0].tracks, traced[1].tracks
     runs = {Run(1, arm): _record(each, network, road_map) for arm, each in zip(arms, traced, strict=True)}
-    there = {ALL, *(TYPE_NAMES[kind] for each in tracks for kind in set(each.type.tolist()))}
+    there = {ALL_TYPES, *(TYPE_NAMES[kind] for each in tracks for kind in set(each.type.tolist()))}
     found = [row for row in rows(runs, arms, TRACE_MEASURES) if row["type"] in there]
     spans = [(each.t0, each.t0 + each.dt * each.frames[-1]) for each in tracks]
     result = {
@@ -113,7 +113,7 @@ def _record(traced: TracedVehicles, network: Network, road_map: RoadMap) -> Reco
 
 def _notices(spans: list[tuple[float, float]]) -> list[str]:
     lines = ["a trip counts where it begins after the first time step of a trace and ends before its last"]
-    if any(abs(a - b) > APART for a, b in zip(*spans, strict=True)):
+    if any(abs(a - b) > MAX_END_DIFFERENCE for a, b in zip(*spans, strict=True)):
         between = " and ".join(f"{begin:g} to {end:g} s" for begin, end in spans)
         lines.append(f"the traces cover {between}: compare counts (trips, conflicts, collisions) with care")
     return lines

@@ -23,7 +23,7 @@ from slrl_sumo.simulation.events import LEFT_SURFACE
 from slrl_sumo.simulation.insertion import boxes_of
 from slrl_sumo.simulation.preparation import with_learned
 from slrl_sumo.simulation.spawn import draw_starts, starting_speeds, type_counts
-from slrl_sumo.simulation.wraparound import ROOM
+from slrl_sumo.simulation.wraparound import ENTRY_ROOM
 from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -161,5 +161,5 @@ def _clear(points: tuple[LanePoints, ...], others: WorldState) -> tuple[LanePoin
     for kind, places in enumerate(points):
         radius = 0.5 * np.hypot(DEFAULT_LENGTH[kind], DEFAULT_WIDTH[kind])
         gap = np.hypot(places.x[:, None] - others.x, places.y[:, None] - others.y) - radii - radius
-        clear.append(places.take(np.flatnonzero(gap.min(axis=1, initial=np.inf) >= ROOM[kind])))
+        clear.append(places.take(np.flatnonzero(gap.min(axis=1, initial=np.inf) >= ENTRY_ROOM[kind])))
     return tuple(clear)

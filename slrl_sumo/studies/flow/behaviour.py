@@ -10,7 +10,7 @@ from slrl_sumo.metrics.counters import ratio
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
-HARD_BRAKING = -4.65
+UNUSUAL_BRAKING = -4.65
 """m/s²: SUMO's drivers brake with up to 4.5 m/s² as a rule, and rounding must not make that hard."""
 TRACKING = (11.0, 14.0)
 """m/s between which the lateral offset is measured."""
@@ -26,7 +26,7 @@ def behaviour_figures(trace: Trace, on: OnLanes) -> dict[str, Any]:
     """The figures of this module, see FIGURES; None where nothing was measured."""
     acceleration, jerk = changes(trace)
     hours = DECISION_INTERVAL / 3600.0
-    braking = acceleration < HARD_BRAKING
+    braking = acceleration < UNUSUAL_BRAKING
     begun = braking & ~np.concatenate([[False], braking[:-1]])
     own = trace.learned
     tracking = (trace.speed[on.row] >= TRACKING[0]) & (trace.speed[on.row] < TRACKING[1])

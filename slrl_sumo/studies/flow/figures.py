@@ -13,22 +13,22 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.studies.flow.behaviour import (
     CLEAR,
     FAR_OFF_LANE,
-    HARD_BRAKING,
     LONG_STAND,
     OFF_LANE,
     TRACKING,
+    UNUSUAL_BRAKING,
 )
 from slrl_sumo.studies.flow.saturation import FIRST, discharge_headways
 from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
 REACHED = 0.95
 """Share of the desired speed that ends a start."""
-HELD = 0.3
+HELD_TOLERANCE = 0.3
 """m/s from the desired speed within which it is held."""
 FOLLOWING_SPEED, FOLLOWING_HEADWAY = 5.0, 4.0
 """m/s and s: a faster vehicle with a shorter headway follows another one."""
 
-HARD = f"by more than {-HARD_BRAKING:g} m/s²"
+HARD = f"by more than {-UNUSUAL_BRAKING:g} m/s²"
 
 Value = float | None
 
@@ -81,7 +81,7 @@ FIGURES: dict[str, Figure] = {
         "speed held",
         "%",
         1,
-        f"share of the time after that within {HELD:g} m/s of the desired speed",
+        f"share of the time after that within {HELD_TOLERANCE:g} m/s of the desired speed",
     ),
     "speed": Figure("speed", "m/s", 2, "distance of all vehicles over their time in the network"),
     "collisions": Figure("collisions", "1/1000", 1, "overlapping pairs of boxes, of 1,000 learned ones; see metrics"),
@@ -172,7 +172,7 @@ def start_figures(trace: Trace, desired: float) -> dict[str, Value]:
         fast = np.flatnonzero(speed >= REACHED * desired)
         waits.append(float(trace.time[begin + fast[0]] - trace.time[begin]) if len(fast) else np.inf)
         if len(fast):
-            after = np.abs(speed[fast[0] :] - desired) <= HELD
+            after = np.abs(speed[fast[0] :] - desired) <= HELD_TOLERANCE
             held, steps = held + int(after.sum()), steps + len(after)
     wait = float(np.median(waits)) if waits else np.inf
     return {"start": round(wait, 2) if np.isfinite(wait) else None, "held": ratio(100.0 * held, steps, 2)}

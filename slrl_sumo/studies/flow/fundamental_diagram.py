@@ -7,17 +7,18 @@ from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
 INTERVAL = 60.0
 """s."""
-SHORTEST = 50.0
+SHORTEST_EDGE = 50.0
 """m: shorter edges say more of their junctions."""
 
 
 def edge_states(trace: Trace, on: OnLanes) -> list[list[float]]:
-    """Density (veh/km) and flow (veh/h), per lane, of each edge of SHORTEST m and more in each INTERVAL with a car.
+    """Density (veh/km) and flow (veh/h), per lane, of each edge of SHORTEST_EDGE m and more in each INTERVAL with a
+    car.
 
     Edie's definitions: the time that cars spend, and the distance that they drive, on the edge in the interval, over
     its lane length and the interval. (Edie, L. C.: Discussion of traffic stream measurements and definitions, 1963.)
     """
-    names = sorted({lane.edge for lane in on.lanes if not lane.internal and lane.length >= SHORTEST})
+    names = sorted({lane.edge for lane in on.lanes if not lane.internal and lane.length >= SHORTEST_EDGE})
     number = {name: k for k, name in enumerate(names)}
     lane_km = np.zeros(len(names))
     for lane in on.lanes:

@@ -7,7 +7,7 @@ from slrl_sumo.netgen.network import build_net
 from slrl_sumo.netgen.plan import Edge, Plan
 from slrl_sumo.netgen.specs import RoundaboutSpec
 from slrl_sumo.studies.flow.scenario_files import (
-    LIMIT,
+    SPEED_LIMIT,
     element,
     flow,
     nodes,
@@ -63,7 +63,13 @@ def left_turns(folder: Path) -> Path:
 def roundabout(folder: Path) -> Path:
     """A roundabout with four arms of one lane."""
     spec = RoundaboutSpec(
-        arms=4, radius=18.0, arm_length=200.0, sidewalks=False, crossings=False, cycle_lanes=False, speed_limit=LIMIT
+        arms=4,
+        radius=18.0,
+        arm_length=200.0,
+        sidewalks=False,
+        crossings=False,
+        cycle_lanes=False,
+        speed_limit=SPEED_LIMIT,
     )
     (folder / "flow.net.xml").write_bytes(build_net(spec))
     demand = [
@@ -79,7 +85,7 @@ def crosswalk(folder: Path) -> Path:
     """Pedestrians with the right of way cross a street between junctions, which cars use in both directions."""
     lanes = ({"allow": "pedestrian", "width": "2.00"}, {"disallow": "pedestrian"})
     places = nodes({"w": (-200.0, 0.0), "m": (0.0, 0.0), "e": (200.0, 0.0)})
-    edges = {f"{a}{b}": Edge(a, b, LIMIT, lanes) for a, b in ("wm", "mw", "em", "me")}
+    edges = {f"{a}{b}": Edge(a, b, SPEED_LIMIT, lanes) for a, b in ("wm", "mw", "em", "me")}
     walks = [
         element("personFlow", id=f"walkers{side}", begin=0, end=3600, period="exp(0.05)", departPos=start)
         .replace("/>", ">") + element("walk", from_=a, to=b, arrivalPos=end) + "</personFlow>"

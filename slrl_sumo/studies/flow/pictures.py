@@ -12,7 +12,7 @@ from slrl_sumo.studies.flow.play import Record, Run
 
 COLOURS = ("#999999", "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00")
 """Of Okabe and Ito's palette, which the colour-blind can tell apart; the first is SUMO's."""
-COLUMNS = 3
+PANEL_COLUMNS = 3
 
 Curve = Callable[[Axes, Floats, str, str], None]
 """Draws values in a colour under a label."""
@@ -41,9 +41,9 @@ def draw_under_way(runs: Mapping[Run, Record]) -> Figure:
 def _panels(runs: Mapping[Run, Record], key: str, draw: Curve, x: str, y: str) -> Figure:
     situations = list(dict.fromkeys(run.situation for run in runs))
     arms = list(dict.fromkeys(run.arm for run in runs))
-    height = -(-len(situations) // COLUMNS)
+    height = -(-len(situations) // PANEL_COLUMNS)
     figure = Figure(figsize=(13.0, 3.4 * height + 0.6), layout="constrained")
-    grid = figure.subplots(height, COLUMNS, squeeze=False)
+    grid = figure.subplots(height, PANEL_COLUMNS, squeeze=False)
     for axes in grid.flat[len(situations) :]:
         axes.set_visible(False)
     panels = dict(zip(situations, grid.flat, strict=False))

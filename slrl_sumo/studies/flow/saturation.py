@@ -14,9 +14,9 @@ QUEUED = 1.0
 """m/s: slower vehicles stand in the queue when the light turns green."""
 HEAD = 15.0
 """m from the stop line within which a queue begins."""
-GAP = 15.0
+LONGEST_GAP = 15.0
 """m between the fronts of vehicles of a queue, at most."""
-LONGEST = 10.0
+LONGEST_HEADWAY = 10.0
 """s: a longer time between two vehicles of a queue means that the second one did not follow."""
 
 
@@ -48,7 +48,7 @@ def discharge_headways(trace: Trace, on: OnLanes, greens: Mapping[str, Sequence[
 
     `greens`: times (s) at which the light of a lane, by its id, turned green. A queue is the vehicles that stand on
     the lane then, from one within HEAD of the stop line on, without a gap; it ends before the first one that does not
-    follow within LONGEST, and before the next green.
+    follow within LONGEST_HEADWAY, and before the next green.
     """
     found: list[float] = []
     number = {lane.id: k for k, lane in enumerate(on.lanes)}
@@ -65,13 +65,13 @@ def discharge_headways(trace: Trace, on: OnLanes, greens: Mapping[str, Sequence[
             at = at[np.argsort(-on.front[at])]
             if not len(at) or end - on.front[at[0]] > HEAD:
                 continue
-            breaks = np.flatnonzero(-np.diff(on.front[at]) > GAP)
+            breaks = np.flatnonzero(-np.diff(on.front[at]) > LONGEST_GAP)
             queue = trace.vehicle[on.row[at[: breaks[0] + 1 if len(breaks) else len(at)]]].tolist()
             last = None
             for place, vehicle in enumerate(queue, start=1):
                 # The first one may stand with its front over the line.
                 time = max(crossed.get(vehicle, np.inf), begin)
-                if time >= following or (last is not None and not 0.0 < time - last < LONGEST):
+                if time >= following or (last is not None and not 0.0 < time - last < LONGEST_HEADWAY):
                     break
                 if place >= FIRST and last is not None:
                     found.append(time - last)

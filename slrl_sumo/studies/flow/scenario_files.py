@@ -9,7 +9,7 @@ from lxml import etree
 from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.netgen.plan import Edge, Node, Plan, write_plan
 
-LIMIT = 13.89
+SPEED_LIMIT = 13.89
 """m/s: speed limit of all roads, 50 km/h."""
 CONFIG = "flow.sumocfg"
 TYPES = """<vType id="car" vClass="passenger"/>
@@ -18,7 +18,7 @@ TYPES = """<vType id="car" vClass="passenger"/>
 """`car`: SUMO's default driver. `exact`, `rider`: drivers without imperfection that go exactly as fast as they may."""
 
 
-def road(start: str, end: str, lanes: int = 1, speed: float = LIMIT) -> Edge:
+def road(start: str, end: str, lanes: int = 1, speed: float = SPEED_LIMIT) -> Edge:
     """One direction of a road with car lanes."""
     return Edge(start, end, speed, ({},) * lanes)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
 from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway, overtaking
-from slrl_sumo.studies.flow.scenario_files import LIMIT
+from slrl_sumo.studies.flow.scenario_files import SPEED_LIMIT
 from slrl_sumo.studies.flow.towns import city, crossings, crowd, grid, town
 from slrl_sumo.studies.flow.wheel import game
 
@@ -40,10 +40,10 @@ SITUATIONS: dict[str, Situation] = {
         "cars alone on a road of 1,200 m, that depart at 7 m/s, 10 m/s or their desired speed",
         300.0,
         alone("exact", 1200.0, 30.0, 300.0, ("7", "10", "max")),
-        LIMIT,
+        SPEED_LIMIT,
     ),
     "start-car": Situation(
-        "cars that start from a stand on an empty road", 240.0, alone("exact", 600.0, 20.0, 240.0, ("0",)), LIMIT
+        "cars that start from a stand on an empty road", 240.0, alone("exact", 600.0, 20.0, 240.0, ("0",)), SPEED_LIMIT
     ),
     "start-bicycle": Situation(
         "bicycles that start from a stand on an empty road",

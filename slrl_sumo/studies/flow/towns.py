@@ -23,7 +23,7 @@ RADIUS, RING_SPEED = 16.0, 6.0
 """m and m/s: of roundabouts."""
 ROUNDABOUTS = 0.2
 """Share of the junctions of three and more streets that become roundabouts in a mixed town."""
-WALK = 400.0
+LONGEST_WALK = 400.0
 """m: longest walk, as the crow flies."""
 
 
@@ -142,7 +142,7 @@ def _write_mixed(folder: Path, seed: int, seconds: float, period: float, walkers
     """Routes of cars, of a bicycle for every five cars, and of a pedestrian for so many cars; the names of the files.
     Arguments as for `_write_trips`."""
     bicycles = ["--vehicle-class", "bicycle", "--prefix", "bicycle", "--fringe-factor", "2"]
-    walks = ["--pedestrians", "--prefix", "walker", "--max-distance", f"{WALK:g}"]
+    walks = ["--pedestrians", "--prefix", "walker", "--max-distance", f"{LONGEST_WALK:g}"]
     files = [
         _write_trips(folder, "flow", seed, seconds, period),
         _write_trips(folder, "bicycles", seed, seconds, 5.0 * period, bicycles),

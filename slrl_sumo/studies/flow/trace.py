@@ -11,7 +11,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, Lane, LanePoints
 
-SPACING = 1.0
+LANE_POINT_SPACING = 1.0
 """m between lane points."""
 
 Rows = NDArray[np.intp]
@@ -114,7 +114,7 @@ class OnLanes:
 def on_lanes(trace: Trace, lanes: Sequence[Lane]) -> OnLanes:
     """Where the cars of `trace` are on those of `lanes` (also inside junctions) that motor vehicles may use."""
     roads = [lane for lane in lanes if lane.allowed & MOTOR_CLASSES and len(lane.shape) > 1]
-    points = LanePoints(roads, SPACING)
+    points = LanePoints(roads, LANE_POINT_SPACING)
     row = np.flatnonzero(trace.kind[trace.vehicle] == RoadUserType.CAR)
     x, y, heading = trace.x[row], trace.y[row], trace.heading[row]
     near = points.along(x, y, heading)

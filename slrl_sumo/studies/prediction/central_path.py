@@ -5,7 +5,7 @@ import numpy as np
 from slrl_sumo.scene.geometry import Floats
 
 ITERATIONS = 30
-CLOSE = 1e-3
+LEAST_DISTANCE = 1e-3
 """m; paths nearer than this count as this near, so that none has an infinite weight."""
 
 
@@ -19,6 +19,6 @@ def central_path(paths: Floats, weight: Floats) -> Floats:
     centre: Floats = (paths * share).sum(0)
     for _ in range(ITERATIONS):
         away = np.hypot(paths[..., 0] - centre[..., 0], paths[..., 1] - centre[..., 1])[..., None]
-        pull = share / np.maximum(away, CLOSE)
+        pull = share / np.maximum(away, LEAST_DISTANCE)
         centre = (paths * pull).sum(0) / pull.sum(0)
     return centre

@@ -19,7 +19,7 @@ from slrl_sumo.routing.expected_routes import ExpectedRoutes
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 from slrl_sumo.studies.prediction.expectations import expectations
-from slrl_sumo.studies.prediction.long_rollout import STEPS as DRIVE_STEPS
+from slrl_sumo.studies.prediction.long_rollout import LONG_STEPS as DRIVE_STEPS
 from slrl_sumo.studies.prediction.long_rollout import LongRollout, long_rollout, long_rollout_figures
 from slrl_sumo.studies.prediction.predictors import prior_sampled
 from slrl_sumo.studies.prediction.rollout import STEPS, Cast, Move, cast_of
@@ -38,7 +38,7 @@ from slrl_sumo.studies.prediction.selector_rollouts import (
 STARTS_EVERY = 5
 """Frames from one start to the next: 2 s."""
 
-BEYOND = 0.1
+UNUSUAL_SPEED_SHARE = 0.1
 """Share of the recorded speeds outside the 1st to 99th percentile of the training data above which a note says so."""
 
 BATCH = 16
@@ -142,8 +142,8 @@ def evaluate(
 
 
 def _beyond(recording: Trajectories, bundle: ModelBundle, frames: Integers) -> list[str]:
-    """A note where more than BEYOND of the recorded speeds of a type, or of the numbers of others near it at `frames`,
-    are not among those of the training."""
+    """A note where more than UNUSUAL_SPEED_SHARE of the recorded speeds of a type, or of the numbers of others near it
+    at `frames`, are not among those of the training."""
     notes, moving = [], ~recording.parked[recording.track]
     kind, within_20 = _others(recording, frames)
     for t, type_name in enumerate(TYPE_NAMES):
@@ -157,7 +157,7 @@ def _beyond(recording: Trajectories, bundle: ModelBundle, frames: Integers) -> l
             if bounds is None or not len(values):
                 continue
             share = float(((values < bounds[0] - 1e-3) | (values > bounds[1] + 1e-3)).mean())
-            if share > BEYOND:
+            if share > UNUSUAL_SPEED_SHARE:
                 notes.append(
                     f"{type_name}: {share:.0%} of the recorded {what} lie outside {bounds[0]:.{digits}f} to "
                     f"{bounds[1]:.{digits}f}{unit}, from which bundle {bundle.name} was learned; its models "

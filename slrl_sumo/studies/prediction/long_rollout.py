@@ -19,30 +19,31 @@ from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.studies.prediction.rollout import Cast, Moment, Move, cast_of
 from slrl_sumo.studies.prediction.rollout_realism import Recorded
 
-STEPS = 64
+LONG_STEPS = 64
 """Intervals: 25.6 s, four times as long as a prediction."""
 
-SLOW = 0.3
+SLOW_SPEED = 0.3
 """m/s; slower road users should hardly turn."""
 
-NEAREST = np.linspace(-1.0, 20.0, 43)
+NEAREST_BINS = np.linspace(-1.0, 20.0, 43)
 """Borders of bins of the distance to the nearest, m."""
 
 
 @dataclass(frozen=True, eq=False)
 class LongRollout:
-    """U road users over STEPS intervals."""
+    """U road users over LONG_STEPS intervals."""
 
     type: NDArray[np.int8]
     """RoadUserType, (U,)."""
     speed: Floats
-    """m/s, (U, STEPS)."""
+    """m/s, (U, LONG_STEPS)."""
     acceleration: Floats
     yaw_rate: Floats
     sideslip: Floats
-    """rad between an interval's displacement and the heading after it, 0 where there was none, (U, STEPS)."""
+    """rad between an interval's displacement and the heading after it, 0 where there was none, (U, LONG_STEPS)."""
     nearest: Floats
-    """m from box to box of the nearest other road user after each interval, (U, STEPS) (metrics.realism_features)."""
+    """m from box to box of the nearest other road user after each interval, (U, LONG_STEPS)
+    (metrics.realism_features)."""
     distance: Floats
     """m from the start to the end, (U,)."""
 
@@ -50,7 +51,7 @@ class LongRollout:
 def long_rollout(
     recording: Trajectories, starts: Integers, make: Callable[[Cast], Move], types: NDArray[np.bool_] | None = None
 ) -> LongRollout:
-    """Simulate all road users present and in motion at the frames `starts` for STEPS, without the recording.
+    """Simulate all road users present and in motion at the frames `starts` for LONG_STEPS, without the recording.
 
     No road user enters or leaves, and those of other than `types` (3,) are not there. `make` gives the motion.
     """
@@ -76,7 +77,7 @@ def long_rollout(
     kept: list[Floats] = []
     nearest: list[Floats] = []
     past = recorded_past(recording, row)
-    for step in range(STEPS):
+    for step in range(LONG_STEPS):
         # There is no recorded truth here; the present positions take its place.
         moment = Moment(world, cast.scene, every_row, every_row, step, world.x, world.y, past)
         then = advance(world, *move(moment), recording.dt)
@@ -115,8 +116,8 @@ def long_rollout_figures(
     `js`: Jensen-Shannon distances of the distributions of speed, acceleration, yaw rate and distance to the nearest,
     over all steps, from those of the recording. `standing`, `recorded_standing`: shares of steps below STANDING_SPEED.
 
-    `slow_yaw_rate_first` and `_last`: 99th percentile of the absolute yaw rate below SLOW, in the first and the last
-    quarter of the steps: the second must not be the greater one by much. None where no road user was slow, or the
+    `slow_yaw_rate_first` and `_last`: 99th percentile of the absolute yaw rate below SLOW_SPEED, in the first and the
+    last quarter of the steps: the second must not be the greater one by much. None where no road user was slow, or the
     bundle does not say what was recorded.
     """
     rows = []
@@ -129,8 +130,8 @@ def long_rollout_figures(
             for field in ("speed", "acceleration", "yaw_rate", "sideslip")
         )
         nearest = np.concatenate([drive.nearest[chosen] for drive, chosen in mine])
-        slow = speed < SLOW
-        quarter = STEPS // 4
+        slow = speed < SLOW_SPEED
+        quarter = LONG_STEPS // 4
         simulated = {"speed": speed, "acceleration": acceleration, "yaw_rate": yaw_rate, "nearest": nearest}
         true = {quantity: truth.of_type(quantity, kind) for quantity in (*simulated, "standing")}
         recorded = bundle.training.get("types", {}).get(type_name, {})
@@ -139,7 +140,7 @@ def long_rollout_figures(
                 "selector": name,
                 "type": type_name,
                 "n": len(speed),
-                "steps": STEPS,
+                "steps": LONG_STEPS,
                 "farthest_m": float(np.concatenate([drive.distance[chosen] for drive, chosen in mine]).max()),
                 "yaw_rate_p99_radps": float(np.percentile(np.abs(yaw_rate), 99)),
                 "sideslip_p99_rad": float(np.percentile(sideslip, 99)),
@@ -149,7 +150,7 @@ def long_rollout_figures(
                     quantity: jensen_shannon_distance(
                         a=values.ravel(),
                         b=true[quantity],
-                        edges=EDGES[quantity][kind] if quantity in EDGES else NEAREST,
+                        edges=EDGES[quantity][kind] if quantity in EDGES else NEAREST_BINS,
                     )
                     for quantity, values in simulated.items()
                 },

@@ -10,7 +10,7 @@ from slrl_sumo.formats.trajectories import Integers, Trajectories
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.metrics.realism import mean_realism, window_scores
-from slrl_sumo.metrics.realism_features import FEATURES, KNOWN, features
+from slrl_sumo.metrics.realism_features import FEATURES, ROWS_BEFORE_KNOWN, features
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.prediction.rollout import STEPS, Cast
@@ -30,7 +30,7 @@ class Recorded:
         """A feature at all moments at which road users of a type, except parked ones, have all features."""
         t = self.recording
         since = t.frame - t.frame[t.starts[t.track]]
-        rows = (t.type[t.track] == kind) & ~t.parked[t.track] & (since >= KNOWN)
+        rows = (t.type[t.track] == kind) & ~t.parked[t.track] & (since >= ROWS_BEFORE_KNOWN)
         return np.asarray(self.features[name][rows], np.float64)
 
 
@@ -82,7 +82,7 @@ def _tracks(recording: Trajectories, cast: Cast, path: Floats) -> tuple[Trajecto
     the row at which each begins, (S U,)."""
     samples, users = path.shape[:2]
     # From the first of the KNOWN rows before the start, or from where the road user appears.
-    since = np.maximum(-KNOWN, recording.starts[cast.track] - cast.row)
+    since = np.maximum(-ROWS_BEFORE_KNOWN, recording.starts[cast.track] - cast.row)
     count = cast.leaves - since + 1
     user = np.repeat(np.arange(users), count)
     offset = np.arange(len(user)) - np.repeat(np.cumsum(count) - count, count) + since[user]
@@ -94,7 +94,7 @@ def _tracks(recording: Trajectories, cast: Cast, path: Floats) -> tuple[Trajecto
     track, tracks = sample * users + np.tile(user, samples), np.tile(cast.track, samples)
     made = Trajectories(
         track=track,
-        frame=scene * (STEPS + KNOWN + 1) + np.tile(offset, samples),
+        frame=scene * (STEPS + ROWS_BEFORE_KNOWN + 1) + np.tile(offset, samples),
         x=pose[:, 0].copy(),
         y=pose[:, 1].copy(),
         heading=pose[:, 2].copy(),

@@ -34,7 +34,7 @@ POLICY_SELECTORS = ("greedy", "sampled")
 SAMPLES = 20
 """Rollouts of which the best counts, per road user."""
 
-BEND = np.radians(20.0)
+BEND_ANGLE = np.radians(20.0)
 """A road user whose recorded heading differs by more than this after 6.4 s is in a bend."""
 
 
@@ -205,5 +205,5 @@ def _bend(recording: Trajectories, cast: Cast, errors: Errors) -> NDArray[np.boo
     whole = errors.steps == STEPS
     entry = cast.row[whole] + cast.enters[whole]
     bend = np.zeros(len(cast), np.bool_)
-    bend[whole] = np.abs(wrap_angle(recording.heading[entry + STEPS] - recording.heading[entry])) > BEND
+    bend[whole] = np.abs(wrap_angle(recording.heading[entry + STEPS] - recording.heading[entry])) > BEND_ANGLE
     return bend

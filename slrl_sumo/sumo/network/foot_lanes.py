@@ -11,7 +11,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.loaded import is_crossing, is_walking_area
 
-BESIDE = 1.0
+FOOT_LANE_MARGIN = 1.0
 """m beside a lane at which a person still counts as on it: from there on a run says that it has left its surface."""
 TILE = 40.0
 """m. A tile in a junction has about 20 lanes for pedestrians, and a city stays far below the most pieces."""
@@ -37,7 +37,7 @@ class FootLanes:
             Area(lane.surface, lane.shape) if area else Ribbon(lane.surface, lane.shape, lane.width)
             for lane, area in zip(self.lanes, self.area.tolist(), strict=True)
         ]
-        self._tiles = index_by_tile(piece_boxes(shapes, TILE), TILE, BESIDE)
+        self._tiles = index_by_tile(piece_boxes(shapes, TILE), TILE, FOOT_LANE_MARGIN)
         # A side of an outline and a piece of a centre line are both a segment.
         lines = [
             np.concatenate([lane.shape, lane.shape[:1]]) if area else lane.shape
@@ -48,7 +48,7 @@ class FootLanes:
         self._begin = np.concatenate([np.zeros((0, 2)), *(line[:-1] for line in lines)])
         self._step = np.concatenate([np.zeros((0, 2)), *(np.diff(line, axis=0) for line in lines)])
         self._size = np.hypot(*self._step.T)
-        reach = self._half[:, None] + BESIDE
+        reach = self._half[:, None] + FOOT_LANE_MARGIN
         self._low = np.array([lane.shape.min(axis=0) for lane in self.lanes]).reshape(-1, 2) - reach
         self._high = np.array([lane.shape.max(axis=0) for lane in self.lanes]).reshape(-1, 2) + reach
         walked = [np.cumsum(np.hypot(*np.diff(line, axis=0).T)) for line in lines]
@@ -61,9 +61,10 @@ class FootLanes:
     def at(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], Floats]:
         """Index of the lane that each of n positions (m) is on, and m along it in SUMO's measure, (n,) each.
 
-        Of lanes that hold a position it is the one that it is deepest in, else the nearest one within BESIDE; -1 and 0
-        where there is none. Beyond the end of a lane or crossing a walking area within BESIDE comes first: SUMO's
-        persons wait for crossings out there. m are 0 on a walking area, where SUMO counts them along ways across it.
+        Of lanes that hold a position it is the one that it is deepest in, else the nearest one within FOOT_LANE_MARGIN;
+        -1 and 0 where there is none. Beyond the end of a lane or crossing a walking area within FOOT_LANE_MARGIN comes
+        first: SUMO's persons wait for crossings out there. m are 0 on a walking area, where SUMO counts them along ways
+        across it.
         """
         lane, along = np.full(len(x), -1, np.intp), np.zeros(len(x))
         keys = np.floor(np.column_stack([x, y]) / TILE).astype(np.int64).tolist()
@@ -78,7 +79,7 @@ class FootLanes:
             return lane, along
         outside, beyond, on_lane = self._distances(x[user], y[user], candidate)
         order = np.lexsort((outside, beyond, user))
-        order = order[outside[order] <= BESIDE]
+        order = order[outside[order] <= FOOT_LANE_MARGIN]
         first = order[np.diff(user[order], prepend=-1) != 0]
         lane[user[first]], along[user[first]] = candidate[first], on_lane[first]
         return lane, along

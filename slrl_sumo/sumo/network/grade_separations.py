@@ -20,10 +20,10 @@ FROM_ENDS = 5.0
 """m. Lanes that meet at a junction may touch over this length; those that cross beyond it do so on two levels."""
 ACROSS = 0.35
 """rad between the directions of two lanes from which they cross, instead of lying side by side."""
-AROUND = 20.0
+CROSSING_REACH = 20.0
 """m from a crossing in which road users have a level: half of a vehicle of 16.5 m, and the way across a lane of 3.2 m
 at the angle ACROSS."""
-SPACING = 2.0
+LEVEL_SPACING = 2.0
 """m between the points with a level."""
 ROOM = 1000
 """Crossings from which on they are searched twice."""
@@ -101,20 +101,20 @@ def levels_of(lanes: Sequence[Lane], separations: Sequence[GradeSeparation]) -> 
 
 
 def _around(line: Floats, places: Floats) -> Floats:
-    """Points every SPACING m of a polyline within AROUND of one of the `places` (k, 2): x, y, cosine and sine of the
-    direction, (p, 4)."""
+    """Points every LEVEL_SPACING m of a polyline within CROSSING_REACH of one of the `places` (k, 2): x, y, cosine and
+    sine of the direction, (p, 4)."""
     steps = np.diff(line, axis=0)
     lengths = np.hypot(*steps.T)
     steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
     if not len(steps):
         return np.zeros((0, 4))
     along = np.concatenate([[0.0], np.cumsum(lengths)])
-    s = np.arange(-AROUND, along[-1] + AROUND, SPACING)
+    s = np.arange(-CROSSING_REACH, along[-1] + CROSSING_REACH, LEVEL_SPACING)
     k = np.clip(np.searchsorted(along, s, side="right") - 1, 0, len(steps) - 1)
     direction = steps[k] / lengths[k, None]
     corners = line[0] + np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     points: Floats = corners[k] + (s - along[k])[:, None] * direction
-    near = (np.hypot(*(points[:, None] - places).transpose(2, 0, 1)) < AROUND).any(axis=1)
+    near = (np.hypot(*(points[:, None] - places).transpose(2, 0, 1)) < CROSSING_REACH).any(axis=1)
     return np.asarray(np.column_stack([points, direction])[near], np.float64)
 
 

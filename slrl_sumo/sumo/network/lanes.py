@@ -57,7 +57,7 @@ def lane_index(lane: str) -> int:
     return int(lane.rpartition("_")[2])
 
 
-CANDIDATES = 12
+LANE_CANDIDATES = 12
 """Lane points among which the lane of a road user is found."""
 ALONG = np.pi / 6.0
 """rad between a road user and its lane, at most."""
@@ -148,7 +148,7 @@ class LanePoints:
     def along(self, x: Floats, y: Floats, heading: Floats) -> "PointsAlong":
         """The points nearest to each of n positions, and the one on the nearest lane of about the direction `heading`
         (rad, (n,)): lanes cross inside junctions."""
-        rows = self.nearest(x, y, CANDIDATES)
+        rows = self.nearest(x, y, LANE_CANDIDATES)
         ahead, aside = to_ego(x[:, None] - self.x[rows], y[:, None] - self.y[rows], self.heading[rows])
         beyond = np.maximum(np.abs(ahead) - 0.5 * self._spacing, 0.0)
         crossing = np.abs(wrap_angle(heading[:, None] - self.heading[rows])) >= ALONG

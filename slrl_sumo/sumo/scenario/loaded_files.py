@@ -13,7 +13,7 @@ from slrl_sumo.sumo.scenario.demand import VEHICLES, elements
 
 ADDITIONAL, ROUTES, CONFIGURATION = "additional-files", "route-files", "configuration-file"
 """Options of SUMO."""
-CHUNK = 1 << 20
+SEARCHED_BYTES = 1 << 20
 """Bytes of a file that are searched at once."""
 
 
@@ -80,7 +80,7 @@ def _has(file: Path, *words: bytes) -> bool:
     """Whether a file, plain or gzipped, has one of some short words: files of routes may be large."""
     with open_xml(file) as stream:
         before = b""
-        while chunk := stream.read(CHUNK):
+        while chunk := stream.read(SEARCHED_BYTES):
             if any(word in before + chunk for word in words):
                 return True
             before = chunk[-32:]

@@ -9,7 +9,7 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.refusals import Refusals
-from slrl_sumo.sumo.road_users import WALKING, loaded_ids
+from slrl_sumo.sumo.road_users import WALKING_STAGE, loaded_ids
 from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, edges_of_access
 
 KEEP_ROUTE = 7
@@ -61,7 +61,7 @@ class TakenOverPersons:
         if person.getVehicle(road_user) != "" or person.getRoadID(road_user) == "":
             return NOT_WALKING
         stage = person.getStage(road_user, 0)
-        if stage.type != WALKING:
+        if stage.type != WALKING_STAGE:
             return NOT_WALKING
         return NOT_WALKING if stage.edges and self._has_access(stage.destStop, stage.edges[-1]) else ""
 
@@ -72,7 +72,7 @@ class TakenOverPersons:
 
     def does_not_walk(self, road_user: str) -> bool:
         """Whether SUMO or a script has begun another stage of a person."""
-        return self._api.person.getStage(road_user, 0).type != WALKING
+        return self._api.person.getStage(road_user, 0).type != WALKING_STAGE
 
     def take_over(self, road_user: str) -> bool:
         """Take a person over; it must be moved in every SUMO step from now on."""
@@ -145,7 +145,7 @@ class TakenOverPersons:
             walk.current_edge = edge
 
     def _set_walk(self, road_user: str, edges: tuple[str, ...], arrival: float, stop: str) -> None:
-        stage = self._api.simulation.Stage(type=WALKING, edges=list(edges), arrivalPos=arrival, destStop=stop)
+        stage = self._api.simulation.Stage(type=WALKING_STAGE, edges=list(edges), arrivalPos=arrival, destStop=stop)
         self._api.person.replaceStage(road_user, 0, stage)
 
     def _restore_walk(self, road_user: str, edges: tuple[str, ...]) -> None:
@@ -184,4 +184,4 @@ class TakenOverPersons:
         if walk.current_edge in walk.edges:
             return walk.edges[walk.edges.index(walk.current_edge) :]
         stages = self._api.simulation.findIntermodalRoute(walk.current_edge, walk.edges[-1], "")
-        return tuple(edge for stage in stages if stage.type == WALKING for edge in stage.edges)
+        return tuple(edge for stage in stages if stage.type == WALKING_STAGE for edge in stage.edges)

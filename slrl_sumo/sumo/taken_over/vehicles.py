@@ -26,7 +26,7 @@ MOVED = 16
 of its own vehicles get through junctions (docs/measurements/archive/flow.md)."""
 KEEP_ROUTE_STRICTLY = 1
 """Onto the route, in the middle of a lane, wherever the given position is."""
-BESIDE = 0.3
+MAX_LANE_OFFSET = 0.3
 """m beside the middle of its lane up to which a vehicle is handed back as it is."""
 EVERYWHERE = 1e5
 """m; farther than any two places of a network are apart."""
@@ -146,7 +146,7 @@ class TakenOverVehicles:
         self._sublanes.clear(road_user)
         self._sublanes.forget((road_user,))
         # In the sublane model SUMO moves it there.
-        if not self._sublanes.on and abs(vehicle.getLateralLanePosition(road_user)) > BESIDE:
+        if not self._sublanes.on and abs(vehicle.getLateralLanePosition(road_user)) > MAX_LANE_OFFSET:
             self._beside.append(road_user)
         self._restore_modes(road_user)
         del self._modes[road_user]

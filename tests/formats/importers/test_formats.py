@@ -6,7 +6,7 @@ import pytest
 
 from slrl_sumo import cli
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.formats import PAUSE, find_recordings, join
+from slrl_sumo.formats.importers.formats import RECORDING_PAUSE, find_recordings, join
 from slrl_sumo.formats.importers.hc import read_hc
 from slrl_sumo.formats.trajectory_file import load_trajectories
 
@@ -64,7 +64,7 @@ def test_joined_recordings_never_meet(street: Path) -> None:
     assert t.source == "HC D1; HC D2"
     first, second = t.frame[t.track < 2], t.frame[t.track >= 2]
     assert first.min() == 0
-    assert second.min() - first.max() == PAUSE + 1
+    assert second.min() - first.max() == RECORDING_PAUSE + 1
     np.testing.assert_array_equal(t.x, np.concatenate([part.x for _, part in parts]))
     np.testing.assert_array_equal(t.type, [2, 1, 2, 1])
     assert join(parts[:1]) is parts[0][1]

@@ -6,7 +6,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.learning.supervised import modes
 from slrl_sumo.learning.supervised.goals import trained_ranges
 from slrl_sumo.learning.supervised.modes import (
-    BEND,
+    BEND_WEIGHT,
     GENTLE,
     acceleration_ranges,
     assign,
@@ -66,7 +66,7 @@ def test_curved_is_distance_and_curvature_of_the_first_circle(kind: RoadUserType
     far = np.array([[25.0, 0.0], [3.0, 4.0]])
     root, bend = curved(far, circle, kind).T
     assert root == pytest.approx(np.sqrt([25.0, 5.0]))
-    assert bend == pytest.approx(0.1 * np.array([25.0, 5.0]) ** GENTLE[kind] / BEND[kind])
+    assert bend == pytest.approx(0.1 * np.array([25.0, 5.0]) ** GENTLE[kind] / BEND_WEIGHT[kind])
     # Right is left in a mirror, straight on is no curve, and standing still is neither far nor bent.
     assert curved(far, circle * [1.0, -1.0], kind)[:, 1] == pytest.approx(-bend)
     still = np.zeros((1, 2))

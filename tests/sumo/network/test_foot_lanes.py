@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.sumo.network.foot_lanes import BESIDE, FootLanes
+from slrl_sumo.sumo.network.foot_lanes import FOOT_LANE_MARGIN, FootLanes
 from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
@@ -50,7 +50,7 @@ def test_a_place_is_on_the_lane_that_holds_it_in_sumos_measure() -> None:
 
 
 def test_beside_a_lane_it_is_the_nearest_one_and_farther_away_none() -> None:
-    near, far = 1.0 + 0.9 * BESIDE, 1.0 + 1.1 * BESIDE
+    near, far = 1.0 + 0.9 * FOOT_LANE_MARGIN, 1.0 + 1.1 * FOOT_LANE_MARGIN
     assert at([SIDEWALK], (5.0, near), (5.0, far), (-0.9, 0.5), (-1.1, 0.5)) == [
         ("walk_0", 10.0),
         ("", 0.0),

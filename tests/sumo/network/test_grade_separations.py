@@ -9,7 +9,7 @@ import sumo
 from slrl_sumo.scene.levels import apart
 from slrl_sumo.sumo.net_file import read_net_file
 from slrl_sumo.sumo.network import Network
-from slrl_sumo.sumo.network.grade_separations import AROUND, FROM_ENDS, SPACING
+from slrl_sumo.sumo.network.grade_separations import CROSSING_REACH, FROM_ENDS, LEVEL_SPACING
 
 CROSS = {"w": (-100.0, 0.0), "e": (100.0, 0.0), "s": (0.0, -100.0), "n": (0.0, 100.0)}
 EAST, NORTH = (1.0, 0.0), (0.0, 1.0)
@@ -41,7 +41,7 @@ def test_streets_that_cross_without_a_junction_are_on_two_levels(tmp_path: Path)
     assert apart(both.levels, 3.2, -3.2, *EAST, 3.2, -3.2, *NORTH)
     assert not apart(both.levels, 3.2, -3.2, *EAST, 13.2, -3.2, *EAST)
     reach = np.hypot(both.levels.x - 3.2, both.levels.y + 3.2)
-    assert AROUND - 2.0 * SPACING < reach.max() < AROUND + 4.0
+    assert CROSSING_REACH - 2.0 * LEVEL_SPACING < reach.max() < CROSSING_REACH + 4.0
     assert both.surfaces().levels is both.levels
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from slrl_sumo.sumo.scenario.loaded_files import (
-    CHUNK,
+    SEARCHED_BYTES,
     arrival_positions,
     edges_of_access,
     overtaking_lanes,
@@ -70,7 +70,7 @@ def test_arrival_positions_are_those_of_vehicles_trips_and_flows(tmp_path: Path)
         '<flow id="f" arrivalPos="random"/><flow id="g" arrivalPos="max"/><trip id="u"/>'
         '<person id="p"><walk edges="a" arrivalPos="3"/></person></routes>'
     )
-    (tmp_path / "b.xml").write_text(f'<routes>{" " * (CHUNK - 15)}<flow id="h" arrivalPos="7"/></routes>')
+    (tmp_path / "b.xml").write_text(f'<routes>{" " * (SEARCHED_BYTES - 15)}<flow id="h" arrivalPos="7"/></routes>')
     (tmp_path / "c.xml").write_text('<additional><include href="b.xml"/></additional>')
     assert arrival_positions("", str(tmp_path / "a.xml"), "") == {"v": 40.0, "t": -5.5}
     assert arrival_positions(str(tmp_path / "c.xml"), "", "") == {"h": 7.0}

@@ -11,7 +11,7 @@ from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.taken_over import TakenOverControl
-from slrl_sumo.sumo.taken_over.vehicles import BESIDE, MOVED
+from slrl_sumo.sumo.taken_over.vehicles import MAX_LANE_OFFSET, MOVED
 
 VEHICLE, PERSON = np.array([False]), np.array([True])
 DEFAULT_MODES = (31, 1621)
@@ -139,7 +139,7 @@ def test_a_car_goes_on_in_the_middle_of_its_lane(session: SumoSession, aside: fl
     _clear()
     control.place_handed_back()
     session.step()
-    assert (libsumo.vehicle.getLateralLanePosition("car") == 0.0) == (aside > BESIDE)
+    assert (libsumo.vehicle.getLateralLanePosition("car") == 0.0) == (aside > MAX_LANE_OFFSET)
     assert libsumo.vehicle.getLanePosition("car") - before == pytest.approx(6.0 * session.step_length, abs=1.2)
     _clear()
     session.step()

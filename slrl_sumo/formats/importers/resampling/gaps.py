@@ -8,14 +8,14 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
-MISSING = 1.5
+GAP_PERIODS = 1.5
 """Periods without a row from which there is a gap."""
 
-SLOWEST = 5.0
+LONGEST_PERIOD = 5.0
 """Periods of the recording that the period of one road user may have: cameras and scanners have rates from 2 to 10 Hz
 and 5 to 25 Hz side by side. Beyond that the times are wrong, or it is seen now and then."""
 
-FEWEST = 5
+FEWEST_WAITS = 5
 """Waits that tell the period of a road user, or else of its type."""
 
 MANY = 20
@@ -26,7 +26,7 @@ def periods(user: Integers, wait: Floats, kind: NDArray[np.int8], period: float)
     """s between two rows of each road user, (U,): the median of its waits where that is longer than `period`.
 
     `user` and `wait` (W,) are the road users and s of all waits from row to row; `kind`: RoadUserType, (U,); `period`:
-    s, of the recording. Road users with few waits have the period of their type. Where a median is above SLOWEST
+    s, of the recording. Road users with few waits have the period of their type. Where a median is above LONGEST_PERIOD
     periods, or 1 s, it is that of the recording.
     """
     of_type = np.array([_median(wait[kind[user] == k]) for k in range(len(TYPE_NAMES))])
@@ -34,9 +34,9 @@ def periods(user: Integers, wait: Floats, kind: NDArray[np.int8], period: float)
     order = np.lexsort((wait, user))
     count = np.bincount(user, minlength=len(kind))
     first = np.cumsum(count) - count
-    many = np.flatnonzero(count >= FEWEST)
+    many = np.flatnonzero(count >= FEWEST_WAITS)
     own[many] = wait[order[first[many] + (count[many] - 1) // 2]]
-    possible = own <= max(min(SLOWEST * period, 1.0), period)
+    possible = own <= max(min(LONGEST_PERIOD * period, 1.0), period)
     return np.where(possible, np.maximum(own, period), period)
 
 

@@ -7,10 +7,10 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 
-FAST = 2.0
+JUDGED_SPEED = 2.0
 """m/s above which the direction between two rows tells the direction of motion."""
 
-FEWEST = 5.0
+JUDGED_DISTANCE = 5.0
 """m at that speed that a road user must cover to be judged."""
 
 OFF = 0.5
@@ -26,19 +26,20 @@ def checked_headings(
     """Headings (N,) of road users, rad, NaN where they must follow from the motion, and notes on what was changed.
 
     Rows (N,) are sorted by road user and time; `joined` (N - 1,) tells which rows the next one continues. Reversing is
-    slow and short; a road user with a heading against its motion over nearly all of its way at more than FAST has it
-    reversed, and it is turned. Headings that differ from the motion otherwise, and those that are not given in every
-    row, are NaN. Raises InputError where that is so for most road users: then the column is of another unit or sense.
+    slow and short; a road user with a heading against its motion over nearly all of its way at more than JUDGED_SPEED
+    has it reversed, and it is turned. Headings that differ from the motion otherwise, and those that are not given in
+    every row, are NaN. Raises InputError where that is so for most road users: then the column is of another unit or
+    sense.
     """
     users = int(user.max(initial=-1)) + 1
     step = np.hypot(np.diff(x), np.diff(y))
-    fast = np.flatnonzero(joined & ~np.isnan(heading[:-1]) & (step > FAST * np.diff(time)))
+    fast = np.flatnonzero(joined & ~np.isnan(heading[:-1]) & (step > JUDGED_SPEED * np.diff(time)))
     off = np.abs(wrap_angle(np.arctan2(np.diff(y)[fast], np.diff(x)[fast]) - heading[fast]))
     way, wrong, against = (
         np.bincount(user[fast], step[fast] * part, minlength=users)
         for part in (np.ones(len(fast)), off > OFF, off > np.pi - OFF)
     )
-    judged = way > FEWEST
+    judged = way > JUDGED_DISTANCE
     turned = judged & (against > ALL * way)
     replaced = judged & ~turned & (wrong > FEW * way)
     if replaced.sum() > 0.5 * judged.sum():
@@ -70,7 +71,7 @@ def against_motion(user: Integers, x: Floats, y: Floats, heading: Floats, joined
     along = step[given] * np.cos(np.arctan2(np.diff(y)[given], np.diff(x)[given]) - heading[given])
     users = int(user.max(initial=-1)) + 1
     way, forwards = (np.bincount(user[given], part, minlength=users) for part in (step[given], along))
-    number = int(((way > FEWEST) & (forwards < 0)).sum())
+    number = int(((way > JUDGED_DISTANCE) & (forwards < 0)).sum())
     text = (
         f"{number} of {len(np.unique(user))} road users: headings against the motion, replaced by those of the motion"
     )

@@ -8,7 +8,7 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
-SLOW = 0.3
+DIRECTION_SPEED = 0.3
 """m/s. Below it the direction of motion is unreliable, and the heading is held."""
 
 POSITION_NOISE = 0.05
@@ -19,7 +19,7 @@ POSITION_NOISE = 0.05
 _TURN_PER_METRE = np.array([0.08, 0.15, 0.15])
 _TURN_PER_STEP = np.array([0.01, 0.02, 0.12])
 _TURN_SLOW = 0.003
-"""rad per step below `SLOW`."""
+"""rad per step below `DIRECTION_SPEED`."""
 
 
 def heading_from_motion(
@@ -28,14 +28,14 @@ def heading_from_motion(
     """Headings (R,) in rad of tracks given by their positions (R,) in m every `dt` s, sorted by track.
 
     The result is the most likely one, given that the direction of a step is the mean of the headings at its ends (as in
-    `advance`) and more precise the longer the step, and given the usual turns of the type. Steps below `SLOW` carry no
-    information and nearly no turn: the heading is held. A car that drives backwards keeps its heading. Tracks that
-    never move take `still` (T,), rad; `type` is (T,) as well.
+    `advance`) and more precise the longer the step, and given the usual turns of the type. Steps below
+    `DIRECTION_SPEED` carry no information and nearly no turn: the heading is held. A car that drives backwards keeps
+    its heading. Tracks that never move take `still` (T,), rad; `type` is (T,) as well.
     """
     rows = len(x)
     step = np.hypot(np.diff(x), np.diff(y))  # from row i to row i + 1
     inside = np.diff(track) == 0
-    moving = inside & (step >= SLOW * dt)
+    moving = inside & (step >= DIRECTION_SPEED * dt)
     kind = type[track]
 
     measured = np.zeros(rows - 1 if rows else 0)

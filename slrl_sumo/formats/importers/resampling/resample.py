@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_smoothing_spline
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.formats.importers.resampling.gaps import MISSING, check_waits, periods, split_notes
+from slrl_sumo.formats.importers.resampling.gaps import GAP_PERIODS, check_waits, periods, split_notes
 from slrl_sumo.formats.importers.resampling.headings import against_motion, checked_headings
 from slrl_sumo.formats.importers.resampling.motion import heading_from_motion
 from slrl_sumo.formats.importers.resampling.speeds import speed_notes
@@ -85,7 +85,7 @@ def resample(samples: Samples) -> Trajectories:
     same = np.diff(user) == 0
     between = np.flatnonzero(same)
     period = periods(user[between], wait[between], samples.type, samples.period)
-    close = same & (wait < MISSING * period[user[:-1]])
+    close = same & (wait < GAP_PERIODS * period[user[:-1]])
     jump = close & (step > TOP_SPEED[samples.type[user[:-1]]] * wait + JUMP)
     check_waits(samples.file, samples.type[user[between]], wait[between], close[between], samples.period)
     _check_units(samples, user, time, x, y, close, jump)

@@ -6,7 +6,7 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
-USUAL = ((0.1, 45.0), (0.5, 9.0), (0.4, 3.7))
+USUAL_SPEEDS = ((0.1, 45.0), (0.5, 9.0), (0.4, 3.7))
 """Least and most m/s per type. Recordings of HC, SDD and TAF-BW have 0.25 to 8.5, 3.6 to 6.1 and 1.1 to 3.4, the ends
 of 18 parked cars with noise and of "pedestrians" of SDD that ride. HC in metres where its pixels are due has 0.19, 0.20
 and 0.07; pedestrians in feet have 4.0, bicycles 14. Cars in feet on streets cannot be told from those of motorways."""
@@ -19,7 +19,7 @@ def speed_notes(trajectories: Trajectories) -> tuple[str, ...]:
     """A note for each type that moves more slowly or faster than it does anywhere."""
     t = trajectories
     notes = []
-    for kind, (least, most) in enumerate(USUAL):
+    for kind, (least, most) in enumerate(USUAL_SPEEDS):
         tracks = np.flatnonzero((t.type == kind) & (np.diff(t.starts) >= FEWEST_ROWS)).tolist()
         speeds = [t.speed[t.starts[track] + 1 : t.starts[track + 1]] for track in tracks]
         middles = [middle for speed in speeds if (middle := _middle(speed)) > 0.0]
