@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats, wrap_angle
-from slrl_sumo.studies.flow.play import SUMO, Played, Run, simulate
+from slrl_sumo.studies.flow.run import SUMO, RecordedRun, Run, simulate
 from slrl_sumo.studies.flow.situations import SITUATIONS
 from slrl_sumo.studies.flow.trace import OnLanes, on_lanes
 from slrl_sumo.sumo.network.lanes import Lane
@@ -39,7 +39,7 @@ GAP = 8.0
 """s without a place on the arterial, as in a junction, after which a line is interrupted."""
 
 
-def arterial(played: Played, on: OnLanes) -> list[Lane]:
+def arterial(played: RecordedRun, on: OnLanes) -> list[Lane]:
     """A lane of each edge of the arterial, in the direction of driving."""
     edges: dict[str, Lane] = {}
     for lane in on.lanes:
@@ -80,7 +80,7 @@ def _direction(piece: Floats) -> float:
     return math.atan2(*(piece[1] - piece[0])[::-1])
 
 
-def draw(axes: Axes, played: Played, on: OnLanes, chain: Sequence[Lane]) -> None:
+def draw(axes: Axes, played: RecordedRun, on: OnLanes, chain: Sequence[Lane]) -> None:
     """The cars on the edges of an arterial."""
     begins, offset = {}, 0.0
     for lane in chain:
@@ -100,7 +100,7 @@ def draw(axes: Axes, played: Played, on: OnLanes, chain: Sequence[Lane]) -> None
     axes.set_ylim(0.0, offset)
 
 
-def played_by(name: str, arm: str, seed: int, bundle: ModelBundle) -> tuple[Played, OnLanes]:
+def played_by(name: str, arm: str, seed: int, bundle: ModelBundle) -> tuple[RecordedRun, OnLanes]:
     """A run of the situation `name`, and where its cars were."""
     with TemporaryDirectory(prefix="slrl_flow_") as folder, one_thread():
         config = SITUATIONS[name].build(Path(folder))

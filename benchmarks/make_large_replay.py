@@ -69,7 +69,7 @@ def main() -> None:
     size = np.array([[4.5, 1.8], [1.8, 0.6], [0.5, 0.5]])[kind]
     ids = tuple(f"user.{k}" for k in range(words.users))
     users = Users(ids, unknown, kind, size[:, 0], size[:, 1], unknown)
-    page = build_page(network, users, rows, 1000 * t, [], bars, title=words.out.stem, notes=[], told=True)
+    page = build_page(network, users, rows, 1000 * t, [], bars, title=words.out.stem, notes=[], marks_learned=True)
     words.out.write_bytes(page)
     print(f"{n} rows, {len(page) / 1e6:.1f} MB")
 

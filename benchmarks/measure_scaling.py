@@ -35,7 +35,7 @@ from slrl_sumo.learning.rl.rollouts import WorkerRollouts
 from slrl_sumo.learning.rl.training_settings import TrainSettings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, play
+from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, run_episode
 
 SETTINGS = EpisodeSettings("intersection", "intersection", 64)
 AGENTS, EPISODES = 32, 64
@@ -45,7 +45,7 @@ BACKENDS = {"1 local": Backend(1), "2 local": Backend(2), "2 on Ray": Backend(2,
 def timed(settings: EpisodeSettings, episode: Episode) -> tuple[float, float, float]:
     """When an episode began and ended, and the CPU time it took."""
     begin, cpu = time.time(), time.process_time()
-    play(settings, episode)
+    run_episode(settings, episode)
     return begin, time.time(), time.process_time() - cpu
 
 

@@ -40,7 +40,7 @@ def main() -> None:
     """Print a line for every EVERY finished episodes."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
     folder = Path(sys.argv[2]) if len(sys.argv) > 2 else Path(tempfile.mkdtemp(prefix="million_"))
-    scenario_evaluation.play = made_up  # type: ignore[attr-defined]
+    scenario_evaluation.run_episode = made_up  # type: ignore[attr-defined]
     pool.MAX_REQUESTS = 10**9  # type: ignore[attr-defined]  # nothing leaks here, and new processes would take most of the time
     settings = EvaluationSettings(
         "intersection", "intersection", selectors=("prior",), episodes=64, seeds=-(-count // 64), steps=128

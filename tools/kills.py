@@ -193,9 +193,9 @@ def expected_codes(kind: str, target: str, survived: bool) -> set[int]:
 def wrong_run(out: Path, words: list[str], errors: str, code: int, hard: bool) -> Iterator[str]:
     """What is wrong with the outputs of a run."""
     trace, summary = out / _trace(words), out / "s.json"
-    told = json.loads(summary.read_text()) if summary.exists() else None
+    figures = json.loads(summary.read_text()) if summary.exists() else None
     if not trace.exists():
-        if told is not None:
+        if figures is not None:
             yield "a summary without a trace"
         if code == 3 and "no output was written" not in errors:
             yield f"message: {errors.strip()}"
@@ -214,10 +214,10 @@ def wrong_run(out: Path, words: list[str], errors: str, code: int, hard: bool) -
         yield f"learned road users in the steps of the trace: {set(count.tolist())}"
     if hard:
         return
-    if told is None:
+    if figures is None:
         yield "no summary"
-    elif not told["interrupted"] or told["end_s"] != times[-1] or len(times) != told["decisions"] + 1:
-        yield f"summary: {told['ended_by']} at {told['end_s']}, trace up to {times[-1]}"
+    elif not figures["interrupted"] or figures["end_s"] != times[-1] or len(times) != figures["decisions"] + 1:
+        yield f"summary: {figures['ended_by']} at {figures['end_s']}, trace up to {times[-1]}"
     if "--report" in words and not (out / "pictures" / "report.html").exists():
         yield "no report"
     if code == 3 and f"complete up to there: {_trace(words)}" not in errors:

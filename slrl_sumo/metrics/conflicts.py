@@ -52,11 +52,6 @@ class Conflicts:
         walking = (kinds[self.a] == RoadUserType.PEDESTRIAN) & (kinds[self.b] == RoadUserType.PEDESTRIAN)
         return self.take(np.flatnonzero(~walking))
 
-    def involving(self, trajectories: Trajectories, kind: RoadUserType) -> "Conflicts":
-        """Encounters with at least one road user of a type."""
-        kinds = trajectories.type
-        return self.take(np.flatnonzero((kinds[self.a] == kind) | (kinds[self.b] == kind)))
-
 
 def velocities(trajectories: Trajectories) -> Floats:
     """Displacement of the last interval over dt, m/s, (R, 2); the first row of a track takes the second's, else 0."""

@@ -91,7 +91,7 @@ def write_replay(fcd: Path, net: str, out: Path, signals: Path | None = None) ->
     if signals is not None and not bars:
         raise InputError(f"--signals {signals}: the network {net} has none of its traffic lights; give another one")
     page = build_page(
-        network, users, rows, times, conflicts, bars, title=fcd.name, notes=notes, told=table.marks_learned
+        network, users, rows, times, conflicts, bars, title=fcd.name, notes=notes, marks_learned=table.marks_learned
     )
     write_file(out, page)
     for note in notes:
@@ -116,7 +116,7 @@ def write_trajectories_replay(tracks: Trajectories, net: str, out: Path, *, titl
     conflicts = find_all_conflicts(rows, users, times)
     network, links = read_net_signals(path)
     bars = signal_bars(network, links, signals)
-    page = build_page(network, users, rows, times, conflicts, bars, title=title, notes=[], told=True)
+    page = build_page(network, users, rows, times, conflicts, bars, title=title, notes=[], marks_learned=True)
     write_file(out, page)
 
 
@@ -237,9 +237,9 @@ def build_page(
     *,
     title: str,
     notes: list[str],
-    told: bool,
+    marks_learned: bool,
 ) -> bytes:
-    """The page as UTF-8. `signals`: see `signal_bars`. `told`: whether the trace marks background road users.
+    """The page as UTF-8. `signals`: see `signal_bars`. `marks_learned`: whether the trace marks background road users.
 
     Text of the trace is in the packed data only, which the page shows as text.
     """
@@ -251,7 +251,7 @@ def build_page(
     header: dict[str, Any] = {
         "title": title,
         "notes": notes,
-        "told": told,
+        "marks_learned": marks_learned,
         "units": {"metre": METRE, "turn": HEADING_UNITS, "speed": SPEED_UNITS},
         "times": np.diff(times, prepend=0).tolist(),
         "types": TYPE_NAMES,

@@ -127,7 +127,7 @@ class CoSimulation:
     def start(self) -> Step:
         """One SUMO step, after which spawned road users stand at their places and the first ones are taken over."""
         users = self.population.world
-        step = self._play(users)
+        step = self._step_sumo(users)
         no_rows = np.zeros(len(users), np.bool_)
         self._taken_at_start = self._close(
             _Interval([users], Moved(users, None, {}), no_rows, [step], set(), 0)
@@ -151,7 +151,7 @@ class CoSimulation:
             self._resume()
         interval = self._interval or self._decide()
         before = self._yielding.interventions if self._yielding is not None else 0
-        step = self._play(interval.states[len(interval.steps)], interval.moved.context)
+        step = self._step_sumo(interval.states[len(interval.steps)], interval.moved.context)
         interval.steps.append(step)
         interval.arrived |= arrived_ids(self._session.api)
         if self._yielding is not None:
@@ -198,7 +198,7 @@ class CoSimulation:
         self._stopwatch.lap("advance")
         return _Interval(states, moved, wrapped_around, [], set(), 0)
 
-    def _play(self, users: WorldState, context: RouteContext | None = None) -> Step:
+    def _step_sumo(self, users: WorldState, context: RouteContext | None = None) -> Step:
         """One SUMO step, after which the learned road users are at the places of `users`."""
         time = self._session.time
         if self._yielding is not None and self._snapshot is not None:
@@ -233,7 +233,7 @@ class CoSimulation:
         returned = self._handover.return_to_route()
         handed_back = returned + self._handover.hand_back(self._snapshot, time)
         background = background_world(self._snapshot, self._session.time, frozenset())
-        told, present = self._handover.left, self._differences.complete(background)
+        left_before, present = self._handover.left, self._differences.complete(background)
         taken_over = self._taken_at_start
         taken_over += self._handover.take_over(present, self._snapshot, handed_back, time, self._yielding)
         self._assemble(present)
@@ -259,7 +259,7 @@ class CoSimulation:
             handed_back=handed_back,
             returned_to_route=returned,
             interventions=interval.interventions,
-            left_to_sumo=tuple(item for item in self._handover.left.items() if item not in told.items()),
+            left_to_sumo=tuple(item for item in self._handover.left.items() if item not in left_before.items()),
             refused=tuple(self._refused.items()),
         )
 

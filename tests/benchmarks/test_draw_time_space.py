@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.draw_time_space import arterial, draw, played_by
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.studies.flow.play import SUMO
+from slrl_sumo.studies.flow.run import SUMO
 
 
 def test_an_arterial_goes_straight_on_and_its_lines_are_those_of_its_cars() -> None:

@@ -47,10 +47,10 @@ def check_steps(times: list[float], learned: list[int], summary: Path, number: s
     assert len(times) > 10
     assert all(abs(b - a - 0.4) < 1e-6 for a, b in pairwise(times))
     assert set(learned) == {AGENTS}
-    told = json.loads(summary.read_text())
-    assert len(times) == 1 + told["decisions"]
-    assert told["end_s"] == times[-1]
-    assert (told["interrupted"], told["ended_by"]) == (True, number.name)
+    figures = json.loads(summary.read_text())
+    assert len(times) == 1 + figures["decisions"]
+    assert figures["end_s"] == times[-1]
+    assert (figures["interrupted"], figures["ended_by"]) == (True, number.name)
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])

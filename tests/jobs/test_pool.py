@@ -17,7 +17,7 @@ from slrl_sumo.jobs import pool
 from slrl_sumo.jobs.pool import JOB_ATTEMPTS, Backend, Finished, run_jobs
 from slrl_sumo.jobs.workers import MachineLostError
 from slrl_sumo.metrics.outcomes import TypeOutcome
-from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, play
+from slrl_sumo.studies.episodes.episode import Episode, EpisodeSettings, run_episode
 
 Played = Finished[Episode, tuple[TypeOutcome, ...]]
 
@@ -35,7 +35,7 @@ def episodes(count: int, agents: int = 6) -> list[Episode]:
 
 
 def play_all(settings: EpisodeSettings, some: Iterable[Episode], processes: int) -> Generator[Played, None, None]:
-    return run_jobs(partial(play, settings), some, Backend(processes))
+    return run_jobs(partial(run_episode, settings), some, Backend(processes))
 
 
 def worker_pids() -> set[int]:

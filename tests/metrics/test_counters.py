@@ -38,8 +38,8 @@ def test_encounters_survival_and_success() -> None:
     )
     for number, world in enumerate(worlds):
         left = np.array([False, False, number == 1])
-        told = decision(replace(world, time=0.4 * (number + 1)), [road, Surface.SIDEWALK, off])
-        counters.add(replace(told, left_surface=left))
+        made = decision(replace(world, time=0.4 * (number + 1)), [road, Surface.SIDEWALK, off])
+        counters.add(replace(made, left_surface=left))
     car = counters.per_type()["car"]
     assert car == {
         "count": 3,
@@ -60,11 +60,11 @@ def test_encounters_survival_and_success() -> None:
 def test_road_users_that_come_and_go_are_counted_while_learned() -> None:
     names = tuple(f"u{i}" for i in range(200))
     apart = [10.0 * i for i in range(200)]
-    tally = RunCounters(replace(cars((), [], [], []), time=0.0))
+    counters = RunCounters(replace(cars((), [], [], []), time=0.0))
     for some in (slice(0, 200), slice(50, 150), slice(100, 101)):
         world = cars(names[some], apart[some], [2.0] * len(names[some]), [True] * len(names[some]))
-        tally.add(decision(world, [Surface.ROAD] * len(world)))
-    assert tally.per_type()["car"]["count"] == 200
-    assert tally.per_type()["car"]["mean_speed_mps"] == 2.0
-    assert tally.per_type()["car"]["survival_steps"] == 301 / 200
-    assert tally.summary(1.0, 0.4)["agent_steps"] == 301
+        counters.add(decision(world, [Surface.ROAD] * len(world)))
+    assert counters.per_type()["car"]["count"] == 200
+    assert counters.per_type()["car"]["mean_speed_mps"] == 2.0
+    assert counters.per_type()["car"]["survival_steps"] == 301 / 200
+    assert counters.summary(1.0, 0.4)["agent_steps"] == 301

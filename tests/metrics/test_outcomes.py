@@ -112,23 +112,23 @@ def test_mean_survival_does_not_punish_leaving() -> None:
 
 
 def test_a_run_is_counted_as_its_summary_counts_it() -> None:
-    tally = outcomes = None
+    counters = outcomes = None
     for event in run(RunSettings("intersection", agents=40, steps=60, seed=3, selector="prior")):
         if isinstance(event, Started):
             start = event.step.world
-            tally, outcomes = RunCounters(start), Outcomes(start, start.learned)
-        assert tally is not None
+            counters, outcomes = RunCounters(start), Outcomes(start, start.learned)
+        assert counters is not None
         assert outcomes is not None
         if isinstance(event, Decision):
-            tally.add(event)
+            counters.add(event)
             everybody, n = event.steps[-1].world, len(event.surface)
             off_surface, left_surface = np.zeros((2, len(everybody)), np.bool_)
             off_surface[:n] = ~OWN_SURFACE[everybody.type[:n], event.surface]
             left_surface[:n] = event.left_surface
             outcomes.add(everybody, np.arange(len(everybody)) < n, off_surface, left_surface)
     assert outcomes is not None
-    assert tally is not None
-    ours, theirs = outcomes.per_type(), tally.per_type()
+    assert counters is not None
+    ours, theirs = outcomes.per_type(), counters.per_type()
     assert [outcome.type for outcome in ours] == list(TYPE_NAMES)
     assert sum(outcome.collisions for outcome in ours) > 3
     for outcome in ours:

@@ -1,4 +1,4 @@
-"""Red-light passages, against signals of a made intersection in real SUMO."""
+"""Red-light violations, against signals of a made intersection in real SUMO."""
 
 from collections import Counter
 from pathlib import Path
@@ -34,12 +34,12 @@ def world_of(session: SumoSession) -> WorldState:
     return background_world(session.reader.read(), session.time, frozenset())
 
 
-def first_at_red(session: SumoSession, passages: SignalCrossings) -> str:
+def first_at_red(session: SumoSession, signal_crossings: SignalCrossings) -> str:
     """Drive on until a car stands first at a red light; its id."""
     for _ in range(500):
         session.step()
         world = world_of(session)
-        passages.update(world, world.ids)
+        signal_crossings.update(world, world.ids)
         for vehicle in session.api.vehicle.getIDList():
             signal = session.api.vehicle.getNextTLS(vehicle)
             at_line = signal and signal[0][2] < 4.0 and signal[0][3] == "r"
@@ -50,13 +50,13 @@ def first_at_red(session: SumoSession, passages: SignalCrossings) -> str:
 
 def test_sumos_own_road_users_run_no_red_light_and_pass_once_each(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = SignalCrossings(session.api, session.network)
+        signal_crossings = SignalCrossings(session.api, session.network)
         found = []
         through = set()
         for _ in range(500):
             session.step()
             world = world_of(session)
-            found += passages.update(world, world.ids)
+            found += signal_crossings.update(world, world.ids)
             for vehicle in session.api.vehicle.getIDList():
                 if session.api.vehicle.getRoadID(vehicle).startswith("out"):
                     through.add(vehicle)
@@ -75,15 +75,15 @@ def test_sumos_own_road_users_run_no_red_light_and_pass_once_each(made: Scenario
 @pytest.mark.parametrize("way", ["heedless", "moved on its lane", "moved beside every lane"])
 def test_a_car_that_goes_at_red_is_one_run(made: Scenario, way: str) -> None:
     with SumoSession(made, seed=2) as session:
-        api, passages = session.api, SignalCrossings(session.api, session.network)
-        loans = TakenOverControl(api, session.network)
-        car = first_at_red(session, passages)
+        api, signal_crossings = session.api, SignalCrossings(session.api, session.network)
+        control = TakenOverControl(api, session.network)
+        car = first_at_red(session, signal_crossings)
         lane = api.vehicle.getLaneID(car)
         if way == "heedless":
             api.vehicle.setSpeedMode(car, 0)
             api.vehicle.setSpeed(car, 8.0)
         else:
-            loans.take_over((car,), np.zeros(1, np.bool_))
+            control.take_over((car,), np.zeros(1, np.bool_))
         start = world_of(session)
         start = start.take(np.array([start.ids.index(car)]))
         found, distance = [], 0.0
@@ -96,11 +96,11 @@ def test_a_car_that_goes_at_red_is_one_run(made: Scenario, way: str) -> None:
                 aside = side * min(1.0, (step + 1) / 2.0)
                 x, y = start.x + distance * c - aside * s, start.y + distance * s + aside * c
                 speed = np.full(1, 8.0)
-                loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, speed, start.length)
+                control.move((car,), np.zeros(1, np.bool_), x, y, start.heading, speed, start.length)
             session.step()
             world = world_of(session)
             if car in world.ids:
-                found += passages.update(world, (car,))
+                found += signal_crossings.update(world, (car,))
     assert [(p.road_user, p.aspect, p.lane) for p in found] == [(car, "red", lane)]
 
 
@@ -111,66 +111,72 @@ def test_a_light_that_changes_in_the_step_of_the_passage_counts_as_the_more_perm
     made: Scenario, before: str, after: str, aspect: str
 ) -> None:
     with SumoSession(made, seed=2) as session:
-        light, passages = session.api.trafficlight, SignalCrossings(session.api, session.network)
-        car = first_at_red(session, passages)
+        light, signal_crossings = session.api.trafficlight, SignalCrossings(session.api, session.network)
+        car = first_at_red(session, signal_crossings)
         signal = light.getIDList()[0]
         size = len(light.getRedYellowGreenState(signal))
         light.setRedYellowGreenState(signal, before * size)
         session.api.vehicle.setSpeedMode(car, 0)
         session.api.vehicle.setSpeed(car, 0.0)
         session.step()
-        assert passages.update(world_of(session), (car,)) == []
+        assert signal_crossings.update(world_of(session), (car,)) == []
         light.setRedYellowGreenState(signal, after * size)
         session.api.vehicle.setSpeed(car, 15.0)
         session.step()
-        assert [p.aspect for p in passages.update(world_of(session), (car,))] == [aspect]
+        assert [p.aspect for p in signal_crossings.update(world_of(session), (car,))] == [aspect]
 
 
 def test_a_moved_car_that_stands_on_the_stop_line_passes_once(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages, loans = SignalCrossings(session.api, session.network), TakenOverControl(session.api, session.network)
-        car = first_at_red(session, passages)
+        signal_crossings, control = (
+            SignalCrossings(session.api, session.network),
+            TakenOverControl(session.api, session.network),
+        )
+        car = first_at_red(session, signal_crossings)
         world = world_of(session)
-        loans.take_over((car,), np.zeros(1, np.bool_))
+        control.take_over((car,), np.zeros(1, np.bool_))
         start = world.take(np.array([world.ids.index(car)]))
         found, lanes = [], []
         for distance in (4.0, 0.0, 4.0, 0.0, 4.0):
             x, y = start.x + distance * np.cos(start.heading), start.y + distance * np.sin(start.heading)
-            loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
+            control.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
             session.step()
             lanes.append(session.api.vehicle.getLaneID(car))
-            found += passages.update(world_of(session), (car,))
+            found += signal_crossings.update(world_of(session), (car,))
     assert [lane.startswith(":") for lane in lanes] == [True, False, True, False, True]
     assert [p.aspect for p in found] == ["red"]
 
 
 def test_a_moved_car_that_stands_exactly_on_the_stop_line_has_not_passed(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages, loans = SignalCrossings(session.api, session.network), TakenOverControl(session.api, session.network)
-        car = first_at_red(session, passages)
+        signal_crossings, control = (
+            SignalCrossings(session.api, session.network),
+            TakenOverControl(session.api, session.network),
+        )
+        car = first_at_red(session, signal_crossings)
         line = session.api.vehicle.getNextTLS(car)[0][2]
         world = world_of(session)
-        loans.take_over((car,), np.zeros(1, np.bool_))
+        control.take_over((car,), np.zeros(1, np.bool_))
         start = world.take(np.array([world.ids.index(car)]))
         found = []
         for distance in (line + 0.05, line + 0.05, line + 2.0):
             x, y = start.x + distance * np.cos(start.heading), start.y + distance * np.sin(start.heading)
-            loans.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
+            control.move((car,), np.zeros(1, np.bool_), x, y, start.heading, np.zeros(1), start.length)
             session.step()
             assert session.api.vehicle.getLaneID(car).startswith(":"), "so SUMO has it"
-            found.append([p.aspect for p in passages.update(world_of(session), (car,))])
+            found.append([p.aspect for p in signal_crossings.update(world_of(session), (car,))])
     assert found == [[], [], ["red"]]
 
 
 def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:
     # Bicycles turn right there without a signal, while the rest of their lane has red.
     with SumoSession(find_scenario(str(game / "fkk_in.sumocfg")), seed=1) as session:
-        passages = SignalCrossings(session.api, session.network)
+        signal_crossings = SignalCrossings(session.api, session.network)
         found, turned = [], False
         for _ in range(100):
             session.step()
             world = world_of(session)
-            found += passages.update(world, world.ids)
+            found += signal_crossings.update(world, world.ids)
             turned |= "4_right.0" in world.ids and session.api.vehicle.getLaneID("4_right.0") == ":gneJ21_0_0"
     assert turned
     assert len(found) > 2
@@ -179,12 +185,12 @@ def test_a_turn_beside_the_signal_is_no_passage(game: Path) -> None:
 
 def test_the_same_car_held_until_green_is_none(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = SignalCrossings(session.api, session.network)
-        car = first_at_red(session, passages)
+        signal_crossings = SignalCrossings(session.api, session.network)
+        car = first_at_red(session, signal_crossings)
         found = []
         for _ in range(300):
             session.step()
-            found += passages.update(world_of(session), (car,))
+            found += signal_crossings.update(world_of(session), (car,))
             if found:
                 break
     assert [p.aspect for p in found] == ["green"]
@@ -192,7 +198,7 @@ def test_the_same_car_held_until_green_is_none(made: Scenario) -> None:
 
 def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(made: Scenario) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = SignalCrossings(session.api, session.network)
+        signal_crossings = SignalCrossings(session.api, session.network)
         crossing = next(lane for lane in session.network.lanes if lane.id == ":centre_c0_0")
         signal, index = next(
             (signal, i)
@@ -207,14 +213,14 @@ def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(mad
         while session.api.trafficlight.getRedYellowGreenState(signal)[index] != "r" or not len(world):
             session.step()
             world = world_of(session)
-            passages.update(world, ())
+            signal_crossings.update(world, ())
 
         def at(metres: float) -> WorldState:
             x, y = a + metres * along
             return make_world(x, y, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
 
         def go(metres: float) -> list[str]:
-            return [p.aspect for p in passages.update(at(metres), ("somebody",))]
+            return [p.aspect for p in signal_crossings.update(at(metres), ("somebody",))]
 
         assert [go(metres) for metres in (-3.0, -0.5, 0.4, 0.4, -0.2)] == [[]] * 5
         assert [go(metres) for metres in (0.5, 1.2, 2.0, 1.2, 0.5, -1.0, 2.0)] == [[], ["red"], [], [], [], [], []]
@@ -227,8 +233,8 @@ def test_a_person_that_leaves_the_walking_area_at_green_may_reach_the_crossing_a
     made: Scenario, off: bool, aspect: str
 ) -> None:
     with SumoSession(made, seed=2) as session:
-        passages = SignalCrossings(session.api, session.network)
-        crossing = next(one for one in passages._crossings if one.lane == ":centre_c0_0")
+        signal_crossings = SignalCrossings(session.api, session.network)
+        crossing = next(one for one in signal_crossings._crossings if one.lane == ":centre_c0_0")
         (x, y), step = crossing.line[0], crossing.line[-1] - crossing.line[0]
         along = step / np.hypot(*step)
         # Beyond the kerb, and not yet on the crossing.
@@ -242,7 +248,7 @@ def test_a_person_that_leaves_the_walking_area_at_green_may_reach_the_crossing_a
 
         def go(to: Floats) -> list[str]:
             world = make_world(*to, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
-            return [p.aspect for p in passages.update(world, ("somebody",))]
+            return [p.aspect for p in signal_crossings.update(world, ("somebody",))]
 
         def wait_for(states: str) -> None:
             session.step()

@@ -241,7 +241,7 @@ def test_a_run_has_its_signals_and_learned_road_users_in_the_page(cli: Cli, tmp_
     ]
     xml, table = header(tmp_path / "a.xml.gz.html"), header(tmp_path / "b.csv.html")
     assert xml["signals"] == table["signals"]
-    assert xml["told"] is table["told"] is True
+    assert xml["marks_learned"] is table["marks_learned"] is True
     assert xml["streams"][-1] == table["streams"][-1] > 100  # modes
     written = [e.get("state") for e in etree.parse(str(tmp_path / "a.signals.xml")).getroot()]
     assert [signal["states"] for signal in xml["signals"]] == [written]
@@ -269,4 +269,4 @@ def test_files_beside_a_trace_that_do_not_fit_are_told(signalised: Path, cli: Cl
     done = cli("replay", "c.xml", "--net", "signalised", "--out", "c.html", cwd=tmp_path)
     assert done.returncode == 0
     assert "c.learned.csv: 1 of its 1 rows are not in the trace" in done.stderr
-    assert not header(tmp_path / "c.html")["told"]
+    assert not header(tmp_path / "c.html")["marks_learned"]

@@ -143,9 +143,9 @@ def test_when_sumo_dies_everything_up_to_there_is_written(tmp_path: Path, number
     assert number.name in line
     assert f"slrl-sumo run intersection --agents {AGENTS} --fcd {run.fcd} --steps 1000000" in line
     assert f"complete up to there: {run.fcd}, {summary}, {report}; repeat it with: slrl-sumo run" in line
-    told = json.loads(summary.read_text())
-    assert (told["decisions"], told["end_s"], told["interrupted"]) == (len(times) - 1, times[-1], True)
-    assert told["ended_by"].startswith(f"SUMO died after {times[-1]:g} s of simulation time ({number.name}")
+    figures = json.loads(summary.read_text())
+    assert (figures["decisions"], figures["end_s"], figures["interrupted"]) == (len(times) - 1, times[-1], True)
+    assert figures["ended_by"].startswith(f"SUMO died after {times[-1]:g} s of simulation time ({number.name}")
     assert (report / "paths.png").stat().st_size > 10_000
     assert gone(family)
     assert list(run.temporary.iterdir()) == []

@@ -90,11 +90,11 @@ def check(file: Path, summary: dict[str, Any], agents: int, decisions: int, max_
     assert summary["lost"] == 0
     assert [summary["per_type"][name]["count"] for name in TYPE_NAMES] == np.bincount(trace.kind, minlength=3).tolist()
 
-    # Jumps are loops, and all loops are told.
-    told = {(loop["id"], round(loop["time_s"], 2)) for loop in summary["wraparounds"]}
-    assert len(told) == len(summary["wraparounds"]) == summary["wrapped_around"]
-    looped = np.array([[(i, round(t, 2)) in told for i in trace.ids] for t in trace.times[1::substeps]])
-    assert looped.sum() == len(told)
+    # Jumps are loops, and all loops are in the summary.
+    reported = {(loop["id"], round(loop["time_s"], 2)) for loop in summary["wraparounds"]}
+    assert len(reported) == len(summary["wraparounds"]) == summary["wrapped_around"]
+    looped = np.array([[(i, round(t, 2)) in reported for i in trace.ids] for t in trace.times[1::substeps]])
+    assert looped.sum() == len(reported)
     at = slice(0, None, substeps)
     moved = np.hypot(np.diff(trace.x[at], axis=0), np.diff(trace.y[at], axis=0))
     reach = max_speed[trace.kind] * DECISION_INTERVAL

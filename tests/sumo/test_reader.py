@@ -60,8 +60,8 @@ def test_it_agrees_with_the_getters_of_libsumo(name: str) -> None:
             session.step()
             if step % 10:
                 continue
-            snapshot, told = session.reader.read(), subscriber.read()
-            assert all(np.array_equal(getattr(snapshot, f.name), getattr(told, f.name)) for f in fields(Snapshot))
+            snapshot, subscribed = session.reader.read(), subscriber.read()
+            assert all(np.array_equal(getattr(snapshot, f.name), getattr(subscribed, f.name)) for f in fields(Snapshot))
             vehicles, persons = libsumo.vehicle.getIDList(), libsumo.person.getIDList()
             assert snapshot.ids == (*vehicles, *persons)
             assert snapshot.person.tolist() == [False] * len(vehicles) + [True] * len(persons)

@@ -15,7 +15,7 @@ from tools.kills import AGENTS, expected_codes, one, wrong_run
 WORDS = ["run", "--fcd", "a.xml"]
 
 
-def outputs(folder: Path, times: tuple[float, ...], **told: object) -> None:
+def outputs(folder: Path, times: tuple[float, ...], **figures: object) -> None:
     """Trace and summary of a run that SIGTERM ended."""
     places = Places(("car",) * AGENTS, ("",) * AGENTS, np.zeros(AGENTS), np.zeros(AGENTS, np.bool_))
     n = np.arange(AGENTS, dtype=np.float64)
@@ -24,7 +24,7 @@ def outputs(folder: Path, times: tuple[float, ...], **told: object) -> None:
             ids = [f"learned_car.{k}" for k in range(AGENTS)]
             writer.write(time, make_world(n, n, n, n, ids=ids, time=time), places)
     summary = {"interrupted": True, "ended_by": "SIGTERM", "end_s": times[-1], "decisions": len(times) - 1}
-    (folder / "s.json").write_text(json.dumps(summary | told))
+    (folder / "s.json").write_text(json.dumps(summary | figures))
 
 
 def failures(folder: Path, code: int = 143, errors: str = "", hard: bool = False) -> str:

@@ -18,7 +18,7 @@ from slrl_sumo.learning.environments.teacher import teacher_costs
 from slrl_sumo.learning.own_functions import called
 from slrl_sumo.learning.rewards.fault import at_fault
 from slrl_sumo.learning.rewards.terms import RewardWeights, weighted
-from slrl_sumo.learning.rewards.transition import Ground, RewardFunction, Transition, recorded_speed
+from slrl_sumo.learning.rewards.transition import RewardContext, RewardFunction, Transition, recorded_speed
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.perception.presets import PRESETS
 from slrl_sumo.routing.routes import Routes
@@ -176,7 +176,7 @@ class Arena(OpenedSimulation):
         self.driver = ModelDriver(Agent(self.bundle, self._modes), routes)
         self.simulation = CoSimulation(self._session, self.driver, exclude=self._exclude)
         desired = np.array(self.settings.desired_speed or recorded_speed(self.bundle))
-        self._ground = Ground(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
+        self._ground = RewardContext(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
         mix = None if self.settings.mix is None else np.array(self.settings.mix)
         counts, _ = type_counts(
             self.settings.agents, mix, self.simulation.points, str(self._scenario.config), self.bundle

@@ -5,10 +5,10 @@ from numpy.typing import NDArray
 
 from slrl_sumo.agent.decide import Situation
 from slrl_sumo.agent.mode_cost import CostWeights, cost_on_route, cost_without_route
-from slrl_sumo.learning.rewards.transition import Ground, lanes_here
+from slrl_sumo.learning.rewards.transition import RewardContext, lanes_here
 
 
-def teacher_costs(situation: Situation, weights: CostWeights | None, ground: Ground) -> NDArray[np.float32]:
+def teacher_costs(situation: Situation, weights: CostWeights | None, ground: RewardContext) -> NDArray[np.float32]:
     """Cost of each mode for each of n road users, (n, modes), not negative; zeros without `weights`.
 
     The teacher knows what the selector knows: in the preset `paper` no routes.

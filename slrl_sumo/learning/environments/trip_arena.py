@@ -12,7 +12,7 @@ from slrl_sumo.learning.environments.arena import OpenedSimulation, touching
 from slrl_sumo.learning.environments.teacher import teacher_costs
 from slrl_sumo.learning.rewards.fault import at_fault
 from slrl_sumo.learning.rewards.terms import weighted_terms
-from slrl_sumo.learning.rewards.transition import Ground, Transition, recorded_speed
+from slrl_sumo.learning.rewards.transition import RewardContext, Transition, recorded_speed
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
@@ -75,7 +75,7 @@ class TripArena(OpenedSimulation):
         takeover = Takeover(np.array(shares, np.float64), everywhere, self._seed, self.settings.agents)
         self.simulation = CoSimulation(self._session, self.driver, takeover=takeover, exclude=self._exclude)
         desired = np.array(self.settings.desired_speed or recorded_speed(self.bundle))
-        self._ground = Ground(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
+        self._ground = RewardContext(self.simulation.points, desired, self.bundle, self.driver.agent.capability)
         self._slot: dict[str, int] = {}
         self._steps: dict[str, int] = {}
         self._unclean: set[str] = set()

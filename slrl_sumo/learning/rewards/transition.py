@@ -30,7 +30,7 @@ MOVING_DISTANCE = rewards.MOVING_SPEED * DESTINATION_HORIZON
 
 
 @dataclass(frozen=True)
-class Ground:
+class RewardContext:
     """What the terms need of a simulation: places on its lanes by type, desired speed (m/s) by type, and models."""
 
     points: tuple[LanePoints, ...]
@@ -43,7 +43,7 @@ class Ground:
 class Transition:
     """A decision of n road users, which are the first ones of `world`, and what it led to."""
 
-    ground: Ground
+    ground: RewardContext
     before: Situation
     modes: NDArray[np.int64]
     """Chosen, (n,)."""

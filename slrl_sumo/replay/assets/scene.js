@@ -214,7 +214,7 @@ class Scene {
     lines.push(`${speed.toFixed(1)} m/s (${(3.6 * speed).toFixed(0)} km/h)`);
     if (this.waited[row] >= 1) lines.push(`has stood for ${this.waited[row].toFixed(0)} s`);
     if (state > 1) lines.push(`mode ${state - 2}`);
-    if (state) lines.push("learned"); else if (t.told) lines.push("moved by SUMO");
+    if (state) lines.push("learned"); else if (t.marks_learned) lines.push("moved by SUMO");
     return lines;
   }
 }

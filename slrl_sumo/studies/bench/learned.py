@@ -79,7 +79,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
         except InputError as error:
             raise DoesNotFit(error.as_options()) from None
         start = cosimulation.start()
-        tally = RunCounters(start.world)
+        counters = RunCounters(start.world)
         with FcdWriter(Path(folder) / "fcd.xml") as writer:
             for number in range(WARM_UP_DECISIONS + work.steps):
                 if number == WARM_UP_DECISIONS:
@@ -89,7 +89,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
                     decision = cosimulation.decide()
                 for step in decision.steps:
                     writer.write(step.time, step.world, step.places)
-                tally.add(decision)
+                counters.add(decision)
                 stopwatch.lap("record")
                 if number >= WARM_UP_DECISIONS:
                     seconds.append(stopwatch.take())

@@ -21,7 +21,7 @@ from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.shares import parse_shares, served_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
-from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, play
+from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, run_comparison
 from slrl_sumo.studies.compare.tables import distances, rows
 from slrl_sumo.studies.log import StudyLog, inputs_header
 from slrl_sumo.sumo.scenario import Scenario, find_scenario
@@ -76,7 +76,7 @@ def compare(
     missing = [run for run in wanted if run not in done]
     left_out: list[Finished[Run, Record]] = []
     progress(len(wanted) - len(missing), len(wanted))
-    with closing(run_jobs(partial(play, common), missing, settings.backend)) as results:
+    with closing(run_jobs(partial(run_comparison, common), missing, settings.backend)) as results:
         for number, finished in enumerate(results, start=1):
             if finished.record is None:
                 left_out.append(finished)

@@ -36,7 +36,7 @@ ARMS = (SUMO, LEARNED)
 """SUMO: no road user is learned. LEARNED: the road users that are taken over are."""
 
 Record = dict[str, Any]
-"""Measurements of a run, ready for JSON; see `play`."""
+"""Measurements of a run, ready for JSON; see `run_comparison`."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Run:
     arm: str
 
 
-def play(common: ComparedScenario, run: Run) -> Record:
+def run_comparison(common: ComparedScenario, run: Run) -> Record:
     """Do a run in this process. The record depends on the arguments alone.
 
     `trips`: by road user the fields of `trips.Trip`; `driving_stats`: of all road users, see `DrivingStats.record`;

@@ -61,8 +61,8 @@ class Episode:
         return int(np.random.SeedSequence((self.seed, self.number)).generate_state(1)[0] >> 1)
 
 
-def play(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...]:
-    """Play an episode in this process. It depends on its arguments alone.
+def run_episode(settings: EpisodeSettings, episode: Episode) -> tuple[TypeOutcome, ...]:
+    """Run an episode in this process. It depends on its arguments alone.
 
     Raises InputError where scenario or bundle cannot be used, SumoError where SUMO gives up.
     """

@@ -20,7 +20,7 @@ from slrl_sumo.metrics.outcomes import TypeOutcome
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.simulation.settings import MOST_AGENTS
-from slrl_sumo.studies.episodes.episode import SUMO, WARM_UP, Episode, EpisodeSettings, play, recorded
+from slrl_sumo.studies.episodes.episode import SUMO, WARM_UP, Episode, EpisodeSettings, recorded, run_episode
 from slrl_sumo.studies.episodes.plan import EpisodePlan
 from slrl_sumo.studies.episodes.published import published_rows
 from slrl_sumo.studies.episodes.report import print_episodes, write_episodes
@@ -52,7 +52,7 @@ class EvaluationSettings:
     first: int = 0
     """Number of the first episode of each seed, to repeat one that failed."""
     backend: Backend = field(default_factory=Backend)
-    """The processes that play the episodes."""
+    """The processes that run the episodes."""
     recording: Path | None = None
     """Trajectories of recorded road users, counted in the same way."""
 
@@ -66,7 +66,7 @@ def evaluate_scenario(
     """Play all episodes that `folder`/episodes.jsonl does not contain yet, and make the tables, ready for JSON.
 
     `rows`: see `slrl_sumo.studies.episodes.tables`; `published`: rows of the paper; `left_out`: episodes that failed,
-    each with the command that repeats it. The figures do not depend on which processes play the episodes. Memory grows
+    each with the command that repeats it. The figures do not depend on which processes run the episodes. Memory grows
     by one byte for each episode. `progress` receives the numbers of finished and of all episodes, and the episodes per
     second. Raises InputError where settings or files are wrong, SumoError where no episode can be played.
     """
@@ -100,7 +100,7 @@ def evaluate_scenario(
     left_out: list[Finished[Episode, Outcome]] = []
     progress(done, len(plan), 0.0)
     begin = time.perf_counter()
-    with closing(run_jobs(partial(play, common), missing, settings.backend)) as results:
+    with closing(run_jobs(partial(run_episode, common), missing, settings.backend)) as results:
         for finished in results:
             if finished.record is None:
                 left_out.append(finished)

@@ -151,7 +151,7 @@ def trip_figures(trips: Mapping[str, Trip], end: float) -> dict[str, Any]:
 def motion_figures(
     trace: Trace, on: OnLanes, greens: Mapping[str, Sequence[float]], desired: float | None
 ) -> dict[str, Any]:
-    """Figures of the motion of all vehicles; `greens`: see `discharge_headways`; `desired`: see `Situation`."""
+    """Figures of the motion of all vehicles; `greens`: see `discharge_headways`; `desired`: see `TrafficCase`."""
     headways = discharge_headways(trace, on, greens)
     return {
         "saturation_flow": ratio(3600.0 * len(headways), float(headways.sum()), 1) if len(headways) else None,

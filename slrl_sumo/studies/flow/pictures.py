@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from slrl_sumo.scene.geometry import Floats
-from slrl_sumo.studies.flow.play import Record, Run
+from slrl_sumo.studies.flow.run import Record, Run
 
 COLOURS = ("#999999", "#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00")
 """Of Okabe and Ito's palette, which the colour-blind can tell apart; the first is SUMO's."""

@@ -11,7 +11,7 @@ from slrl_sumo.formats.output_files import write_json, writing
 from slrl_sumo.jobs.tables import print_table
 from slrl_sumo.studies.flow.figures import FIGURES
 from slrl_sumo.studies.flow.pictures import draw_fundamental_diagram, draw_under_way
-from slrl_sumo.studies.flow.play import SUMO, Record, Run
+from slrl_sumo.studies.flow.run import SUMO, Record, Run
 
 COLUMNS = ("situation", "figure", "arm", "unit", "value", "ratio")
 """Of results.csv."""

@@ -15,8 +15,8 @@ BICYCLE_SPEED = 5.56
 
 
 @dataclass(frozen=True)
-class Situation:
-    """One situation."""
+class TrafficCase:
+    """A situation in which flow is measured."""
 
     about: str
     """What it measures, one line."""
@@ -30,55 +30,55 @@ class Situation:
     """Whether it is a whole network, which takes minutes."""
 
 
-def _town(about: str, seed: int, *, streets: int, seconds: float, period: float, mixed: bool = False) -> Situation:
+def _town(about: str, seed: int, *, streets: int, seconds: float, period: float, mixed: bool = False) -> TrafficCase:
     build = town(seed, streets=streets, seconds=seconds, period=period, mixed=mixed)
-    return Situation(about, seconds, build, network=True)
+    return TrafficCase(about, seconds, build, network=True)
 
 
-SITUATIONS: dict[str, Situation] = {
-    "free-road": Situation(
+SITUATIONS: dict[str, TrafficCase] = {
+    "free-road": TrafficCase(
         "cars alone on a road of 1,200 m, that depart at 7 m/s, 10 m/s or their desired speed",
         300.0,
         alone("exact", 1200.0, 30.0, 300.0, ("7", "10", "max")),
         SPEED_LIMIT,
     ),
-    "start-car": Situation(
+    "start-car": TrafficCase(
         "cars that start from a stand on an empty road", 240.0, alone("exact", 600.0, 20.0, 240.0, ("0",)), SPEED_LIMIT
     ),
-    "start-bicycle": Situation(
+    "start-bicycle": TrafficCase(
         "bicycles that start from a stand on an empty road",
         240.0,
         alone("rider", 300.0, 20.0, 240.0, ("0",)),
         BICYCLE_SPEED,
     ),
-    "following": Situation("a platoon behind a car that stops twice, on one lane", 240.0, following),
-    "overtaking": Situation("cars and bicycles on a street of two lanes", 300.0, overtaking),
-    "bends": Situation("a road with bends of 30, 60, 90, 110 and 130 degrees", 240.0, bends),
-    "merge": Situation(
+    "following": TrafficCase("a platoon behind a car that stops twice, on one lane", 240.0, following),
+    "overtaking": TrafficCase("cars and bicycles on a street of two lanes", 300.0, overtaking),
+    "bends": TrafficCase("a road with bends of 30, 60, 90, 110 and 130 degrees", 240.0, bends),
+    "merge": TrafficCase(
         "a ramp with an acceleration lane of 200 m joins a road of one lane", 300.0, merge(900.0, 500.0)
     ),
-    "merge-full": Situation("the same with more demand than capacity", 300.0, merge(1300.0, 800.0)),
-    "lane-drop": Situation("a road of two lanes of which the right one ends", 300.0, lane_drop(1500.0)),
-    "lane-drop-full": Situation("the same with more demand than capacity", 300.0, lane_drop(2200.0)),
-    "motorway": Situation("a motorway for 33 m/s with ramps and a lane that ends", 300.0, motorway),
-    "queue": Situation("queues of 20 and more cars that discharge at a signal, two lanes", 405.0, queue),
-    "signal": Situation(
+    "merge-full": TrafficCase("the same with more demand than capacity", 300.0, merge(1300.0, 800.0)),
+    "lane-drop": TrafficCase("a road of two lanes of which the right one ends", 300.0, lane_drop(1500.0)),
+    "lane-drop-full": TrafficCase("the same with more demand than capacity", 300.0, lane_drop(2200.0)),
+    "motorway": TrafficCase("a motorway for 33 m/s with ramps and a lane that ends", 300.0, motorway),
+    "queue": TrafficCase("queues of 20 and more cars that discharge at a signal, two lanes", 405.0, queue),
+    "signal": TrafficCase(
         "a signalised crossing with more demand than capacity, two lanes",
         300.0,
         crossing_roads("traffic_light", 2, dict.fromkeys("nesw", 1400.0), 300.0),
     ),
-    "left-turns": Situation("opposing left turns at a signal that gives both arms green", 300.0, left_turns),
-    "priority": Situation(
+    "left-turns": TrafficCase("opposing left turns at a signal that gives both arms green", 300.0, left_turns),
+    "priority": TrafficCase(
         "a crossing where traffic from two arms gives way",
         300.0,
         crossing_roads("priority", 1, {"e": 500.0, "w": 500.0, "n": 200.0, "s": 200.0}, 300.0),
     ),
-    "all-way-stop": Situation(
+    "all-way-stop": TrafficCase(
         "a crossing where all stop", 300.0, crossing_roads("allway_stop", 1, dict.fromkeys("nesw", 250.0), 300.0)
     ),
-    "roundabout": Situation("a roundabout with four arms of one lane", 300.0, roundabout),
-    "crosswalk": Situation("pedestrians cross a street between junctions", 240.0, crosswalk),
-    "crowd": Situation("a small junction with signals and a crowd of pedestrians", 400.0, crowd(101)),
+    "roundabout": TrafficCase("a roundabout with four arms of one lane", 300.0, roundabout),
+    "crosswalk": TrafficCase("pedestrians cross a street between junctions", 240.0, crosswalk),
+    "crowd": TrafficCase("a small junction with signals and a crowd of pedestrians", 400.0, crowd(101)),
     "town-small": _town("a generated town, 250 departures", 3, streets=40, seconds=600.0, period=1.2),
     "town-1": _town("a generated town, 1,000 departures", 1, streets=100, seconds=900.0, period=0.6),
     "town-2": _town(
@@ -89,24 +89,26 @@ SITUATIONS: dict[str, Situation] = {
         period=0.8,
         mixed=True,
     ),
-    "turn-lanes": Situation(
+    "turn-lanes": TrafficCase(
         "a generated grid of three lanes with lanes for turns and actuated signals, 546 departures",
         600.0,
         grid(4, seconds=600.0, period=0.55),
         network=True,
     ),
-    "crossings": Situation(
+    "crossings": TrafficCase(
         "a generated grid of signals with crossings, 333 cars, 66 bicycles and 333 pedestrians",
         600.0,
         crossings(7, seconds=600.0, period=0.9),
         network=True,
     ),
-    "city": Situation(
+    "city": TrafficCase(
         "the wheel's network of a part of Berlin, 600 departures", 600.0, city("DRT", 600.0, 0.5), network=True
     ),
-    "fkk_in": Situation("the wheel's network of a junction in Ingolstadt", 300.0, game("fkk_in", 300.0), network=True),
-    "cross": Situation("the wheel's crossing with much traffic", 300.0, game("cross", 300.0), network=True),
-    "grid6": Situation("the wheel's grid of signals", 300.0, game("grid6", 300.0), network=True),
-    "A10KW": Situation("the wheel's motorway junction", 400.0, game("A10KW", 400.0), network=True),
+    "fkk_in": TrafficCase(
+        "the wheel's network of a junction in Ingolstadt", 300.0, game("fkk_in", 300.0), network=True
+    ),
+    "cross": TrafficCase("the wheel's crossing with much traffic", 300.0, game("cross", 300.0), network=True),
+    "grid6": TrafficCase("the wheel's grid of signals", 300.0, game("grid6", 300.0), network=True),
+    "A10KW": TrafficCase("the wheel's motorway junction", 400.0, game("A10KW", 400.0), network=True),
 }
 """All situations by name, in the order of the table."""

@@ -16,8 +16,8 @@ from slrl_sumo.jobs.pool import Backend, Finished, portable_name, run_jobs
 from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
-from slrl_sumo.studies.flow.play import SUMO, Record, Run, play
 from slrl_sumo.studies.flow.report import print_flow, write_flow
+from slrl_sumo.studies.flow.run import SUMO, Record, Run, run_case
 from slrl_sumo.studies.flow.situations import SITUATIONS
 from slrl_sumo.studies.flow.tables import rows
 from slrl_sumo.studies.log import StudyLog, bundle_header
@@ -71,7 +71,7 @@ def measure_flow(
     missing = [run for run in wanted if run not in done]
     left_out: list[Finished[Run, Record]] = []
     progress(len(wanted) - len(missing), len(wanted))
-    work = partial(play, portable_name(settings.bundle, shipped_bundles()), settings.share)
+    work = partial(run_case, portable_name(settings.bundle, shipped_bundles()), settings.share)
     with closing(run_jobs(work, missing, settings.backend)) as results:
         for number, finished in enumerate(results, start=1):
             if finished.record is None:

@@ -5,7 +5,7 @@ from statistics import fmean, median
 from typing import Any
 
 from slrl_sumo.studies.flow.figures import FIGURES
-from slrl_sumo.studies.flow.play import SUMO, Record, Run
+from slrl_sumo.studies.flow.run import SUMO, Record, Run
 
 
 def rows(runs: Mapping[Run, Record]) -> list[dict[str, Any]]:

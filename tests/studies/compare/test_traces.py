@@ -13,7 +13,7 @@ import sumo
 from builders import make_recording
 
 from slrl_sumo.metrics.trips import trips_of_trace
-from slrl_sumo.studies.compare.run import SUMO, ComparedScenario, Run, play
+from slrl_sumo.studies.compare.run import SUMO, ComparedScenario, Run, run_comparison
 from slrl_sumo.studies.compare.tables import rows
 from slrl_sumo.sumo.net_file import find_net
 
@@ -45,7 +45,7 @@ def values(folder: Path) -> dict[tuple[str, str], dict[str, Any]]:
 
 def test_a_trace_tells_what_its_run_measured(compared: tuple[Path, str]) -> None:
     common = ComparedScenario("signalised", "intersection", decisions=250, selector="rule")
-    plain = {Run(1, arm): play(common, Run(seed, SUMO)) for seed, arm in ((1, "first"), (2, "second"))}
+    plain = {Run(1, arm): run_comparison(common, Run(seed, SUMO)) for seed, arm in ((1, "first"), (2, "second"))}
     for record in plain.values():  # a road user that is there in the first time step may have been there before
         record["trips"] = {road_user: trip for road_user, trip in record["trips"].items() if trip[2] > 0.0}
     measured = {(row["measure"], row["type"]): row for row in rows(plain, ("first", "second"))}

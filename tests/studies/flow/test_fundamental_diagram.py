@@ -4,7 +4,7 @@ import pytest
 
 from slrl_sumo.studies.flow.fundamental_diagram import edge_states
 from slrl_sumo.studies.flow.pictures import draw_fundamental_diagram, draw_under_way
-from slrl_sumo.studies.flow.play import Run
+from slrl_sumo.studies.flow.run import Run
 from slrl_sumo.studies.flow.trace import TraceBuilder, on_lanes
 from tests.builders import make_world
 from tests.studies.flow.test_trace import lane

@@ -14,7 +14,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.studies.flow.figures import FIGURES
-from slrl_sumo.studies.flow.play import SUMO, Run, learned_shares, play
+from slrl_sumo.studies.flow.run import SUMO, Run, learned_shares, run_case
 from slrl_sumo.studies.flow.study import FlowSettings, measure_flow
 
 Cli = Callable[..., subprocess.CompletedProcess[str]]
@@ -45,7 +45,7 @@ def test_lane_following_starts_as_sumos_own_cars(cli: Cli, tmp_path: Path) -> No
 
 
 def test_a_queue_of_sumos_cars_discharges_with_the_saturation_flow_of_its_drivers() -> None:
-    record = play("intersection", 1.0, Run("queue", SUMO, 1))
+    record = run_case("intersection", 1.0, Run("queue", SUMO, 1))
     assert 1900.0 < record["figures"]["saturation_flow"] < 2150.0
     assert record["figures"]["red_runs"] == 0.0
     assert record["figures"]["under_way"] == record["figures"]["departed"] - record["figures"]["finished"]

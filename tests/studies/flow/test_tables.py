@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from slrl_sumo.studies.flow.play import SUMO, Record, Run
+from slrl_sumo.studies.flow.run import SUMO, Record, Run
 from slrl_sumo.studies.flow.tables import rows
 
 

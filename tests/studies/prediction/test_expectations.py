@@ -49,13 +49,15 @@ def made() -> Trajectories:
 
 def test_a_car_follows_the_curve_ahead_of_it(trained: ModelBundle, made: Trajectories, routes: ExpectedRoutes) -> None:
     selectors = ["greedy", "sampled"]
-    plain, told = (evaluate(made, trained, selectors=selectors, starts_every=30, routes=one) for one in (None, routes))
+    plain, routed = (
+        evaluate(made, trained, selectors=selectors, starts_every=30, routes=one) for one in (None, routes)
+    )
     assert plain["expected_routes"] == []
-    assert told["expected_routes"] == ["car"]
+    assert routed["expected_routes"] == ["car"]
     for selector in selectors:
-        assert _final(told, selector, "car") < 0.75 * _final(plain, selector, "car")
+        assert _final(routed, selector, "car") < 0.75 * _final(plain, selector, "car")
         for kind in ("bicycle", "pedestrian"):  # of which the selector does not count
-            assert _final(told, selector, kind) == pytest.approx(_final(plain, selector, kind), rel=1e-6)
+            assert _final(routed, selector, kind) == pytest.approx(_final(plain, selector, kind), rel=1e-6)
 
 
 def _final(result: dict[str, Any], selector: str, kind: str) -> float:

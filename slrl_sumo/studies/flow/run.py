@@ -48,7 +48,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Played:
+class RecordedRun:
     """What a run has recorded; see `figures`."""
 
     trace: Trace
@@ -57,7 +57,7 @@ class Played:
     record: Record
 
 
-def play(bundle: str, share: float, run: Run) -> Record:
+def run_case(bundle: str, share: float, run: Run) -> Record:
     """Do a run in this process. The record, ready for JSON, depends on the arguments alone.
 
     `bundle`: name or folder; `share`: see `learned_shares`. `trips`: departure and arrival (None: has not arrived), s,
@@ -70,11 +70,11 @@ def play(bundle: str, share: float, run: Run) -> Record:
             config = situation.build(Path(name))
         except NetgenError as error:
             raise SumoError(f"{run.situation}: {error}") from None
-        played = simulate(config, load_bundle(bundle), share, run, situation.seconds)
-    on = on_lanes(played.trace, played.network.lanes)
-    figures = played.record["figures"] | motion_figures(played.trace, on, played.greens, situation.desired)
-    figures |= behaviour_figures(played.trace, on)
-    return played.record | {"figures": figures, "edge_states": edge_states(played.trace, on)}
+        recorded = simulate(config, load_bundle(bundle), share, run, situation.seconds)
+    on = on_lanes(recorded.trace, recorded.network.lanes)
+    figures = recorded.record["figures"] | motion_figures(recorded.trace, on, recorded.greens, situation.desired)
+    figures |= behaviour_figures(recorded.trace, on)
+    return recorded.record | {"figures": figures, "edge_states": edge_states(recorded.trace, on)}
 
 
 def learned_shares(bundle: ModelBundle, selector: str, share: float) -> Floats:
@@ -82,7 +82,7 @@ def learned_shares(bundle: ModelBundle, selector: str, share: float) -> Floats:
     return share * (np.ones(len(RoadUserType)) if selector == "lane" else bundle.types.astype(np.float64))
 
 
-def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds: float) -> Played:
+def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds: float) -> RecordedRun:
     """Run the scenario `config` for `seconds` s of simulated time."""
     learning, scenario = run.arm != SUMO, find_scenario(str(config))
     with one_thread(), SumoSession(scenario, seed=run.seed, step_length=DECISION_INTERVAL) as session:
@@ -113,7 +113,7 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
         "under_way_by_minute": figures.pop("under_way_by_minute"),
         "figures": figures,
     }
-    return Played(builder.build(), network, greens.begins, record)
+    return RecordedRun(builder.build(), network, greens.begins, record)
 
 
 def _arm(session: SumoSession, bundle: ModelBundle, share: float, run: Run) -> CoSimulation:
