@@ -235,3 +235,13 @@ def test_names_that_are_not_there_are_found() -> None:
     assert not missing("slrl_sumo.parallel_env", set())
     assert missing("WorldState.no_such_field", set())
     assert not missing("WorldState.speed", set())
+
+
+def test_modules_of_the_architecture_hold_what_it_says() -> None:
+    """Each row of its table of one decision names a module, and functions or classes in it."""
+    rows = re.findall(r"^\| \d+ \| `([\w/]+\.py)` \| (.*) \|$", PAGES["docs/architecture.md"], re.MULTILINE)
+    assert len(rows) == 12
+    for module, step in rows:
+        held = members(ROOT / "slrl_sumo" / module)
+        first = re.match(r"`(\w+)", step)
+        assert first is None or first[1] in held, f"{module}: {step}"

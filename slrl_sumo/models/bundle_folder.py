@@ -40,8 +40,8 @@ def find_bundle(name_or_folder: str | Path) -> Path:
 
 
 def usual_selector_of(name_or_folder: str | Path) -> str:
-    """What `agent.driver.usual_selector` says of a bundle whose trained selector need not be read; of a damaged one as
-    of one without a word on it: reading it says how."""
+    """What `agent.make_driver.usual_selector` says of a bundle, without reading its trained selector; a damaged
+    selector counts as one that names none: reading it says how it is damaged."""
     file = find_bundle(name_or_folder) / POLICY_FILES[0]
     if not file.with_name(POLICY_FILES[1]).is_file() and not file.is_file():
         return "rule"

@@ -47,7 +47,7 @@ class LearnedSettings:
     bundle: str | Path = DEFAULT_BUNDLE
     """Shipped bundle, or folder of one."""
     selector: str | None = None
-    """prior, rule, greedy, sampled or lane; None: that of the bundle (see `agent.driver.usual_selector`)."""
+    """prior, rule, greedy, sampled or lane; None: that of the bundle (see `agent.make_driver.usual_selector`)."""
     guard: bool = False
     """Modes that run into a conflict are not chosen where others are left (see agent.guard)."""
     without: tuple[str, ...] = ()
