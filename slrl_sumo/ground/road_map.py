@@ -54,7 +54,6 @@ class RoadMap:
         boxes = piece_boxes(shapes.shapes, core)
         self.bounds: tuple[float, float, float, float] = boxes.bounds
         """(x0, y0, x1, y1) of all shapes in m; zeros without shapes."""
-        self._surfaces = frozenset(shape.surface for shape in shapes.shapes)
         self._tiles = Tiles(
             shapes,
             index_by_tile(boxes, core, margin),
@@ -64,10 +63,6 @@ class RoadMap:
             memory_limit=memory_limit,
         )
         self._near_cell, self._near = _occupancy(shapes.shapes, self.bounds)
-
-    def has(self, surface: Surface) -> bool:
-        """Whether any shape is of this surface."""
-        return surface in self._surfaces
 
     @property
     def resident_bytes(self) -> int:

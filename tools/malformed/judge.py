@@ -19,8 +19,6 @@ GIVE_UP_S = 300.0
 GIVE_UP_MIB = 4096
 """Memory at which it is killed, so that the machine survives."""
 POLL_S = 0.05
-NOTES = ("note: ", "notice: ", "importing", "doctor")
-"""Beginnings of lines that are no errors."""
 
 
 @dataclass(frozen=True)
