@@ -45,8 +45,8 @@ from slrl_sumo.scene.geometry import front_from_centre, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.placement.spawn import starting_points, type_counts
 from slrl_sumo.simulation.region import Region
-from slrl_sumo.simulation.spawn import starting_points, type_counts
 from slrl_sumo.simulation.takeover import Takeover
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import LanePoints

@@ -16,7 +16,7 @@ from benchmarks.takeover.paths_picture import choose_paths, draw_paths
 from benchmarks.takeover.trip_outcomes import TakenTrip, TakenTrips, count_outcomes
 from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.metrics.driving_stats import DrivingStats
-from slrl_sumo.metrics.signal_crossings import SignalCrossing, SignalCrossings
+from slrl_sumo.metrics.traffic.signal_crossings import SignalCrossing, SignalCrossings
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats

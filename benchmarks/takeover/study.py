@@ -18,7 +18,7 @@ How things are counted:
   run more than a trip's time.
 - Time in the region: of those that left on their own route, from takeover to leaving or arriving; the ratio to `sumo`
   is over those that left in both runs.
-- Signals: slrl_sumo/metrics/signal_crossings.py. Overlaps: slrl_sumo/metrics/driving_stats.py, every 0.4 s.
+- Signals: slrl_sumo/metrics/traffic/signal_crossings.py. Overlaps: slrl_sumo/metrics/driving_stats.py, every 0.4 s.
 - Off surface, speeds, braking (below -4.5 m/s²): of all steps (0.4 s) of road users while learned, or followed.
 - Cars on their lanes: lane_keeping.py; changes of side beyond 0.15 m. After the hand-back: hand_back.py.
 - Agent-steps per s: learned road users times decisions over the wall time of the loop, SUMO's steps included.

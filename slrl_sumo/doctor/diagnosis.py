@@ -11,7 +11,7 @@ from slrl_sumo.doctor.versions import version_findings
 from slrl_sumo.errors import InputError
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.types import DEFAULT_LENGTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.spawn import legal_lanes, starting_points
+from slrl_sumo.simulation.placement.spawn import legal_lanes, starting_points
 from slrl_sumo.sumo.network import LANE_WIDTH, Network
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.scenario.demand import Demand, read_demand

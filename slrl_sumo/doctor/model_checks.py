@@ -14,7 +14,7 @@ from slrl_sumo.models.capability import Capability, capability_of
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import SPACING
 from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.spawn import legal_lanes
+from slrl_sumo.simulation.placement.spawn import legal_lanes
 from slrl_sumo.simulation.takeover import fast_lanes
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network

@@ -1,5 +1,5 @@
-"""What is measured: conflicts, safety, realism, queues, counters of a run, trips, signals.
+"""What is measured: conflicts, safety, realism, counters of a run; in `traffic` trips, queues, density and signals.
 
-Pure functions on trajectories; accumulators that follow a run (counters of simulation.events); `trips` and
-`signal_crossings` also ask SUMO, through slrl_sumo.sumo.
+Pure functions on trajectories; accumulators that follow a run (counters of simulation.events); `traffic.trips` and
+`traffic.signal_crossings` also ask SUMO, through slrl_sumo.sumo.
 """

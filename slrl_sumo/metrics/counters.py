@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import OWN_SURFACE
-from slrl_sumo.metrics.density import Density
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts, per_road_user
+from slrl_sumo.metrics.traffic.density import Density
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.scene.state import WorldState

@@ -3,7 +3,7 @@
 from slrl_sumo.metrics.conflicts import PET_LIMIT
 from slrl_sumo.metrics.encounters import DEFINITIONS as ENCOUNTERS
 from slrl_sumo.metrics.encounters import TTC_LIMIT
-from slrl_sumo.metrics.queues import QUEUE_CELL, QUEUE_SPEED, WAIT
+from slrl_sumo.metrics.traffic.queues import QUEUE_CELL, QUEUE_SPEED, WAIT
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "learned": (

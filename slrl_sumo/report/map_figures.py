@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.picture import GroundPicture
-from slrl_sumo.metrics.corridor import along, busiest
+from slrl_sumo.metrics.traffic.corridor import along, busiest
 from slrl_sumo.report.looks import Look
 from slrl_sumo.scene.types import TYPE_NAMES
 

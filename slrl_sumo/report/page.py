@@ -9,7 +9,7 @@ import numpy as np
 from slrl_sumo.metrics.conflicts import PET_LIMIT, Conflicts
 from slrl_sumo.metrics.distributions import QUANTITIES, Kinematics, kinematic_distances
 from slrl_sumo.metrics.encounters import TTC_LIMIT
-from slrl_sumo.metrics.queues import Queue
+from slrl_sumo.metrics.traffic.queues import Queue
 from slrl_sumo.report.conflict_figures import GROUP_NAMES
 from slrl_sumo.report.definitions import DEFINITIONS
 from slrl_sumo.report.looks import DARK

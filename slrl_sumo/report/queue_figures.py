@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from slrl_sumo.ground.picture import GroundPicture
-from slrl_sumo.metrics.queues import Queue
+from slrl_sumo.metrics.traffic.queues import Queue
 from slrl_sumo.report.looks import Look
 
 NAMED_QUEUES = 8

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from slrl_sumo.formats.signal_states import Shown, SignalState, add_state
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
-from slrl_sumo.metrics.queues import StandingLanes
+from slrl_sumo.metrics.traffic.queues import StandingLanes
 from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started, Views

@@ -12,7 +12,7 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.ground.picture import draw_ground
 from slrl_sumo.metrics.conflicts import pet_conflicts, ttc_conflicts
 from slrl_sumo.metrics.distributions import kinematics
-from slrl_sumo.metrics.queues import find_queues
+from slrl_sumo.metrics.traffic.queues import find_queues
 from slrl_sumo.report.conflict_figures import draw_conflicts
 from slrl_sumo.report.looks import LOOKS, Look
 from slrl_sumo.report.map_figures import draw_density, draw_paths, draw_space_time

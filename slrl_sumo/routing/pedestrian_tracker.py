@@ -21,7 +21,7 @@ PAST = 0.5
 """m past its waiting place up to which a person still counts as being there; the kerb is there."""
 KERB = 1.0
 """m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge, others cut the corner before
-it. `metrics.signal_crossings` counts from there on."""
+it. `metrics.traffic.signal_crossings` counts from there on."""
 OFF_PATH = 4.0
 """m beside its path beyond which an observed person is somewhere else on it, or on another path."""
 ASTRAY = 6.0

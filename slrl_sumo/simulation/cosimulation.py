@@ -17,11 +17,11 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.simulation.background_state import Differences, background_world, places_of
 from slrl_sumo.simulation.events import LEFT_SURFACE, Decision, Step
+from slrl_sumo.simulation.placement.spawn import draw_starts, starting_points, starting_speeds
+from slrl_sumo.simulation.placement.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.simulation.population import Population
-from slrl_sumo.simulation.spawn import draw_starts, starting_points, starting_speeds
 from slrl_sumo.simulation.takeover import Handover, Takeover
 from slrl_sumo.simulation.trace_places import TracePlaces
-from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Reader, Snapshot

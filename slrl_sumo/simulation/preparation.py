@@ -12,10 +12,10 @@ from slrl_sumo.models.bundle_folder import usual_selector_of
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation, Session
 from slrl_sumo.simulation.excluded import parse_excluded
+from slrl_sumo.simulation.placement.spawn import type_counts
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.settings import LearnedSettings
 from slrl_sumo.simulation.shares import parse_mix, parse_shares, served_shares
-from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.simulation.takeover import Takeover, fast_lanes
 
 

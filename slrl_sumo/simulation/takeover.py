@@ -17,9 +17,9 @@ from slrl_sumo.scene.contacts import colliding_pairs
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, STANDING_SPEED, RoadUserType
+from slrl_sumo.simulation.placement.wraparound import left_scene
 from slrl_sumo.simulation.population import Population
 from slrl_sumo.simulation.region import Region
-from slrl_sumo.simulation.wraparound import left_scene
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.taken_over import TakenOverControl

@@ -16,7 +16,7 @@ from lxml import etree
 
 import slrl_sumo
 from slrl_sumo.api import run as outputs
-from slrl_sumo.metrics.density import Density
+from slrl_sumo.metrics.traffic.density import Density
 from slrl_sumo.simulation.events import Decision, Event, Started
 from slrl_sumo.simulation.run import run
 from slrl_sumo.simulation.settings import RunSettings

@@ -15,7 +15,7 @@ from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.routing.polyline import line_through
 from slrl_sumo.routing.walk_graph import WalkGraph
 from slrl_sumo.routing.walk_path import ASIDE, CLEARANCE, OFF_VEHICLES
-from slrl_sumo.studies.flow.junctions import crosswalk
+from slrl_sumo.studies.flow.scenarios.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -26,7 +26,7 @@ from slrl_sumo.scene.contacts import contact_pairs, ids_of
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
-from slrl_sumo.simulation.spawn import type_counts
+from slrl_sumo.simulation.placement.spawn import type_counts
 from slrl_sumo.sumo.scenario import Scenario
 from slrl_sumo.sumo.session import SumoSession
 

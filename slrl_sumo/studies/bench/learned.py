@@ -27,9 +27,9 @@ from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.placement.spawn import type_counts
 from slrl_sumo.simulation.preparation import with_learned
 from slrl_sumo.simulation.shares import parse_mix
-from slrl_sumo.simulation.spawn import type_counts
 from slrl_sumo.studies.bench.measurement_process import DoesNotFit, Workload
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

@@ -7,8 +7,8 @@ from time import perf_counter
 import numpy as np
 
 from slrl_sumo.scene.types import RoadUserType
+from slrl_sumo.simulation.placement.spawn import draw_starts, starting_points, type_counts
 from slrl_sumo.simulation.shares import parse_mix
-from slrl_sumo.simulation.spawn import draw_starts, starting_points, type_counts
 from slrl_sumo.studies.bench.measurement_process import Workload
 from slrl_sumo.sumo.api import StageRecord
 from slrl_sumo.sumo.network.lanes import LanePoints

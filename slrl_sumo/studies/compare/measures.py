@@ -6,7 +6,7 @@ from statistics import fmean
 
 from slrl_sumo.metrics.conflicts import PET_LIMIT
 from slrl_sumo.metrics.encounters import DEFINITIONS, TTC_LIMIT
-from slrl_sumo.metrics.trips import Trip
+from slrl_sumo.metrics.traffic.trips import Trip
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.studies.compare.run import Record
 

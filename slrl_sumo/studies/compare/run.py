@@ -12,8 +12,8 @@ from slrl_sumo.formats.trajectory_builder import TrajectoryBuilder
 from slrl_sumo.metrics.conflicts import Conflicts, pet_conflicts, ttc_conflicts
 from slrl_sumo.metrics.distributions import EDGES, QUANTITIES, histogram, kinematics
 from slrl_sumo.metrics.driving_stats import DrivingStats
-from slrl_sumo.metrics.signal_crossings import SignalCrossings
-from slrl_sumo.metrics.trips import Trips
+from slrl_sumo.metrics.traffic.signal_crossings import SignalCrossings
+from slrl_sumo.metrics.traffic.trips import Trips
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.scene.geometry import Floats

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from slrl_sumo.metrics.distributions import QUANTITIES, divergence
-from slrl_sumo.metrics.trips import Trip
+from slrl_sumo.metrics.traffic.trips import Trip
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.compare.measures import MEASURES, Measure, SeedRun
 from slrl_sumo.studies.compare.run import ARMS, Record, Run

@@ -13,7 +13,7 @@ from slrl_sumo.formats.fcd.read import read_fcd_types
 from slrl_sumo.formats.trajectories import Trajectories, road_users
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.metrics.driving_stats import DrivingStats
-from slrl_sumo.metrics.trips import Trip, trips_of_trace
+from slrl_sumo.metrics.traffic.trips import Trip, trips_of_trace
 from slrl_sumo.scene.types import TYPE_NAMES
 from slrl_sumo.studies.compare.measures import ALL_TYPES, TRACE_MEASURES
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison

@@ -20,10 +20,10 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, DEFAULT_LENGTH, DEFAULT_WID
 from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.simulation.cosimulation import CoSimulation
 from slrl_sumo.simulation.events import LEFT_SURFACE
-from slrl_sumo.simulation.insertion import boxes_of
+from slrl_sumo.simulation.placement.insertion import boxes_of
+from slrl_sumo.simulation.placement.spawn import draw_starts, starting_speeds, type_counts
+from slrl_sumo.simulation.placement.wraparound import ENTRY_ROOM
 from slrl_sumo.simulation.preparation import with_learned
-from slrl_sumo.simulation.spawn import draw_starts, starting_speeds, type_counts
-from slrl_sumo.simulation.wraparound import ENTRY_ROOM
 from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from slrl_sumo.metrics.counters import ratio
-from slrl_sumo.metrics.trips import Trip
+from slrl_sumo.metrics.traffic.trips import Trip
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.studies.flow.behaviour import (

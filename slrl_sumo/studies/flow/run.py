@@ -11,8 +11,8 @@ from slrl_sumo.agent.constraints import Constraints
 from slrl_sumo.agent.make_driver import GUARDED
 from slrl_sumo.errors import SumoError
 from slrl_sumo.metrics.encounters import ALL, EncounterCounts
-from slrl_sumo.metrics.signal_crossings import SignalCrossings
-from slrl_sumo.metrics.trips import Trips
+from slrl_sumo.metrics.traffic.signal_crossings import SignalCrossings
+from slrl_sumo.metrics.traffic.trips import Trips
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.threads import one_thread
 from slrl_sumo.netgen.errors import NetgenError

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from slrl_sumo.studies.flow.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
-from slrl_sumo.studies.flow.roads import alone, bends, following, lane_drop, merge, motorway, overtaking
-from slrl_sumo.studies.flow.scenario_files import SPEED_LIMIT
-from slrl_sumo.studies.flow.towns import city, crossings, crowd, grid, town
-from slrl_sumo.studies.flow.wheel import game
+from slrl_sumo.studies.flow.scenarios.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
+from slrl_sumo.studies.flow.scenarios.roads import alone, bends, following, lane_drop, merge, motorway, overtaking
+from slrl_sumo.studies.flow.scenarios.scenario_files import SPEED_LIMIT
+from slrl_sumo.studies.flow.scenarios.towns import city, crossings, crowd, grid, town
+from slrl_sumo.studies.flow.scenarios.wheel import game
 
 BICYCLE_SPEED = 5.56
 """m/s: what SUMO's default bicycle wants to go, 20 km/h."""

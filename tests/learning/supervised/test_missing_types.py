@@ -15,8 +15,8 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.learning.environments.road_user_env import RoadUserEnv
 from slrl_sumo.learning.rewards.transition import recorded_speed
 from slrl_sumo.models.bundle import load_bundle
+from slrl_sumo.simulation.placement.spawn import starting_points, type_counts
 from slrl_sumo.simulation.shares import parse_mix, served_shares
-from slrl_sumo.simulation.spawn import starting_points, type_counts
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -16,7 +16,7 @@ from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.studies.flow.junctions import crosswalk
+from slrl_sumo.studies.flow.scenarios.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_world

@@ -12,7 +12,7 @@ from slrl_sumo.routing.junctions.occupants import UNUSED, USUAL, Occupant
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, _stand_off
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.studies.flow.junctions import left_turns
+from slrl_sumo.studies.flow.scenarios.junctions import left_turns
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from tests.builders import make_world

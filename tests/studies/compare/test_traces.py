@@ -12,7 +12,7 @@ import pytest
 import sumo
 from builders import make_recording
 
-from slrl_sumo.metrics.trips import trips_of_trace
+from slrl_sumo.metrics.traffic.trips import trips_of_trace
 from slrl_sumo.studies.compare.run import SUMO, ComparedScenario, Run, run_comparison
 from slrl_sumo.studies.compare.tables import rows
 from slrl_sumo.sumo.net_file import find_net

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slrl_sumo.metrics.trips import Trip
+from slrl_sumo.metrics.traffic.trips import Trip
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.studies.flow.figures import start_figures, time_headways, trip_figures
 from slrl_sumo.studies.flow.trace import Trace, TraceBuilder, on_lanes

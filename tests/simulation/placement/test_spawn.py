@@ -14,8 +14,7 @@ from slrl_sumo.scene.contacts import close_pairs, contact_pairs
 from slrl_sumo.scene.geometry import to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.shares import parse_mix
-from slrl_sumo.simulation.spawn import (
+from slrl_sumo.simulation.placement.spawn import (
     DEFAULT_MIX,
     draw_starts,
     legal_lanes,
@@ -24,6 +23,7 @@ from slrl_sumo.simulation.spawn import (
     starting_speeds,
     type_counts,
 )
+from slrl_sumo.simulation.shares import parse_mix
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
@@ -256,7 +256,7 @@ def test_points_of_no_network_are_no_starts() -> None:
 def test_places_are_farther_apart_where_there_would_be_too_many(monkeypatch: pytest.MonkeyPatch) -> None:
     with SumoSession(find_scenario("district")) as session:
         usual = starting_points(session.network)
-        monkeypatch.setattr("slrl_sumo.simulation.spawn.MOST_STARTING_POINTS", 1000)
+        monkeypatch.setattr("slrl_sumo.simulation.placement.spawn.MOST_STARTING_POINTS", 1000)
         fewer = starting_points(session.network)
     # Short lanes have one place however few there are to be.
     assert [len(points) <= max(1000, 2 * len(points.lanes)) for points in fewer] == [True] * 3

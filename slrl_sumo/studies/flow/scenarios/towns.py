@@ -14,8 +14,8 @@ from slrl_sumo.netgen.binaries import run_program
 from slrl_sumo.netgen.errors import NetgenError
 from slrl_sumo.netgen.families import generate
 from slrl_sumo.netgen.plan import Edge, Node, Plan, write_plan
-from slrl_sumo.studies.flow.scenario_files import write_config
-from slrl_sumo.studies.flow.wheel import games
+from slrl_sumo.studies.flow.scenarios.scenario_files import write_config
+from slrl_sumo.studies.flow.scenarios.wheel import games
 
 REST = 300.0
 """s at the end of a run without departures, for the vehicles that are still under way."""

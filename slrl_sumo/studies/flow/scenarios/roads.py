@@ -7,7 +7,7 @@ from pathlib import Path
 from slrl_sumo.netgen.motorway import RAMP_OPTIONS, place_motorway
 from slrl_sumo.netgen.plan import Edge, Plan
 from slrl_sumo.netgen.specs import MotorwaySpec
-from slrl_sumo.studies.flow.scenario_files import element, flow, nodes, road, write_situation
+from slrl_sumo.studies.flow.scenarios.scenario_files import element, flow, nodes, road, write_situation
 
 BENDS = (30, -60, 90, -110, 130)
 """Degrees by which the road turns to the left at each bend."""

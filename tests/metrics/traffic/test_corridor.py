@@ -5,7 +5,7 @@ import pytest
 from builders import make_recording
 
 from slrl_sumo.formats.trajectories import Trajectories
-from slrl_sumo.metrics.corridor import along, busiest
+from slrl_sumo.metrics.traffic.corridor import along, busiest
 
 Ways = list[tuple[np.ndarray, np.ndarray, float]]
 

@@ -3,7 +3,7 @@
 from math import hypot
 
 from slrl_sumo.netgen.plan import Edge, Node, Plan
-from slrl_sumo.studies.flow.towns import RADIUS, with_roundabouts
+from slrl_sumo.studies.flow.scenarios.towns import RADIUS, with_roundabouts
 
 
 def test_a_roundabout_has_a_ring_through_all_its_streets() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from builders import make_world
 
-from slrl_sumo.metrics.signal_crossings import SignalCrossings, outside_by, shortened
+from slrl_sumo.metrics.traffic.signal_crossings import SignalCrossings, outside_by, shortened
 from slrl_sumo.netgen.scenario import write_scenario
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.routing.walking_area import distance_to

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lxml import etree
 
-from slrl_sumo.studies.flow.scenario_files import write_config
+from slrl_sumo.studies.flow.scenarios.scenario_files import write_config
 
 GREEN = 30
 """s; phases that wait for a player (10,000 s) last so long instead."""

@@ -1,7 +1,7 @@
 import numpy as np
 from builders import make_world
 
-from slrl_sumo.metrics.density import Density
+from slrl_sumo.metrics.traffic.density import Density
 from slrl_sumo.scene.types import RoadUserType
 
 

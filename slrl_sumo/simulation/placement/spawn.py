@@ -10,7 +10,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.scene.types import DEFAULT_LENGTH, DEFAULT_WIDTH, TYPE_NAMES, RoadUserType
-from slrl_sumo.simulation.insertion import insertions, safe_speed
+from slrl_sumo.simulation.placement.insertion import insertions, safe_speed
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 

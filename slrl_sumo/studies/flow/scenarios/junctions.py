@@ -6,7 +6,7 @@ from pathlib import Path
 from slrl_sumo.netgen.network import build_net
 from slrl_sumo.netgen.plan import Edge, Plan
 from slrl_sumo.netgen.specs import RoundaboutSpec
-from slrl_sumo.studies.flow.scenario_files import (
+from slrl_sumo.studies.flow.scenarios.scenario_files import (
     SPEED_LIMIT,
     element,
     flow,

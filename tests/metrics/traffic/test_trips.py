@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from slrl_sumo.metrics.trips import Trips
+from slrl_sumo.metrics.traffic.trips import Trips
 from slrl_sumo.scene.state import WorldState, empty_world
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.simulation.background_state import Differences, background_world

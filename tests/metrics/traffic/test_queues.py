@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from builders import make_recording
 
-from slrl_sumo.metrics.queues import find_queues
+from slrl_sumo.metrics.traffic.queues import find_queues
 
 STOP = np.concatenate([np.arange(0.0, 20.0, 4.0), np.full(40, 20.0)])
 """x of a vehicle that stands from frame 5 on, for 16 s."""

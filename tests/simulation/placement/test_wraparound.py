@@ -13,8 +13,8 @@ from slrl_sumo.scene.contacts import contact_pairs
 from slrl_sumo.scene.geometry import from_ego, to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState, empty_world
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.spawn import starting_points
-from slrl_sumo.simulation.wraparound import left_scene, reinsert, start_anew
+from slrl_sumo.simulation.placement.spawn import starting_points
+from slrl_sumo.simulation.placement.wraparound import left_scene, reinsert, start_anew
 from slrl_sumo.sumo.network.lanes import LanePoints
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

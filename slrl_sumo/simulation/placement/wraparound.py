@@ -10,8 +10,8 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.scene.geometry import Floats, to_ego, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
-from slrl_sumo.simulation.insertion import boxes_of, insertions, safe_speed
-from slrl_sumo.simulation.spawn import starting_speed
+from slrl_sumo.simulation.placement.insertion import boxes_of, insertions, safe_speed
+from slrl_sumo.simulation.placement.spawn import starting_speed
 from slrl_sumo.sumo.network.lanes import LanePoints
 
 ENTRY_CANDIDATES = (24, 384)

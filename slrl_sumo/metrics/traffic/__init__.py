@@ -1,0 +1,1 @@
+"""What traffic engineering measures: trips, queues, density, corridors, crossings of signals."""
