@@ -151,7 +151,7 @@ def opened(
 def situations(context: RouteContext, users: WorldState) -> dict[str, NDArray[np.bool_]]:
     """Which of n road users are in each of SITUATIONS, (n,) each."""
     route, walks = context.route, users.type == RoadUserType.PEDESTRIAN
-    drives, inside = route.known & ~walks, np.isfinite(route.entered)
+    drives, inside = route.known & ~walks, np.isfinite(route.junction_entry_time)
     nearest = np.minimum(context.leader_gap, context.stop_distance)
     moves = users.speed > STANDING_SPEED
     masks = (

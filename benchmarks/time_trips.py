@@ -52,7 +52,11 @@ def main() -> None:
                 route = None if situation is None else situation.scene.route
                 world = arena.simulation.world
                 parts = [modes, outcome.reward, outcome.terminated, world.x, world.y, world.heading]
-                parts += [] if route is None else [route.stop, route.line, route.desired, route.left, route.x, route.y]
+                parts += (
+                    []
+                    if route is None
+                    else [route.stop, route.line, route.desired_speed, route.remaining_distance, route.x, route.y]
+                )
                 for part in parts:
                     digest.update(np.ascontiguousarray(part).tobytes())
     print(

@@ -51,14 +51,14 @@ class DeadlockTimer:
         `users` and `context`: all learned road users; `allowed_speed`: m/s, (n,). Call it once per decision.
         """
         route = context.route
-        inside = np.isfinite(route.entered)
+        inside = np.isfinite(route.junction_entry_time)
         # Also where the exit of the junction is taken: inside, it would stop others, until all stand in a circle.
         waits = (route.stop < WAITING) | (~inside & (context.stop_distance < WAITING))
         waits &= route.stop > -BEYOND
         # A red signal is a reason to stand at its line, and behind others that may stand there: not 260 m before it,
         # and inside a junction not at the next one.
         held = context.queues & (allowed_speed <= FREE)
-        closed = route.closed & ~inside & ((route.stop < WAITING) | held)
+        closed = route.stop_at_signal & ~inside & ((route.stop < WAITING) | held)
         standing = route.known & (users.speed < STANDING)
         rows = np.flatnonzero(standing & ~closed & ~waits).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []

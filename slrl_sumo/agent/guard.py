@@ -37,7 +37,7 @@ def guard(rollouts: ModeRollouts, kind: NDArray[np.int8], route: RouteAhead) -> 
         rollouts.collision_off_route,
         rollouts.off_surface,
         np.where(driving[:, None], fit.follow_ratio, 0.0),
-        np.where((route.known & route.closed)[:, None], fit.stop_ratio, 0.0),
+        np.where((route.known & route.stop_at_signal)[:, None], fit.stop_ratio, 0.0),
     )
 
 

@@ -60,11 +60,11 @@ def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -
     driving = route.known & (users.type[: len(route)] != RoadUserType.PEDESTRIAN)
     if not driving.any():
         return route, changed
-    x, y, desired, tight = route.x.copy(), route.y.copy(), route.desired.copy(), np.zeros(len(route))
+    x, y, desired, tight = route.x.copy(), route.y.copy(), route.desired_speed.copy(), np.zeros(len(route))
     largest = np.ascontiguousarray(capability.sharpest)
     rows, drawn = np.flatnonzero(driving), (route.x, route.y)
     _smooth(x, y, drawn, route.spacing, desired, tight, rows, users.type, users.speed, largest, changed)
-    return replace(route, x=x, y=y, desired=desired, tight=tight), changed
+    return replace(route, x=x, y=y, desired_speed=desired, tight_curvature=tight), changed
 
 
 def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:

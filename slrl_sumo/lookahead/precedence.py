@@ -30,7 +30,7 @@ def precedence(context: RouteContext | None, following: PathFollowing, users: in
     """The precedence among the road users of `context`, the first ones of a world of so many `users`."""
     if context is None:
         return Precedence(np.zeros(0), following.follows, np.zeros(0, np.int64), users)
-    return Precedence(context.route.entered, following.follows, context.in_way, users)
+    return Precedence(context.route.junction_entry_time, following.follows, context.in_way, users)
 
 
 @compiled

@@ -79,7 +79,7 @@ def route_fit(
     here = _Here(
         users.type,
         route.known[rows],
-        route.desired[rows],
+        route.desired_speed[rows],
         context.stop_distance[rows],
         context.follow_distance[rows],
         context.follow_speed[rows],
@@ -93,7 +93,7 @@ def allowed_speed(context: RouteContext, capability: Capability, users: WorldSta
     here = _Here(
         users.type,
         context.route.known,
-        context.route.desired,
+        context.route.desired_speed,
         context.stop_distance,
         context.follow_distance,
         context.follow_speed,

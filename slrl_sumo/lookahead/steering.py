@@ -63,9 +63,9 @@ def steering_residual(
     _, offset, direction = on_path(route, x, y, rows)
     walks = users.type == PEDESTRIAN
     speed = np.ascontiguousarray(paths.speed[:, then])
-    most = np.maximum(max_curvature[users.type], (1.0 + TIGHTER) * route.tight[rows])
+    most = np.maximum(max_curvature[users.type], (1.0 + TIGHTER) * route.tight_curvature[rows])
     return _residual(
-        route.known[rows], walks, users.heading, yaw_rate, offset, direction, speed, most, route.tight[rows]
+        route.known[rows], walks, users.heading, yaw_rate, offset, direction, speed, most, route.tight_curvature[rows]
     )
 
 

@@ -89,7 +89,7 @@ def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tupl
     """`stop_distance` and `follow_distance` (see RouteContext) of the first road users of `world`, those of `route`,
     with these leaders, (n,) each."""
     n = len(route)
-    lines = route.stop, route.keep, route.out, route.wait
+    lines = route.stop, route.keep_clear_line, route.keep_clear_exit, route.waiting_position
     return _stop_distances(world.type[:n], world.length[:n], *lines, ahead.gap, ahead.speed, ahead.row, ahead.stop)
 
 

@@ -65,7 +65,16 @@ def route_features(heading: Floats, context: RouteContext) -> NDArray[np.float32
     route = context.route
     heading_error = wrap_angle(heading - context.direction)
     # m and m/s that are cut off at FAR, in the order of their columns.
-    far = np.column_stack([route.stop, route.line, route.desired, route.left, context.leader_gap, context.leader_speed])
+    far = np.column_stack(
+        [
+            route.stop,
+            route.line,
+            route.desired_speed,
+            route.remaining_distance,
+            context.leader_gap,
+            context.leader_speed,
+        ]
+    )
     offset, direction = context.lateral_offset, context.direction
     return _table(route.known, route.x, route.y, route.spacing, route.signal, offset, heading_error, direction, far)
 

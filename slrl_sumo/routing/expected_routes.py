@@ -110,7 +110,7 @@ def routes_ahead(expected: Sequence[ExpectedRoute | None], world: WorldState) ->
         reach = AGAIN + world.speed.item(i) * DECISION_INTERVAL
         s, _, distance = one.line.place(world.x.item(i), world.y.item(i), one.s - AGAIN, one.s + reach)
         one.s = s if math.isfinite(distance) else one.s
-        route.known[i], route.desired[i] = True, one.desired
+        route.known[i], route.desired_speed[i] = True, one.desired
         route.spacing[i] = spacing = spacing_at(world.speed.item(i))
         one.line.draw(one.s - BEHIND * spacing / SPACING, spacing, route.x, route.y, i)
     return route

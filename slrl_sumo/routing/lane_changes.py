@@ -65,8 +65,8 @@ SIGHT = 60.0
 """m ahead and behind."""
 
 
-class Wish(NamedTuple):
-    """A vehicle that is changing lanes or would like to."""
+class LaneChange(NamedTuple):
+    """A lane change that is under way, or for which a vehicle waits for a gap."""
 
     row: int
     """In the world."""
@@ -99,39 +99,41 @@ def is_far(left: float, speed: float) -> bool:
     return left > max(FAR[0] * speed, FAR[1])
 
 
-def has_gap(world: WorldState, wish: Wish, entering: Sequence[int] = (), levels: Levels = FLAT) -> bool:
+def has_gap(world: WorldState, change: LaneChange, entering: Sequence[int] = (), levels: Levels = FLAT) -> bool:
     """Whether there is room in the next lane; `entering`: rows of vehicles that are changing to it as well."""
-    around, speed = _around(world, wish, levels), world.speed[wish.row]
+    around, speed = _around(world, change, levels), world.speed[change.row]
     around.in_lane[list(entering)] = True
     faster = np.maximum(np.where(around.ahead > 0, speed - world.speed, world.speed - speed), 0.0)
-    hurried = wish.left < HURRY
+    hurried = change.left < HURRY
     margin, closing = (HURRIED_MARGIN, HURRIED_CLOSING) if hurried else (MARGIN, CLOSING)
     needed = margin + closing * faster + faster**2 / (2.0 * BRAKES)
     return bool(np.all(around.clear[around.in_lane] > needed[around.in_lane]))
 
 
-def faster_there(world: WorldState, wish: Wish, desired: float, levels: Levels = FLAT, *, back: bool = False) -> bool:
+def faster_there(
+    world: WorldState, change: LaneChange, desired: float, levels: Levels = FLAT, *, back: bool = False
+) -> bool:
     """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: where it is held up and
     the next lane is faster; a fast one also `back` towards the kerb, where it is not held up there."""
-    there = min(_foreseen(*_ahead(world, wish, -wish.lateral_offset, levels)), desired)
+    there = min(_foreseen(*_ahead(world, change, -change.lateral_offset, levels)), desired)
     if back and desired >= KEEPS_RIGHT:
         return there > desired - 0.5 * GAIN
-    speed, acceleration = _ahead(world, wish, 0.0, levels)
+    speed, acceleration = _ahead(world, change, 0.0, levels)
     here = desired if acceleration < -STEADY else min(_foreseen(speed, acceleration), desired)
     return there > here + GAIN
 
 
-def shorter_queue(world: WorldState, wish: Wish, left: float, levels: Levels = FLAT) -> bool:
+def shorter_queue(world: WorldState, change: LaneChange, left: float, levels: Levels = FLAT) -> bool:
     """Whether a vehicle comes to a queue before the end of its lane, in `left` m, and to none so soon in the next
     lane."""
-    here, there = (_queue(world, wish, aside, levels) for aside in (0.0, -wish.lateral_offset))
+    here, there = (_queue(world, change, aside, levels) for aside in (0.0, -change.lateral_offset))
     return here > SHORTER and min(there, left) > here + SHORTER
 
 
-def _ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> tuple[float, float]:
+def _ahead(world: WorldState, change: LaneChange, aside: float, levels: Levels) -> tuple[float, float]:
     """m/s and m/s² of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf and 0 where there
     is none."""
-    rows, along = _in_lane_ahead(world, wish, aside, levels)
+    rows, along = _in_lane_ahead(world, change, aside, levels)
     if not len(rows):
         return math.inf, 0.0
     row = rows[along.argmin()]
@@ -143,32 +145,34 @@ def _foreseen(speed: float, acceleration: float) -> float:
     return speed + FORESEEN * max(acceleration, 0.0)
 
 
-def _queue(world: WorldState, wish: Wish, aside: float, levels: Levels) -> float:
+def _queue(world: WorldState, change: LaneChange, aside: float, levels: Levels) -> float:
     """m to the next vehicle in a queue within FAR_SIGHT ahead on the line `aside` m to the left; inf: there is none."""
-    rows, along = _in_lane_ahead(world, wish, aside, levels)
+    rows, along = _in_lane_ahead(world, change, aside, levels)
     return float(np.min(along[world.speed[rows] < QUEUED], initial=math.inf))
 
 
-def _in_lane_ahead(world: WorldState, wish: Wish, aside: float, levels: Levels) -> tuple[NDArray[np.intp], Floats]:
+def _in_lane_ahead(
+    world: WorldState, change: LaneChange, aside: float, levels: Levels
+) -> tuple[NDArray[np.intp], Floats]:
     """Rows of the road users within FAR_SIGHT ahead on the line `aside` m to the left, and m to them, (k,) each."""
-    c, s = math.cos(wish.direction), math.sin(wish.direction)
-    dx, dy = world.x - world.x[wish.row], world.y - world.y[wish.row]
+    c, s = math.cos(change.direction), math.sin(change.direction)
+    dx, dy = world.x - world.x[change.row], world.y - world.y[change.row]
     along, across = c * dx + s * dy, c * dy - s * dx
     rows = np.flatnonzero((along > 0.0) & (along < FAR_SIGHT) & (np.abs(across - aside) < HALF_LANE))
-    rows = _on_the_level(levels, world, wish, rows)
+    rows = _on_the_level(levels, world, change, rows)
     return rows, along[rows]
 
 
-def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish], levels: Levels = FLAT) -> Floats:
+def cooperative_speeds(world: WorldState, n: int, lane_changes: Sequence[LaneChange], levels: Levels = FLAT) -> Floats:
     """m/s that make room for the lane changes that are wished for, (n,), of the first `n` road users of `world`, which
     are those that may let others in; inf where nothing is to be done."""
     allowed = np.full(n, math.inf)
-    rows = {wish.row for wish in wishes}
-    for wish in wishes:
-        i, speed = wish.row, world.speed.item(wish.row)
-        if not is_soon(wish.left, speed):
+    rows = {change.row for change in lane_changes}
+    for change in lane_changes:
+        i, speed = change.row, world.speed.item(change.row)
+        if not is_soon(change.left, speed):
             continue
-        around = _around(world, wish, levels)
+        around = _around(world, change, levels)
         near = np.flatnonzero(around.in_lane & (np.abs(around.ahead) < SIGHT))
         behind = [j for j in near.tolist() if around.ahead[j] < 0.0 and around.clear[j] >= 0.0]
         # Of two that are beside each other and want each other's lane, the one in front goes first.
@@ -183,29 +187,29 @@ def cooperative_speeds(world: WorldState, n: int, wishes: Sequence[Wish], levels
     return allowed
 
 
-def _on_the_level(levels: Levels, world: WorldState, wish: Wish, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def _on_the_level(levels: Levels, world: WorldState, change: LaneChange, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     """Those of `rows` in the way of a vehicle that are not above or below it."""
     if not len(levels.x):
         return rows
     x, y, cos, sin = world.x[rows], world.y[rows], np.cos(world.heading[rows]), np.sin(world.heading[rows])
-    c, s = math.cos(wish.direction), math.sin(wish.direction)
+    c, s = math.cos(change.direction), math.sin(change.direction)
     theirs = zip(x.tolist(), y.tolist(), cos.tolist(), sin.tolist(), strict=True)
     return rows[np.array([not apart(levels, *place[:2], c, s, *place) for place in theirs], np.bool_)]
 
 
-def _around(world: WorldState, wish: Wish, levels: Levels) -> _Around:
-    row, lateral_offset = wish.row, wish.lateral_offset
-    c, s = math.cos(wish.direction), math.sin(wish.direction)
+def _around(world: WorldState, change: LaneChange, levels: Levels) -> _Around:
+    row, lateral_offset = change.row, change.lateral_offset
+    c, s = math.cos(change.direction), math.sin(change.direction)
     dx, dy = world.x - world.x[row], world.y - world.y[row]
     along, across = c * dx + s * dy, c * dy - s * dx
-    same_way = (np.cos(world.heading - wish.direction) > 0.5) & (world.type != RoadUserType.PEDESTRIAN)
+    same_way = (np.cos(world.heading - change.direction) > 0.5) & (world.type != RoadUserType.PEDESTRIAN)
     # From just beside the vehicle to the far edge of the wanted lane.
     low, high = sorted(
         (-math.copysign(BESIDE, lateral_offset), -lateral_offset - math.copysign(BEYOND, lateral_offset))
     )
     in_lane = (across > low) & (across < high) & same_way & (np.arange(len(world)) != row)
     rows = np.flatnonzero(in_lane)
-    in_lane[rows] = np.isin(rows, _on_the_level(levels, world, wish, rows))
+    in_lane[rows] = np.isin(rows, _on_the_level(levels, world, change, rows))
     return _Around(in_lane, along, np.abs(along) - 0.5 * (world.length + world.length[row]))
 
 

@@ -10,7 +10,7 @@ from slrl_sumo.routing.lane_changes import (
     QUEUED,
     SETTLES,
     SIGHT,
-    Wish,
+    LaneChange,
     faster_there,
     has_gap,
     is_far,
@@ -34,24 +34,24 @@ class LaneChoice:
     def __init__(self, graph: LaneGraph, tracks: VehicleTracker, levels: Levels) -> None:
         self._graph, self._tracks, self._levels = graph, tracks, levels
 
-    def choose(self, track: VehicleTrack, world: WorldState, i: int) -> Wish | None:
+    def choose(self, track: VehicleTrack, world: WorldState, i: int) -> LaneChange | None:
         """Begin the lane change of the vehicle in row `i` of `world`, where there is a gap. Returns a change that is
         under way, or for which there is no gap."""
         path = track.path
         if not (track.edges or path.route) or path.lanes[0].startswith(":") or path.lane_at(track.s) > 0:
             return None
         if abs(track.lateral_offset) > CHANGING:
-            return Wish(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
+            return LaneChange(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
         # SUMO inserts vehicles beside one that is on its way to their lane, because it is not on it yet.
         settles = world.time < track.history.begun + SETTLES
         left = path.ends[0] - track.s
         if path.next_lane is not None and not is_far(left, track.speed):
             if settles and not is_soon(left, track.speed):
                 return None
-            return self._change(track, world, i, path.next_lane, left, always=True)
+            return self._begin_change(track, world, i, path.next_lane, left, always=True)
         return self._overtake(track, world, i, left) if path.route and not settles else None
 
-    def _overtake(self, track: VehicleTrack, world: WorldState, i: int, left: float) -> Wish | None:
+    def _overtake(self, track: VehicleTrack, world: WorldState, i: int, left: float) -> LaneChange | None:
         """Change to a lane that serves the route as well, where the vehicle gets on better there."""
         if track.speed < QUEUED or world.time < track.history.changed + PAUSE:
             return None
@@ -61,14 +61,14 @@ class LaneChoice:
         else:
             lanes = self._graph.equal_lanes(lane, vehicle_class, track.path.route)
         for target in lanes:
-            wish = self._change(track, world, i, target, math.inf, always=False)
-            if wish is not None:
-                return wish
+            change = self._begin_change(track, world, i, target, math.inf, always=False)
+            if change is not None:
+                return change
         return None
 
-    def _change(
+    def _begin_change(
         self, track: VehicleTrack, world: WorldState, i: int, target: str, left: float, *, always: bool
-    ) -> Wish | None:
+    ) -> LaneChange | None:
         """Begin to change to the lane `target` where there is a gap; unless `always`, only where it is faster."""
         length = float(world.length[i])
         before = point_before(self._graph, target, length)
@@ -78,23 +78,23 @@ class LaneChoice:
         s, lateral_offset = path.line.nearest(x, y, end=path.ends[0])
         if abs(lateral_offset) > MOST_ASIDE:
             return None
-        wish = Wish(i, lateral_offset, path.line.at(s)[2], left)
-        if not always and not self._gets_on_better(track, world, wish, target):
+        change = LaneChange(i, lateral_offset, path.line.at(s)[2], left)
+        if not always and not self._gets_on_better(track, world, change, target):
             return None
-        if has_gap(world, wish, self._entering(target, track, world), self._levels):
+        if has_gap(world, change, self._entering(target, track, world), self._levels):
             track.path, track.s, track.lateral_offset, track.history.changed = path, s, lateral_offset, world.time
-        return wish
+        return change
 
-    def _gets_on_better(self, track: VehicleTrack, world: WorldState, wish: Wish, target: str) -> bool:
+    def _gets_on_better(self, track: VehicleTrack, world: WorldState, change: LaneChange, target: str) -> bool:
         """Whether a vehicle gets on better in the next lane, `target`: by the queue, or by the speed there."""
         left = track.path.ends[0] - track.s
-        if shorter_queue(world, wish, left, self._levels):
+        if shorter_queue(world, change, left, self._levels):
             return True
         if left < min(CHANGES_WITHIN[0] * track.speed, CHANGES_WITHIN[1]):
             return False
         lane = track.path.lanes[0]
         desired = min(self._graph.limit(lane) * track.parameters.speed_factor, track.parameters.max_speed)
-        return faster_there(world, wish, desired, self._levels, back=lane_index(target) < lane_index(lane))
+        return faster_there(world, change, desired, self._levels, back=lane_index(target) < lane_index(lane))
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
         """Rows of the other vehicles near a track that are changing to a lane, or come to it out of a junction."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slrl_sumo.routing.junctions.occupants import Size
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
-from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds
+from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
 from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
@@ -67,14 +67,16 @@ class Routes:
         self._pedestrians.renew()
         self._reservations.renew(world)
         route = RouteAhead.unknown(n)
-        wishes: list[Wish] = []
+        lane_changes: list[LaneChange] = []
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
             with self.refusals.of(world.ids[i]):
                 if walks:
                     self._add_pedestrian(route, world, i)
                 else:
-                    self._add_vehicle(route, world, i, wishes)
-        route.desired[:] = np.minimum(route.desired, cooperative_speeds(world, n, wishes, self._levels))
+                    self._add_vehicle(route, world, i, lane_changes)
+        route.desired_speed[:] = np.minimum(
+            route.desired_speed, cooperative_speeds(world, n, lane_changes, self._levels)
+        )
         return route
 
     def at_kerb(self, world: WorldState, n: int) -> WorldState:
@@ -99,23 +101,23 @@ class Routes:
         self._reservations.forget(ids)
         self._pedestrians.forget(ids)
 
-    def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, wishes: list[Wish]) -> None:
-        """Write row `i` of the route, that of a vehicle, and add to `wishes` if it changes lanes."""
+    def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, lane_changes: list[LaneChange]) -> None:
+        """Write row `i` of the route, that of a vehicle, and add to `lane_changes` if it changes lanes."""
         road_user, size = world.ids[i], Size(world.length.item(i), world.width.item(i))
         track = self._vehicles.observed(world, i)
-        if (wish := self._lane_choice.choose(track, world, i)) is not None:
-            wishes.append(wish)
+        if (change := self._lane_choice.choose(track, world, i)) is not None:
+            lane_changes.append(change)
         track.observe_junction(size.length)
         route.known[i] = True
-        route.entered[i] = track.history.entered
+        route.junction_entry_time[i] = track.history.entered
         waits = self._reservations.occupy(road_user, track, size)
         stop, look = self._stop_and_look(road_user, track, size)
-        route.desired[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
+        route.desired_speed[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
         route.stop[i] = stop = min(stop, waits)
         self._add_signal(route, i, track, stop)
-        track.history.observe_signal(red=route.closed.item(i))
+        track.history.observe_signal(red=route.stop_at_signal.item(i))
         self._add_junction_to_keep_clear(route, i, track, size.length)
-        route.left[i] = left = self._vehicles.remaining_distance(road_user)
+        route.remaining_distance[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
         astray = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
         # Beyond its destination, as on a last edge of a few metres, or on a foreign lane, no rule holds a vehicle.
@@ -145,7 +147,7 @@ class Routes:
             if line > -STOPS_OVER:
                 signal = self._right_of_way.signal(entry)
                 route.line[i], route.signal[i] = line, signal
-                route.closed[i] = signal >= SignalAspect.YELLOW and stop <= line
+                route.stop_at_signal[i] = signal >= SignalAspect.YELLOW and stop <= line
                 return
 
     def _add_junction_to_keep_clear(self, route: RouteAhead, i: int, track: VehicleTrack, length: float) -> None:
@@ -156,16 +158,16 @@ class Routes:
         crossed = (e for e in entries if e.junction != here and self._reservations.is_crossed(e))
         entry = next(crossed, None)
         if entry is not None:
-            route.keep[i] = entry.stop_line - track.s
-            route.out[i] = exit_with_room(entry, crossed, length) - track.s
+            route.keep_clear_line[i] = entry.stop_line - track.s
+            route.keep_clear_exit[i] = exit_with_room(entry, crossed, length) - track.s
             pause, exits = stops_inside(track, entry)
-            route.wait[i] = pause if pause < exits else -math.inf
+            route.waiting_position[i] = pause if pause < exits else -math.inf
 
     def _add_pedestrian(self, route: RouteAhead, world: WorldState, i: int) -> None:
         """Write row `i` of the route, that of a person; without a path it stays unknown."""
         road_user = world.ids[i]
         track = self._pedestrians.observed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
-        route.desired[i] = track.speed
+        route.desired_speed[i] = track.speed
         left = self._pedestrians.remaining_distance(road_user)
         self._note_end(road_user, left)
         if track.path is None:
@@ -174,8 +176,8 @@ class Routes:
         route.known[i] = True
         route.stop[i], route.line[i] = stop, crossing
         if math.isfinite(crossing):
-            route.signal[i], route.closed[i] = SignalAspect.RED if red else SignalAspect.GREEN, red
-        route.left[i] = left
+            route.signal[i], route.stop_at_signal[i] = SignalAspect.RED if red else SignalAspect.GREEN, red
+        route.remaining_distance[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
 
     def _note_end(self, road_user: str, left: float, speed: float = 0.0) -> None:

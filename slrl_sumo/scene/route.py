@@ -56,29 +56,29 @@ class RouteAhead:
     y: Floats
     spacing: Floats
     """m between the points of the path, (n,)."""
-    desired: Floats
+    desired_speed: Floats
     """m/s that limits here and ahead and the desired speed of the road user allow, (n,)."""
     stop: Floats
     """Distance to the line before which it has to stop: red, yellow in time, right of way of others, the end of a lane
     that leaves the route."""
     line: Floats
     """Distance to the next line at which a junction or a signalised crossing begins."""
-    keep: Floats
+    keep_clear_line: Floats
     """Distance to the line of the next junction that has to be kept clear, because others cross its way there."""
-    out: Floats
+    keep_clear_exit: Floats
     """Distance to the end of that junction, or of the next one where there is no room to stand between the two."""
-    wait: Floats
+    waiting_position: Floats
     """Distance to the first position beyond that line where vehicles wait inside the junction, as before a left turn;
     -inf where there is none."""
     signal: NDArray[np.int8]
     """SignalAspect at that line."""
-    closed: NDArray[np.bool_]
+    stop_at_signal: NDArray[np.bool_]
     """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
-    left: Floats
+    remaining_distance: Floats
     """Distance to the end of the route."""
-    entered: Floats
+    junction_entry_time: Floats
     """s: when it entered the junction in which it is now; inf outside of junctions."""
-    tight: Floats
+    tight_curvature: Floats
     """1/m: curvature of the path where it is, if that is sharper than its models turn, else 0."""
 
     def __len__(self) -> int:
@@ -96,17 +96,17 @@ class RouteAhead:
             x=np.zeros((n, POINTS)),
             y=np.zeros((n, POINTS)),
             spacing=np.full(n, SPACING),
-            desired=np.zeros(n),
+            desired_speed=np.zeros(n),
             stop=np.full(n, np.inf),
             line=np.full(n, np.inf),
-            keep=np.full(n, np.inf),
-            out=np.full(n, np.inf),
-            wait=np.full(n, -np.inf),
+            keep_clear_line=np.full(n, np.inf),
+            keep_clear_exit=np.full(n, np.inf),
+            waiting_position=np.full(n, -np.inf),
             signal=np.zeros(n, np.int8),
-            closed=np.zeros(n, np.bool_),
-            left=np.full(n, np.inf),
-            entered=np.full(n, np.inf),
-            tight=np.zeros(n),
+            stop_at_signal=np.zeros(n, np.bool_),
+            remaining_distance=np.full(n, np.inf),
+            junction_entry_time=np.full(n, np.inf),
+            tight_curvature=np.zeros(n),
         )
 
 

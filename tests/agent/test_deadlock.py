@@ -23,7 +23,7 @@ def _car(time: float, speed: float = 0.0) -> WorldState:
 
 def _context(gap: float = np.inf, stop: float = np.inf, closed: bool = False) -> RouteContext:
     """A route straight ahead with a leader that stands `gap` m away."""
-    route = make_routes(np.zeros((1, 1)), desired=10.0, stop=stop, closed=closed)
+    route = make_routes(np.zeros((1, 1)), desired_speed=10.0, stop=stop, stop_at_signal=closed)
     return replace(
         route_context(route, _car(0.0)), leader_gap=np.array([gap]), follow_distance=np.array([gap - GAP[0]])
     )
@@ -74,7 +74,7 @@ def test_a_red_signal_far_ahead_is_no_reason_to_stand() -> None:
     assert BLOCKED <= after <= BLOCKED + SPREAD + DECISION_INTERVAL
     on_foot = replace(_car(0.0), type=np.full(1, RoadUserType.PEDESTRIAN, np.int8))
     queues = replace(_context(gap=0.2, stop=12.0, closed=True), queues=np.array([True]))
-    green = replace(queues, route=replace(queues.route, closed=np.zeros(1, np.bool_)))
+    green = replace(queues, route=replace(queues.route, stop_at_signal=np.zeros(1, np.bool_)))
     for context, forced in ((queues, False), (green, True)):
         timer = DeadlockTimer()
         seen = [_tolerance(timer, replace(on_foot, time=k * DECISION_INTERVAL), context) for k in range(150)]

@@ -45,7 +45,7 @@ def left(
     for mode, values in enumerate(modes):
         for column, value in values.items():
             ahead[0, mode, column] = value
-    route = make_routes(0.0, known=known, closed=closed)
+    route = make_routes(0.0, known=known, stop_at_signal=closed)
     touched = np.zeros((1, len(modes)))
     touched[0, : len(touching)] = touching
     allowed = guard(rolled_out(ahead, touched), np.array([kind], np.int8), route)
@@ -107,7 +107,7 @@ def test_each_keeps_at_least_one_mode_and_is_judged_alone() -> None:
     ahead = random.random((n, 20, 10)) * (random.random((n, 20, 10)) < 0.6) * 8.0
     ahead[..., :2] = np.minimum(ahead[..., :2], 1.0)
     kind = random.integers(0, 3, n).astype(np.int8)
-    route = make_routes(np.zeros((n, 1)), known=random.random(n) < 0.8, closed=random.random(n) < 0.5)
+    route = make_routes(np.zeros((n, 1)), known=random.random(n) < 0.8, stop_at_signal=random.random(n) < 0.5)
     touching = random.integers(0, 9, (n, 20)) / 8.0 * (random.random((n, 20)) < 0.3)
     allowed = guard(rolled_out(ahead, touching), kind, route)
     assert allowed.any(axis=1).all()

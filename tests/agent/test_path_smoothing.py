@@ -35,7 +35,11 @@ CAR, BICYCLE, PEDESTRIAN = (int(kind) for kind in RoadUserType)
 def fitted(route: RouteAhead, users: WorldState, capability: Capability) -> RouteAhead:
     """Smoothed paths, where they are reported as changed exactly if they are."""
     smoothed, changed = smooth_paths(route, users, capability)
-    moved = (smoothed.x != route.x).any(1) | (smoothed.y != route.y).any(1) | (smoothed.desired != route.desired)
+    moved = (
+        (smoothed.x != route.x).any(1)
+        | (smoothed.y != route.y).any(1)
+        | (smoothed.desired_speed != route.desired_speed)
+    )
     np.testing.assert_array_equal(changed, moved)
     return smoothed
 
@@ -46,9 +50,9 @@ def users(*rows: tuple[int, float]) -> WorldState:
     return make_world(speed=speed, type=kind, length=5.0, width=1.8)
 
 
-def routes(*points: tuple[Floats, Floats], desired: float = 13.0) -> RouteAhead:
+def routes(*points: tuple[Floats, Floats], desired_speed: float = 13.0) -> RouteAhead:
     x, y = zip(*points, strict=True)
-    return make_routes(x, y, desired=desired, stop=np.arange(len(points)))
+    return make_routes(x, y, desired_speed=desired_speed, stop=np.arange(len(points)))
 
 
 def corner(turn: float, after: float = 15.0) -> tuple[Floats, Floats]:
@@ -142,7 +146,7 @@ def test_only_what_is_too_sharp_to_that_side_is_rounded_and_never_walks() -> Non
     assert -curvature(after)[2].min() <= SPARE * 0.1 + 1e-12
     # A corner of 0.5 rad is 0.5 / CHORD sharp.
     assert curvature(after)[1].max() == pytest.approx(0.5 / CHORD)
-    assert after.desired[4:].tolist() == [13.0, 13.0]
+    assert after.desired_speed[4:].tolist() == [13.0, 13.0]
 
 
 def test_speeds_in_curves() -> None:
@@ -154,20 +158,20 @@ def test_speeds_in_curves() -> None:
     possible = SPEEDS[limits.sharpest[0, 0] * SPARE >= sharp].max()
     assert possible == 9.0
     # What is uncomfortable comes first: 3 m/s² across are 4.9 m/s there, and 13.4 m/s with a radius of 60 m.
-    assert after.desired[:2] == pytest.approx(np.sqrt(COMFORT * 8.0), rel=0.01)
-    assert after.desired[2:].tolist() == [13.0, 13.0]
+    assert after.desired_speed[:2] == pytest.approx(np.sqrt(COMFORT * 8.0), rel=0.01)
+    assert after.desired_speed[2:].tolist() == [13.0, 13.0]
     # Where less is possible, that counts.
     after = fitted(around, users(*[(CAR, 6.0)] * 4), able(0.3, 0.3, fade=0.05))
-    assert after.desired[:2].tolist() == [4.0, 4.0]
+    assert after.desired_speed[:2].tolist() == [4.0, 4.0]
     # Sides differ, and the least speed is that of a walk.
     uneven = fitted(around, users(*[(BICYCLE, 6.0)] * 4), able(0.15, 0.3, fade=0.05))
-    assert uneven.desired[:2].tolist() == [4.0, SLOWEST]
+    assert uneven.desired_speed[:2].tolist() == [4.0, SLOWEST]
     slow = fitted(routes(circle(1.5), circle(2.0)), users((CAR, 6.0), (CAR, 6.0)), able(0.01, 0.01))
-    assert (slow.desired >= SLOWEST).all()
-    assert (slow.desired <= np.sqrt(COMFORT * 2.0)).all()
+    assert (slow.desired_speed >= SLOWEST).all()
+    assert (slow.desired_speed <= np.sqrt(COMFORT * 2.0)).all()
     # Too sharp at any speed: the highest of those at which they turn best, for slower ones do not help.
     keen = fitted(routes(corner(2.5)), users((CAR, 6.0)), able(0.05, 0.05))
-    assert keen.desired[0] > SLOWEST
+    assert keen.desired_speed[0] > SLOWEST
 
 
 def banded(path: Floats, right: float, left: float) -> tuple[Floats, Floats]:
@@ -190,7 +194,9 @@ def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
         rng.random((n, POINTS)) < 0.08, rng.uniform(-1.6, 1.6, (n, POINTS)), rng.normal(0, 2e-3, (n, POINTS))
     )
     heading = turns.cumsum(axis=1)
-    before = routes(*zip(np.cos(heading).cumsum(axis=1), np.sin(heading).cumsum(axis=1), strict=True), desired=40.0)
+    before = routes(
+        *zip(np.cos(heading).cumsum(axis=1), np.sin(heading).cumsum(axis=1), strict=True), desired_speed=40.0
+    )
     kinds, speeds = rng.integers(0, 2, n), rng.uniform(0.0, 15.0, n)
     limits = able(0.2, 0.3, fade=0.02)
     after = fitted(before, users(*zip(kinds.tolist(), speeds.tolist(), strict=True)), limits)
@@ -210,7 +216,7 @@ def test_crooked_paths_and_their_speeds_against_a_second_way() -> None:
             allowed = SPEEDS[-1] if abs(curve) < STRAIGHT else min(fast, np.sqrt(COMFORT / abs(curve)))
             early = max(way * SPACING - REACTION * speeds[i], 0.0)
             least = min(least, np.sqrt(max(allowed, SLOWEST) ** 2 + 2.0 * BRAKING[kinds[i]] * early))
-        assert after.desired[i] == pytest.approx(least)
+        assert after.desired_speed[i] == pytest.approx(least)
     assert 3 < tight < n - 3
 
 
@@ -230,10 +236,10 @@ def test_turns_that_no_vehicle_can_take_are_followed_as_they_are_drawn() -> None
     np.testing.assert_array_equal(after.y[:2], before.y[:2])
     assert np.abs(after.x[3] - before.x[3]).max() > 0.0
     # Steering has to be as sharp as the turn only in it.
-    assert after.tight[[0, 2, 3]].tolist() == [0.0, 0.0, 0.0]
-    assert after.tight[1] == pytest.approx(np.abs(curvature(before)[1]).max())
-    assert after.tight[1] > 0.5
-    assert np.sqrt(COMFORT / after.tight[1]) <= after.desired[1] < 3.0
+    assert after.tight_curvature[[0, 2, 3]].tolist() == [0.0, 0.0, 0.0]
+    assert after.tight_curvature[1] == pytest.approx(np.abs(curvature(before)[1]).max())
+    assert after.tight_curvature[1] > 0.5
+    assert np.sqrt(COMFORT / after.tight_curvature[1]) <= after.desired_speed[1] < 3.0
 
 
 def driven(path: Floats) -> Floats:
@@ -259,14 +265,14 @@ def test_a_corner_of_a_fast_road_slows_a_queue_no_more_than_free_traffic() -> No
     spacing = np.array([spacing_at(v) for v in speeds])
     x = np.minimum(ALONG, 15.0) + np.maximum(ALONG - 15.0, 0.0) * np.cos(0.076)
     y = np.maximum(ALONG - 15.0, 0.0) * np.sin(0.076)
-    before = routes(*[(x * each, y * each) for each in spacing], desired=40.0)
+    before = routes(*[(x * each, y * each) for each in spacing], desired_speed=40.0)
     before = replace(before, spacing=spacing)
     after = fitted(before, users(*((CAR, v) for v in speeds)), able(0.3, 0.3))
-    assert after.desired.min() > 27.0
+    assert after.desired_speed.min() > 27.0
     # An arc as long as the view is no corner: 1/100 m allows 20 m/s whatever the speed.
-    long = routes(*[tuple(each * p for p in circle(100.0 / each)) for each in spacing], desired=40.0)
+    long = routes(*[tuple(each * p for p in circle(100.0 / each)) for each in spacing], desired_speed=40.0)
     bent = fitted(replace(long, spacing=spacing), users(*((CAR, v) for v in speeds)), able(0.3, 0.3))
-    assert bent.desired == pytest.approx(20.0, rel=0.03)
+    assert bent.desired_speed == pytest.approx(20.0, rel=0.03)
 
 
 @pytest.mark.parametrize("kind", [CAR, BICYCLE])
@@ -276,21 +282,21 @@ def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
     x, y = np.minimum(ALONG, 20.0) + 10.0 * np.sin(beyond / 10.0), 10.0 - 10.0 * np.cos(beyond / 10.0)
     limits = able(0.5, 0.5)
     speeds = np.array([2.0, 8.0])
-    after = fitted(routes((x, y), (x, y), desired=25.0), users(*((kind, v) for v in speeds)), limits)
+    after = fitted(routes((x, y), (x, y), desired_speed=25.0), users(*((kind, v) for v in speeds)), limits)
     way = np.arange(AHEAD + 1.0)
     allowed = np.sqrt(COMFORT / np.maximum(np.abs(driven(after.x[0] + 1j * after.y[0])[HERE:]), 1e-6))
     early = np.maximum(way - REACTION * speeds[:, None], 0.0)
     expected = np.sqrt(allowed**2 + 2.0 * BRAKING[kind] * early).min(axis=1)
-    assert after.desired == pytest.approx(expected)
+    assert after.desired_speed == pytest.approx(expected)
     # By hand: full curvature after 21.5 m or so.
     roughly = np.sqrt(COMFORT * 10.0 + 2.0 * BRAKING[kind] * (21.5 - REACTION * speeds))
-    assert after.desired == pytest.approx(roughly, rel=0.04)
+    assert after.desired_speed == pytest.approx(roughly, rel=0.04)
     # Nobody is asked to be faster than it wants.
-    assert fitted(routes((x, y), desired=3.0), users((kind, 2.0)), limits).desired.tolist() == [3.0]
+    assert fitted(routes((x, y), desired_speed=3.0), users((kind, 2.0)), limits).desired_speed.tolist() == [3.0]
 
 
 def test_road_users_without_a_route_are_left_alone() -> None:
     none = replace(routes(corner(1.5), corner(1.5)), known=np.zeros(2, np.bool_))
     after = fitted(none, users((CAR, 5.0), (CAR, 5.0)), able(0.1, 0.1))
     np.testing.assert_array_equal(after.x, none.x)
-    assert after.desired.tolist() == [13.0, 13.0]
+    assert after.desired_speed.tolist() == [13.0, 13.0]

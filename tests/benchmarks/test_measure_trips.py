@@ -39,7 +39,9 @@ def test_situations_of_road_users() -> None:
     # A car that starts, one that is free, one behind it, one before a line, one inside, one beside its path, a person.
     n, far = 7, np.inf
     users = make_world(np.arange(n), np.zeros(n), speed=[0.0, 9.0, 9.0, 9.0, 5.0, 9.0, 1.0], type=[0, 0, 0, 0, 0, 0, 2])
-    route = replace(make_routes(np.zeros((n, 1)), known=True), entered=np.array([far, far, far, far, 3.0, far, far]))
+    route = replace(
+        make_routes(np.zeros((n, 1)), known=True), junction_entry_time=np.array([far, far, far, far, 3.0, far, far])
+    )
     context = replace(
         route_context(route, users),
         leader_gap=np.array([20.0, 60.0, 12.0, 30.0, far, 60.0, 2.0]),

@@ -160,7 +160,7 @@ def _walking_past(bundle: ModelBundle, turned: float, yaw_rate: float = 0.0) -> 
         yaw_rate=[0.0, yaw_rate],
         type=RoadUserType.PEDESTRIAN,
     )
-    rolled_out = _rolled_out(bundle, world, np.array([0]), _context(0.0, desired=1.4))
+    rolled_out = _rolled_out(bundle, world, np.array([0]), _context(0.0, desired_speed=1.4))
     straight = (np.abs(rolled_out.turn[0]) < 0.1) & (rolled_out.speed[0] > 1.2)
     assert straight.any()
     return rolled_out.collision[0, straight]
@@ -180,7 +180,7 @@ def test_a_person_that_turns_now_is_expected_straight_ahead(shipped_bundle: Mode
 def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: float) -> RouteContext:
     """Of road users whose places on one path along the x axis are at `x`; all the same otherwise."""
     n = len(x)
-    route = make_routes(np.array(x)[:, None] + ALONG, **{"desired": 8.0, **columns})
+    route = make_routes(np.array(x)[:, None] + ALONG, **{"desired_speed": 8.0, **columns})
     none, queues = np.zeros(n), np.zeros(n, np.bool_)
     return RouteContext(route, none, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, none, NOBODY)
 
@@ -311,7 +311,7 @@ def test_junctions_whose_exits_are_taken_are_kept_clear() -> None:
     line = np.array([10.0, 10.0, 10.0, 10.0, 0.8, np.inf, 10.0])
     out = np.array([25.0, 25.0, 25.0, 25.0, 15.8, np.inf, 25.0])
     stop = np.array([np.inf, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0])
-    route = replace(RouteAhead.unknown(7), stop=stop, keep=line, out=out)
+    route = replace(RouteAhead.unknown(7), stop=stop, keep_clear_line=line, keep_clear_exit=out)
     ahead = _leading(gap, speed, np.full(7, 7))
     stop, _ = stop_distances(route, _cars([0.0] * 7, [0.0] * 7, [0.0] * 7), ahead)
     assert (stop + STOP_MARGIN[0]).tolist() == [9.0, np.inf, np.inf, np.inf, np.inf, 50.0, 4.0]
@@ -321,7 +321,9 @@ def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> Non
     # Lines at 2 m, waiting positions at 12 m, exits at 25 m; cars of 5 m keep 1.5 m.
     gap = np.array([9.0, 8.0, 14.0, 9.0])
     wait = np.array([12.0, 12.0, 12.0, -np.inf])
-    route = replace(RouteAhead.unknown(4), keep=np.full(4, 2.0), out=np.full(4, 25.0), wait=wait)
+    route = replace(
+        RouteAhead.unknown(4), keep_clear_line=np.full(4, 2.0), keep_clear_exit=np.full(4, 25.0), waiting_position=wait
+    )
     ahead = _leading(gap, np.zeros(4), np.full(4, 4))
     stop, _ = stop_distances(route, _cars([0.0] * 4, [0.0] * 4, [0.0] * 4), ahead)
     # The second one would stand over the line, the third one beyond the position, the fourth one has none.
@@ -331,8 +333,10 @@ def test_behind_one_that_waits_inside_there_is_room_for_a_whole_vehicle() -> Non
 def test_a_leader_that_will_stand_takes_the_exit_as_well() -> None:
     """Three cars one behind the other, the first of which has to stop 20 m ahead: the third has no room beyond."""
     n = 3
-    route = replace(RouteAhead.unknown(n), stop=np.array([20.0, np.inf, np.inf]), keep=np.array([np.inf, np.inf, 4.0]))
-    route = replace(route, out=np.array([np.inf, np.inf, 24.0]))
+    route = replace(
+        RouteAhead.unknown(n), stop=np.array([20.0, np.inf, np.inf]), keep_clear_line=np.array([np.inf, np.inf, 4.0])
+    )
+    route = replace(route, keep_clear_exit=np.array([np.inf, np.inf, 24.0]))
     ahead = _leading(np.array([np.inf, 3.0, 4.0]), np.full(n, 6.0), np.array([-1, 0, 1]))
     still = ahead._replace(gap=np.array([np.inf, 13.0, 14.0]))
     cars = _cars([0.0] * n, [0.0] * n, [6.0] * n)

@@ -75,4 +75,4 @@ def test_a_vehicle_that_waits_brakes_to_a_stand_on_its_path() -> None:
     assert boxes.x[1].max() <= 2.0 + 1e-9
     on = forecast_boxes(cars, following, np.zeros(len(cars)))
     assert np.allclose(on.x[0], 9.0 * time)
-    assert replace(route, entered=np.array([1.0, 2.0])).entered.tolist() == [1.0, 2.0]
+    assert replace(route, junction_entry_time=np.array([1.0, 2.0])).junction_entry_time.tolist() == [1.0, 2.0]

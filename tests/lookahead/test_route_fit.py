@@ -28,7 +28,7 @@ def drawn_context(users: WorldState) -> tuple[RouteContext, Capability]:
     stop = rng.choice([-1.0, 0.5, 3.0, 12.0, 33.0, 1e3, np.inf], n)
     desired = rng.uniform(5.0, 60.0, n)
     poses = zip(users.x, users.y, users.heading, strict=True)
-    route = straight_routes(*poses, desired=desired, stop=stop)
+    route = straight_routes(*poses, desired_speed=desired, stop=stop)
     gap = rng.choice([0.0, 2.0, 20.0, np.inf], n)
     # What is needed to a stand rises unevenly with speed, and differs from type to type.
     stopping = np.cumsum(rng.uniform(0.01, 0.5, (3, len(STOPPING))), axis=1)
@@ -55,8 +55,8 @@ def test_allowed_speeds_leave_room_to_stop() -> None:
     found = allowed_speed(context, capability, users)
     for row, kind in enumerate(users.type):
         most = np.interp(within[row], capability.stopping[kind], STOPPING)
-        assert found[row] == np.minimum(most, context.route.desired[row])
-    assert (found == context.route.desired).any()
+        assert found[row] == np.minimum(most, context.route.desired_speed[row])
+    assert (found == context.route.desired_speed).any()
     assert (found == 0.0).any()
 
 
@@ -69,7 +69,7 @@ def test_cars_keep_their_headway_whatever_their_brakes(hardest: float) -> None:
     apart = HEADWAY[0] * 12.0 + (2.0 * max(144.0 / (2.0 * hardest) - 18.0, 0.0))
     context = replace(
         context,
-        route=replace(context.route, desired=np.array([40.0])),
+        route=replace(context.route, desired_speed=np.array([40.0])),
         stop_distance=np.array([np.inf]),
         follow_speed=np.array([12.0]),
         follow_distance=np.array([apart + 18.0]),
@@ -109,7 +109,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
             COMFORT_SHARE * (stop[i] - covered), COMFORT_SHARE * (later - HEADWAY[kind] * speed) + braking
         )
         most = np.interp(left, capability.stopping[kind], STOPPING)
-        most = np.minimum(most, context.route.desired[rows[i]])
+        most = np.minimum(most, context.route.desired_speed[rows[i]])
         pace = np.clip((speed - most) / np.maximum(most, 1.0), -1.0, 1.0)
         np.testing.assert_allclose(fits.speed_error[i], pace, atol=1e-12)
     assert (fits.stop_ratio == MAX_RATIO).any()
@@ -119,7 +119,7 @@ def test_ratios_are_those_of_stopping_distances() -> None:
 def test_a_mode_that_stops_is_on_no_wrong_way() -> None:
     users, rows = replace(make_crowd(30, 3, 100.0), speed=np.ones(30)), np.arange(30)
     _, capability = drawn_context(users)
-    straight = straight_routes(*zip(users.x, users.y, users.heading, strict=True), desired=1.5)
+    straight = straight_routes(*zip(users.x, users.y, users.heading, strict=True), desired_speed=1.5)
     speeds, yaw_rate = np.array([0.0, 0.7, 1.0]), np.full((30, 3), 0.5)
     acceleration = np.tile((speeds - 1.0) / DECISION_INTERVAL, (30, 1))
     free = mode_paths(users, acceleration, yaw_rate, np.full(30, 45.0), on_route=True)

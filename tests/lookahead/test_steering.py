@@ -86,7 +86,7 @@ def test_in_a_tight_turn_vehicles_steer_as_sharply_as_the_turn_is() -> None:
     turned = replace(user, heading=np.array([2.0]))
     context = route_context(straight_routes((0.0, 0.0, 0.0)), turned)
     for tight in (0.0, 0.6):
-        known = replace(context, route=replace(context.route, tight=np.array([tight])))
+        known = replace(context, route=replace(context.route, tight_curvature=np.array([tight])))
         paths = mode_paths(turned, np.zeros((1, 3)), YAW, np.full(1, 20.0), on_route=True)
         yaw = (YAW + steering_residual(known, turned, np.array([0]), paths, YAW, CURVATURE))[0]
         # As sharply as recorded, or a little sharper than the turn.

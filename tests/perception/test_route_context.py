@@ -47,7 +47,7 @@ def queued(places: Floats, keep: Floats, speed: Floats, *, ring: float = 0.0) ->
     else:
         world = make_world(places, np.zeros(n), speed=speed)
         routes = make_routes(places[:, None] + ALONG, np.zeros((n, len(ALONG))))
-    return route_context(replace(routes, keep=keep, line=keep, out=keep + 10.0), world)
+    return route_context(replace(routes, keep_clear_line=keep, line=keep, keep_clear_exit=keep + 10.0), world)
 
 
 def test_a_junction_is_kept_clear_where_the_exit_is_taken() -> None:

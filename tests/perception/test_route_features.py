@@ -43,7 +43,9 @@ def test_every_column_in_its_unit(
 ) -> None:
     # 1 m to the left of a straight path, turned 0.1 rad to the left of it.
     world = place([(0, 30.0, 6.0, 0.1)])
-    route = straight_routes((30.0, 5.0, 0.0), stop=25.0, line=30.0, signal=3, desired=13.0, left=44.0)
+    route = straight_routes(
+        (30.0, 5.0, 0.0), stop=25.0, line=30.0, signal=3, desired_speed=13.0, remaining_distance=44.0
+    )
     assert told(world, route, gap=[12.0], speed=[5.0])[0] == pytest.approx(
         {
             "known": 1.0,
@@ -104,7 +106,7 @@ def test_turns_that_lie_behind_or_are_slight_do_not_count(
 def test_what_is_far_is_all_alike(
     place: Worlds,
 ) -> None:
-    far = straight_routes((0, 0, 0), stop=np.inf, line=61.0, left=4000.0)
+    far = straight_routes((0, 0, 0), stop=np.inf, line=61.0, remaining_distance=4000.0)
     (row,) = told(place([(0, 0.0, 40.0, 0.0)]), far, gap=[np.inf], speed=[80.0])
     assert [row[name] for name in ("stop", "line", "left", "leader_gap", "leader_speed")] == [6.0] * 5
     assert row["lateral_offset"] == 5.0
@@ -117,8 +119,8 @@ def test_without_a_route_all_is_zero(
 ) -> None:
     world = place([(0, 3.0, 2.0, 0.3), (1, 0.0, 0.5, 0.0), (2, 9.0, 9.0, 1.0)])
     whole = straight_routes((0, 0, 0), (0, 0, 0), (9, 9, 0), stop=5.0, signal=2)
-    route = replace(whole, known=np.array([False, True, False]), left=np.full(3, np.nan))
-    table = told(world, replace(route, left=np.array([np.nan, 20.0, np.nan])))
+    route = replace(whole, known=np.array([False, True, False]), remaining_distance=np.full(3, np.nan))
+    table = told(world, replace(route, remaining_distance=np.array([np.nan, 20.0, np.nan])))
     assert not any(table[0].values())
     assert not any(table[2].values())
     assert (table[1]["known"], table[1]["lateral_offset"], table[1]["yellow"]) == (1.0, 0.5, 1.0)

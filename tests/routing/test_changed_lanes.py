@@ -66,13 +66,13 @@ def _allow(edge: str, classes: list[str]) -> None:
 
 
 def test_a_speed_limit_counts_while_it_is_shown(ahead: Ahead) -> None:
-    before = ahead()[0].desired[0]
+    before = ahead()[0].desired_speed[0]
     usual, factor = libsumo.lane.getMaxSpeed("in1_2"), libsumo.vehicle.getSpeedFactor("car")
     assert before == pytest.approx(usual * factor)
     libsumo.lane.setMaxSpeed("in1_2", 4.0)
-    assert ahead()[0].desired[0] == pytest.approx(4.0 * factor)
+    assert ahead()[0].desired_speed[0] == pytest.approx(4.0 * factor)
     libsumo.lane.setMaxSpeed("in1_2", usual)
-    assert ahead()[0].desired[0] == before
+    assert ahead()[0].desired_speed[0] == before
 
 
 def test_a_vehicle_waits_before_a_closed_edge_until_it_is_open(ahead: Ahead) -> None:

@@ -45,7 +45,7 @@ def test_vehicles_go_straight_on_at_the_highest_speed_of_the_last_2_seconds(rout
     world = make_world(x=[x[-1], 20.0], speed=[5.0, 0.0])
     ahead = routes_ahead([braking, standing], world)
     assert ahead.known.all()
-    np.testing.assert_allclose(ahead.desired, [9.0, 0.0])
+    np.testing.assert_allclose(ahead.desired_speed, [9.0, 0.0])
     np.testing.assert_allclose(ahead.y, 0.0, atol=1e-9)
     np.testing.assert_allclose(ahead.x[:, HERE], [x[-1], 20.0])
     assert np.isinf(ahead.stop).all()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from builders import make_levels, make_world
 
-from slrl_sumo.routing.lane_changes import Wish, cooperative_speeds, faster_there, has_gap, shorter_queue
+from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds, faster_there, has_gap, shorter_queue
 
-LEFT = Wish(0, -3.2, 0.0, 40.0)
+LEFT = LaneChange(0, -3.2, 0.0, 40.0)
 """The first vehicle of a world, which drives eastwards at y = 0, wants to change to the lane at y = 3.2."""
 
 
@@ -56,7 +56,7 @@ def test_nothing_is_done_while_the_end_of_the_lane_is_far() -> None:
 
 def test_of_two_side_by_side_that_want_each_others_lane_the_one_in_front_goes_first() -> None:
     world = make_world([0.0, 1.0], [0.0, 3.2], speed=0.0)
-    allowed = cooperative_speeds(world, 2, [LEFT, Wish(1, 3.2, 0.0, 40.0)])
+    allowed = cooperative_speeds(world, 2, [LEFT, LaneChange(1, 3.2, 0.0, 40.0)])
     assert allowed[0] == 0.0
     assert np.isinf(allowed[1])
 
@@ -117,7 +117,7 @@ def test_vehicles_on_a_bridge_above_the_lanes_count_neither_as_held_up_nor_as_be
     levels = levels._replace(
         cos=np.where(turned, math.cos(0.9), levels.cos), sin=np.where(turned, math.sin(0.9), levels.sin)
     )
-    wish = Wish(0, -3.2, 0.0, 40.0)
+    change = LaneChange(0, -3.2, 0.0, 40.0)
     world = make_world([-4.0, 1.0, 0.0], [0.0, 2.9, 0.0], heading=[0.0, 0.9, 0.9], speed=[10.0, 5.0, 5.0])
     levels = levels._replace(
         x=np.append(levels.x, [0.0, 2.0]), y=np.append(levels.y, [3.2, 3.2]),
@@ -126,9 +126,9 @@ def test_vehicles_on_a_bridge_above_the_lanes_count_neither_as_held_up_nor_as_be
     )  # fmt: skip
     order = np.argsort(levels.x, kind="stable")
     levels = levels._replace(**{name: column[order] for name, column in levels._asdict().items()})
-    assert not has_gap(world, wish)
-    assert has_gap(world, wish, levels=levels)
-    assert np.isfinite(cooperative_speeds(world, 3, [wish])).any()
-    assert np.isinf(cooperative_speeds(world, 3, [wish], levels)).all()
-    assert faster_there(world.take(np.array([0, 2])), wish, 30.0)
-    assert not faster_there(world.take(np.array([0, 2])), wish, 30.0, levels)
+    assert not has_gap(world, change)
+    assert has_gap(world, change, levels=levels)
+    assert np.isfinite(cooperative_speeds(world, 3, [change])).any()
+    assert np.isinf(cooperative_speeds(world, 3, [change], levels)).all()
+    assert faster_there(world.take(np.array([0, 2])), change, 30.0)
+    assert not faster_there(world.take(np.array([0, 2])), change, 30.0, levels)

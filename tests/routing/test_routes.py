@@ -119,7 +119,10 @@ def _apart(route: RouteAhead) -> Floats:
 
 
 def _one(route: RouteAhead) -> dict[str, float]:
-    return {name: float(getattr(route, name)[0]) for name in ("desired", "stop", "line", "out", "signal", "left")}
+    return {
+        name: float(getattr(route, name)[0])
+        for name in ("desired_speed", "stop", "line", "keep_clear_exit", "signal", "remaining_distance")
+    }
 
 
 def test_points_are_as_far_apart_as_they_say_before_the_begin_of_a_lane_too(intersection: SumoSession) -> None:
@@ -150,7 +153,7 @@ def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(inter
         assert (_apart(route) > 0.8).all()
         assert (_apart(route) < SPACING + 1e-6).all()
         # Off the end of the network paths go straight on.
-        shown = slice(HERE, HERE + 1 + int(min(_one(route)["left"], 40.0)))
+        shown = slice(HERE, HERE + 1 + int(min(_one(route)["remaining_distance"], 40.0)))
         assert _off_lanes(intersection, ("in0", "out3"), route.x[0, shown], route.y[0, shown]) < 0.3
         on_lane = libsumo.vehicle.getLanePosition("car")
         if libsumo.vehicle.getRoadID("car") == "in0":
@@ -158,12 +161,12 @@ def test_the_path_is_where_sumo_drives_later_and_the_way_left_gets_shorter(inter
             assert _one(route)["line"] == pytest.approx(ahead, abs=0.3)
             via = libsumo.lane.getLinks("in0_2")
             inside = next(link[4] for link in via if link[0].startswith("out3"))
-            assert _one(route)["out"] - _one(route)["line"] >= libsumo.lane.getLength(inside) - 0.3
+            assert _one(route)["keep_clear_exit"] - _one(route)["line"] >= libsumo.lane.getLength(inside) - 0.3
             if early is None and ahead < 12.0:
                 early = route
         if libsumo.vehicle.getRoadID("car") == "out3":
             assert _one(route)["line"] == math.inf
-            left.append((_one(route)["left"], libsumo.lane.getLength("out3_2") - on_lane))
+            left.append((_one(route)["remaining_distance"], libsumo.lane.getLength("out3_2") - on_lane))
             near.append((bool(routes.near_end(("car",))[0]), left[-1][0]))
         if early is not None:
             x, y = libsumo.vehicle.getPosition("car")
@@ -198,7 +201,7 @@ def test_red_stops_green_does_not_and_yellow_stops_vehicles_that_still_can(signa
     for state in "rGy":
         _signals(state)
         route = Routes(libsumo, signalised.network).ahead(_seen(signalised, "car"), 1)
-        shown[state], closed[state] = _one(route), bool(route.closed[0])
+        shown[state], closed[state] = _one(route), bool(route.stop_at_signal[0])
     line = libsumo.lane.getLength("in0_2") - libsumo.vehicle.getLanePosition("car")
     assert 11.0 < line < 13.0
     for state, number in (("r", 3.0), ("G", 1.0), ("y", 2.0)):
@@ -216,7 +219,7 @@ def test_red_stops_green_does_not_and_yellow_stops_vehicles_that_still_can(signa
         route = Routes(libsumo, signalised.network).ahead(fast, 1)
         assert _one(route)["signal"] == number
         assert _one(route)["stop"] == pytest.approx(stop, abs=0.1)
-        assert bool(route.closed[0]) == (state == "r")
+        assert bool(route.stop_at_signal[0]) == (state == "r")
 
 
 @pytest.mark.parametrize("crossing", [True, False])
@@ -232,21 +235,23 @@ def test_minor_traffic_looks_and_stops_only_for_traffic_that_comes(intersection:
         world = _seen(intersection, "car", *(["car that crosses"] if crossing else []))
         route = routes.ahead(world, 1 + crossing)
         assert route.signal.tolist() == [0] * (1 + crossing)
-        assert not route.closed.any()
+        assert not route.stop_at_signal.any()
         said.append(_one(route))
         if crossing:
             # Who has priority goes as fast as is allowed.
             assert route.stop[1] == math.inf
-            assert route.desired[1] > 11.0
+            assert route.desired_speed[1] > 11.0
     far, near = said[0], said[-1]
     # Far away it comes slowly, to see; v = sqrt(2 * 0.8 of its deceleration * m to the line in 0.8 s). From 4.5 m on it
     # sees.
     assert far["line"] > 9.6
     decel = libsumo.vehicle.getDecel("car")
     assert far["stop"] == math.inf
-    assert far["desired"] == pytest.approx(math.sqrt(2.0 * LOOKS_WITH * decel * (far["line"] - 0.8 * 5.0)), rel=0.05)
+    assert far["desired_speed"] == pytest.approx(
+        math.sqrt(2.0 * LOOKS_WITH * decel * (far["line"] - 0.8 * 5.0)), rel=0.05
+    )
     assert 2.0 < near["line"] < 9.0
-    assert crossing or near["desired"] > far["desired"]
+    assert crossing or near["desired_speed"] > far["desired_speed"]
     assert near["stop"] == (pytest.approx(near["line"] - STOP_LINE) if crossing else math.inf)
 
 
@@ -271,7 +276,7 @@ def test_traffic_on_the_main_road_does_not_look(intersection: SumoSession) -> No
     route = _one(Routes(libsumo, intersection.network).ahead(_seen(intersection, "car", "car that waits"), 1))
     assert route["stop"] == math.inf
     limit = libsumo.lane.getMaxSpeed("in1_2") * libsumo.vehicle.getSpeedFactor("car")
-    assert route["desired"] == pytest.approx(limit)
+    assert route["desired_speed"] == pytest.approx(limit)
 
 
 @pytest.mark.parametrize("blocked", [True, False])
@@ -421,15 +426,15 @@ def test_a_walk_over_a_crossing_with_a_signal(signalised: SumoSession) -> None:
         world = _seen(signalised, "walker")
         _signals("r")
         # Asked twice about the same moment: nothing moves in between.
-        stopped, closed = routes.ahead(world, 1), routes.ahead(world, 1).closed
+        stopped, closed = routes.ahead(world, 1), routes.ahead(world, 1).stop_at_signal
         _signals("G")
         route = routes.ahead(world, 1)
         assert route.known[0]
         if math.isfinite(_one(route)["line"]):
             assert (_one(route)["signal"], _one(route)["stop"]) == (1.0, math.inf)
-            assert (_one(stopped)["signal"], bool(closed[0]), bool(route.closed[0])) == (3.0, True, False)
+            assert (_one(stopped)["signal"], bool(closed[0]), bool(route.stop_at_signal[0])) == (3.0, True, False)
             red.append(_one(stopped))
-        left.append(_one(route)["left"])
+        left.append(_one(route)["remaining_distance"])
         near.append(bool(routes.near_end(("walker",))[0]))
     assert len(red) > 10
     # On the walking area, until it has passed the kerb at green: then no signal is ahead of it any more.
@@ -462,7 +467,7 @@ def test_without_a_route_each_run_takes_the_same_way_until_the_end(intersection:
     np.testing.assert_array_equal(route.x, second.ahead(world, 1).x)
     outs = ("out0", "out1", "out2", "out3")
     assert _off_lanes(intersection, ("in0", *outs), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
-    assert _one(route)["left"] == math.inf
+    assert _one(route)["remaining_distance"] == math.inf
     # The edge that it goes out on, and there to the end of the network and beyond.
     end = np.array([[route.x[0, -1], route.y[0, -1]]])
     out = min(
@@ -476,8 +481,12 @@ def test_without_a_route_each_run_takes_the_same_way_until_the_end(intersection:
         world = replace(world, x=np.array([x]), y=np.array([y]), heading=np.array([heading]), speed=np.array([8.0]))
         route = first.ahead(world, 1)
         assert route.known[0]
-        assert (_one(route)["stop"], _one(route)["left"], _one(route)["line"]) == (math.inf, math.inf, math.inf)
-        assert _one(route)["desired"] > 5.0
+        assert (_one(route)["stop"], _one(route)["remaining_distance"], _one(route)["line"]) == (
+            math.inf,
+            math.inf,
+            math.inf,
+        )
+        assert _one(route)["desired_speed"] > 5.0
         assert _apart(route)[HERE:] == pytest.approx(SPACING)
         x_ahead, y_ahead = x + 30.0 * math.cos(heading), y + 30.0 * math.sin(heading)
         _, aside, direction = on_path(route, np.array([[x, x_ahead]]), np.array([[y, y_ahead]]))
@@ -529,4 +538,4 @@ def test_a_trip_ends_at_its_arrival_position(arrival: str | None, left: float, t
         ahead = Routes(libsumo, session.network).ahead(_seen(session, "f.0"), 1)
         length = libsumo.lane.getLength("ce_0")
         way = libsumo.vehicle.getDrivingDistance("f.0", "ce", length)
-        assert ahead.left[0] == pytest.approx(way + left - (length if left > 0.0 else 0.0), abs=0.5)
+        assert ahead.remaining_distance[0] == pytest.approx(way + left - (length if left > 0.0 else 0.0), abs=0.5)

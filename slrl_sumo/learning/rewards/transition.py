@@ -162,7 +162,7 @@ class Transition:
             "progress": rewards.progress(covered, wanted, known),
             "excess": rewards.excess(covered, wanted, known),
             "off_path": rewards.off_path(aside, known),
-            "red": rewards.passed(before, after, route.line, known & route.closed),
+            "red": rewards.passed(before, after, route.line, known & route.stop_at_signal),
             "priority": rewards.passed(before, after, route.line, gives_way),
         }
 

@@ -127,7 +127,7 @@ class CrossingOccupants:
                 yields=False,
                 idle=world.time - standing.get(name, world.time) > UNUSED,
                 acceleration=STEADY,
-                on_foot=True,
+                is_pedestrian=True,
             )
             self._found.setdefault(junction_of(crossing.lane), {})[name] = occupant
         self._standing_since = standing

@@ -66,7 +66,7 @@ class Occupant(NamedTuple):
     """m from the front to the begin of each of them, negative where the front is on it."""
     speed: float
     size: Size
-    until: float
+    reserved_until: float
     """m from the front to where the reservation ends: the exit, or where it stops before the next waiting position."""
     time: float
     """s: when this was true."""
@@ -74,30 +74,30 @@ class Occupant(NamedTuple):
     """It is not in the junction, can still stop, and others have the right of way."""
     idle: bool
     """It has stood for UNUSED, although its signal is not red."""
-    stood: float = 0.0
+    idle_time: float = 0.0
     """s that it has done so, of learned vehicles."""
-    entered: float = math.inf
+    entry_time: float = math.inf
     """s: when it entered the junction; inf of those that have not, and of those that SUMO drives."""
-    closed: bool = False
+    waits_at_red: bool = False
     """Its signal at the next waiting position is red."""
-    halts: bool = False
+    may_be_stopped: bool = False
     """It has passed a waiting position, and SUMO may still stop it for those that enter: it has to be gone first."""
     acceleration: float = ACCELERATION
     """m/s² that is expected of it."""
-    swings: bool = True
+    needs_turning_room: bool = True
     """It needs room where it turns. Not so on the way to a waiting position of SUMO's: those that cross would wait for
     it there, and it for them."""
 
-    on_foot: bool = False
+    is_pedestrian: bool = False
     """Vehicles pass it with the room that they need for a turn."""
-    stuck: bool = False
+    exit_blocked: bool = False
     """It has stood for UNUSED with its way reserved: something else stops it, as a vehicle in its exit."""
-    before: str = ""
+    approach_lane: str = ""
     """The lane on which it comes to the junction, if it goes first of some of the others only."""
 
     def half_width(self, *, turns: bool) -> float:
         """m to either side of its lanes' centre line that it needs; `turns`: where its way turns."""
-        return self.size.turning if turns and self.swings else self.size.straight
+        return self.size.turning if turns and self.needs_turning_room else self.size.straight
 
 
 def reserves_from(speed: float) -> float:
@@ -182,7 +182,9 @@ class BackgroundOccupants:
                     continue  # since this decision
                 position = lane_position(self._api, vehicle)
                 until = length - position if goes_on else math.inf
-                found[vehicle] = self._occupant(vehicle, lane, -position, until, halts=waited, swings=not goes_on)
+                found[vehicle] = self._occupant(
+                    vehicle, lane, -position, until, may_be_stopped=waited, needs_turning_room=not goes_on
+                )
         for lane in lanes.before:
             end = self._graph.lanes[lane].length
             for vehicle in on_lane.get(lane, ()):
@@ -200,8 +202,8 @@ class BackgroundOccupants:
                     if first or (wanted and speed > STARTING and self._right_of_way.is_green(lane, target, via)):
                         until = distance + self._graph.lanes[via].length
                         goes_on = any(more for _, more in self._graph.links(via))
-                        one = self._occupant(vehicle, via, distance, until, swings=not goes_on)
-                        found[vehicle] = one if first else one._replace(before=lane)
+                        one = self._occupant(vehicle, via, distance, until, needs_turning_room=not goes_on)
+                        found[vehicle] = one if first else one._replace(approach_lane=lane)
                         break
         return found
 
@@ -229,14 +231,21 @@ class BackgroundOccupants:
         return lanes
 
     def _occupant(
-        self, vehicle: str, lane: str, ahead: float, until: float, *, halts: bool = False, swings: bool = True
+        self,
+        vehicle: str,
+        lane: str,
+        ahead: float,
+        until: float,
+        *,
+        may_be_stopped: bool = False,
+        needs_turning_room: bool = True,
     ) -> Occupant:
         assert self._world is not None, "call renew first"
         idle = waiting_time(self._api, vehicle) > UNUSED
         speed, time = vehicle_speed(self._api, vehicle), self._world.time
         return Occupant(
             self._areas.way((lane,)), (ahead,), speed, self._size(vehicle), until, time,
-            yields=False, idle=idle, halts=halts, swings=swings,
+            yields=False, idle=idle, may_be_stopped=may_be_stopped, needs_turning_room=needs_turning_room,
         )  # fmt: skip
 
     def _size(self, vehicle: str) -> Size:

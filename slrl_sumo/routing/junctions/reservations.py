@@ -101,13 +101,18 @@ class JunctionReservations:
         )
         mine = Occupant(
             self._areas.way(lanes), ahead, track.speed, size, until, self._time,
-            yields=False, idle=idle, stood=track.history.idle_time, entered=track.history.entered, closed=closed,
-            swings=line is None or until < -STOPS_OVER, stuck=self._is_stuck(vehicle),
+            yields=False, idle=idle, idle_time=track.history.idle_time, entry_time=track.history.entered,
+            waits_at_red=closed, needs_turning_room=line is None or until < -STOPS_OVER,
+            exit_blocked=self._is_stuck(vehicle),
         )  # fmt: skip
         junction = junction_of(track.history.entry)
         if junction_of(lanes[0]) != junction:
             # Its rear is still in the junction before, which it leaves.
-            self._hold(vehicle, junction_of(lanes[0]), mine._replace(until=math.inf, closed=False, swings=True))
+            self._hold(
+                vehicle,
+                junction_of(lanes[0]),
+                mine._replace(reserved_until=math.inf, waits_at_red=False, needs_turning_room=True),
+            )
             passed = (
                 e.stop_line
                 for e in track.path.entries
@@ -181,11 +186,11 @@ class JunctionReservations:
         stuck = self._is_stuck(vehicle)
         mine = Occupant(
             way, ahead, track.speed, size, exits, self._time, yields,
-            idle=idle, stood=track.history.idle_time, entered=entered, stuck=stuck,
+            idle=idle, idle_time=track.history.idle_time, entry_time=entered, exit_blocked=stuck,
         )  # fmt: skip
         # To the exit where all of the way is free, else to the next waiting position.
         for until in sorted({exits, pause}, reverse=True):
-            mine = mine._replace(until=until, swings=until == exits)
+            mine = mine._replace(reserved_until=until, needs_turning_room=until == exits)
             free = too_late or not any(
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
                 for name, other in self._occupants(junction, vehicle, mine, entry)
@@ -207,7 +212,7 @@ class JunctionReservations:
         occupies itself."""
         held, on_foot = self._held.get(junction, {}), self._on_foot.of(junction)
         for name, one in self._background.of(junction).items():
-            if one.before and (entry is None or not self._right_of_way.goes_first(one.before, entry)):
+            if one.approach_lane and (entry is None or not self._right_of_way.goes_first(one.approach_lane, entry)):
                 continue
             if mine is not None and _stand_off(mine, one):
                 continue
@@ -237,7 +242,7 @@ class JunctionReservations:
         """The conflict areas that a vehicle shares with another occupant, and that neither of the two has left; none
         with a leader or follower, such as one that is wholly in an area through which both lead together."""
         # Two that have stood for long pass close to each other: in the room for each other's turn they stand for ever.
-        narrow, wide = mine.idle and other.idle, other.on_foot
+        narrow, wide = mine.idle and other.idle, other.is_pedestrian
         apart = mine.half_width(turns=wide or (not narrow and mine.way.turns))
         apart += other.half_width(turns=wide or (not narrow and other.way.turns))
         # Neither of two that turn side by side needs room for its turn.
@@ -263,13 +268,13 @@ def _meets(
     for enter, leave, their_enter, their_leave in areas:
         if enter > until:
             continue  # beyond the waiting position
-        if their_enter > other.until:
+        if their_enter > other.reserved_until:
             # It will come there later. Then the way must be free; and with equal rights one outside the junction
             # does not go before one that waits inside, else it would wait for ever.
-            first = not priority and not other.closed and other.entered < mine.entered == math.inf
+            first = not priority and not other.waits_at_red and other.entry_time < mine.entry_time == math.inf
             if first or (pauses and leave > until):
                 yield enter
-        elif (their_enter > 0.0 or (other.on_foot and enter < 0.0)) and (
+        elif (their_enter > 0.0 or (other.is_pedestrian and enter < 0.0)) and (
             _is_idle(other, mine) or (priority and other.yields)
         ):
             continue  # it goes on after this one, which may be what stops it; also a person beside it on a crossing
@@ -283,21 +288,21 @@ def _meets(
 def _stand_off(inside: Occupant, background: Occupant) -> bool:
     """Whether a vehicle inside a junction and one of SUMO's have stood so long that they wait for each other: SUMO's
     stays 0.1 m before its leader in the junction, so that only the other one can go, where it does not touch it."""
-    return inside.idle and inside.entered < math.inf and background.idle and not background.on_foot
+    return inside.idle and inside.entry_time < math.inf and background.idle and not background.is_pedestrian
 
 
 def _goes_on(one: Occupant, leave: float) -> bool:
     """Whether a road user is expected to leave a conflict area, `leave` m on: it does not stop in it, or wait there."""
-    pauses = not one.swings and leave > one.until
-    return not (one.halts or pauses or one.speed < STANDING)
+    pauses = not one.needs_turning_room and leave > one.reserved_until
+    return not (one.may_be_stopped or pauses or one.speed < STANDING)
 
 
 def _is_idle(one: Occupant, other: Occupant) -> bool:
     """Whether a vehicle has stood for so long that another one need not wait for it. Of two that wait for each other,
     only one goes: the one that is not stuck, else the one that entered the junction first, or has stood for longer."""
-    if one.stuck != other.stuck:
-        return one.stuck
-    return one.idle and not (other.idle and (one.entered, -one.stood) < (other.entered, -other.stood))
+    if one.exit_blocked != other.exit_blocked:
+        return one.exit_blocked
+    return one.idle and not (other.idle and (one.entry_time, -one.idle_time) < (other.entry_time, -other.idle_time))
 
 
 def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:

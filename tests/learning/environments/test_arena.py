@@ -218,7 +218,9 @@ def _waits(arena: Arena) -> int | None:
     """The slot of a vehicle with a red light not far ahead, if there is one."""
     assert arena.situation.context is not None
     route, driving = arena.situation.context.route, arena.world.type[:16] != RoadUserType.PEDESTRIAN
-    rows = np.flatnonzero(driving & route.closed & (route.signal == 3) & (route.line > 4.0) & (route.line < 30.0))
+    rows = np.flatnonzero(
+        driving & route.stop_at_signal & (route.signal == 3) & (route.line > 4.0) & (route.line < 30.0)
+    )
     return int(rows[0]) if len(rows) else None
 
 
@@ -232,7 +234,7 @@ def test_only_the_one_that_drives_over_a_closed_line_pays_for_it(on_routes: Aren
     assert row is not None
     for before, expected in ((4.5, 0.0), (1.0, -1.0)):
         route = _put(on_routes, row, before)
-        assert route.closed.all()
+        assert route.stop_at_signal.all()
         assert route.line[0] == pytest.approx(before, abs=0.5)
         modes = on_routes.teacher_costs().argmin(axis=1)
         assert on_routes.situation.rollouts is not None

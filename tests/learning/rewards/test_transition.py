@@ -62,7 +62,7 @@ def test_pedestrians_pay_the_more_the_farther_they_are_off_all_ground() -> None:
 def test_one_that_stands_covers_no_way_and_passes_no_line() -> None:
     """Its path begins 0.5 m behind it, and 0.3 m behind it is the line of a red light."""
     begin, end = make_world([0.5, 0.0], 0.0, type=PEDESTRIAN), make_world([0.5, 0.5], 0.0, type=PEDESTRIAN)
-    route = straight_routes((0, 0, 0), (0, 0, 0), line=0.2, closed=True)
+    route = straight_routes((0, 0, 0), (0, 0, 0), line=0.2, stop_at_signal=True)
     transition = _transition(begin, end, route, lambda x, _: np.full(len(x), Surface.SIDEWALK, np.uint8))
     transition.__dict__["_allowed"] = np.full(2, 1.25)
     terms = transition.terms(["progress", "red"])

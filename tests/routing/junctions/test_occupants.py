@@ -41,7 +41,7 @@ def test_a_vehicle_that_waits_inside_needs_no_room_for_its_turn(waiting: tuple[L
     reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph))
     reservations.renew(make_world())
     occupant = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
-    assert occupant.swings is False
+    assert occupant.needs_turning_room is False
     start = graph.lanes[graph.origin(lane)].edge
     opposite = {"in_n": "in_s", "in_s": "in_n", "in_e": "in_w", "in_w": "in_e"}[start]
     oncoming = track(graph, opposite, start.replace("in", "out"), 10.0, 6.0)
@@ -55,17 +55,21 @@ def test_one_inside_does_not_wait_for_one_of_sumos_that_stands_as_long(waiting: 
     reservations = JunctionReservations(libsumo, graph, lambda _: None, RightOfWay(libsumo, graph))
     reservations.renew(make_world())
     theirs = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
-    mine = theirs._replace(idle=True, entered=5.0)
+    mine = theirs._replace(idle=True, entry_time=5.0)
     assert not _stand_off(mine, theirs)
     assert _stand_off(mine, theirs._replace(idle=True))
     # Outside it waits, and inside as long as it has just stopped, or for persons.
-    assert not _stand_off(mine._replace(entered=math.inf), theirs._replace(idle=True))
+    assert not _stand_off(mine._replace(entry_time=math.inf), theirs._replace(idle=True))
     assert not _stand_off(mine._replace(idle=False), theirs._replace(idle=True))
-    assert not _stand_off(mine, theirs._replace(idle=True, on_foot=True))
+    assert not _stand_off(mine, theirs._replace(idle=True, is_pedestrian=True))
 
 
 def test_vehicles_in_a_turn_swing_out_unless_they_wait() -> None:
     turning = Occupant(Way((), "", turns=True), (), 5.0, USUAL, 0.0, 0.0, yields=False, idle=False)
     assert turning.half_width(turns=True) == pytest.approx(USUAL.turning)
     straight = turning.half_width(turns=False)
-    assert straight == turning._replace(swings=False).half_width(turns=True) == pytest.approx(0.5 * (USUAL.width + 0.1))
+    assert (
+        straight
+        == turning._replace(needs_turning_room=False).half_width(turns=True)
+        == pytest.approx(0.5 * (USUAL.width + 0.1))
+    )

@@ -132,7 +132,7 @@ def test_one_that_may_wait_in_an_area_is_not_expected_to_leave_it(
     other = Occupant(areas.way((":centre_c",)), (-19.0,), 5.0, SIZE, until, 1.0, yields=False, idle=False)
     reservations = reserved(graph)
     reservations._areas = areas
-    other = other._replace(swings=swings)
+    other = other._replace(needs_turning_room=swings)
     shared = reservations._shared(mine, other)
     assert shared
     assert bool(list(_meets(mine, other, shared, math.inf, priority=False, pauses=False))) == waits
@@ -237,14 +237,18 @@ def test_of_two_that_stand_never_both_disregard_the_other(graph: LaneGraph) -> N
     way = ConflictAreas(graph).way((track(graph, "in0", "out2", 2.0, 0.0).path.entries[0].via,))
     one = Occupant(way, (0.0,), 0.0, SIZE, math.inf, 1.0, yields=False, idle=True)
     every = [
-        one._replace(idle=stood > UNUSED, stood=stood, entered=entered, stuck=stuck)
+        one._replace(idle=stood > UNUSED, idle_time=stood, entry_time=entered, exit_blocked=stuck)
         for stood in (0.0, 4.0, 9.0)
         for entered in (0.5, 0.7, math.inf)
         for stuck in (False, True)
     ]
     for first in every:
         for second in every:
-            same = (first.stood, first.entered, first.stuck) == (second.stood, second.entered, second.stuck)
+            same = (first.idle_time, first.entry_time, first.exit_blocked) == (
+                second.idle_time,
+                second.entry_time,
+                second.exit_blocked,
+            )
             assert same or not (_is_idle(first, second) and _is_idle(second, first))
 
 
@@ -255,8 +259,8 @@ def test_a_person_that_stands_beside_a_car_on_a_crossing_does_not_keep_it_there(
     graph: LaneGraph, on_foot: bool, stood: float, enter: float, waits: bool
 ) -> None:
     way = ConflictAreas(graph).way((track(graph, "in0", "out2", 2.0, 0.0).path.entries[0].via,))
-    mine = Occupant(way, (0.0,), 0.0, SIZE, math.inf, 1.0, yields=False, idle=True, entered=0.5, stood=9.0)
-    other = mine._replace(on_foot=on_foot, idle=stood > UNUSED, stood=stood, entered=math.inf)
+    mine = Occupant(way, (0.0,), 0.0, SIZE, math.inf, 1.0, yields=False, idle=True, entry_time=0.5, idle_time=9.0)
+    other = mine._replace(is_pedestrian=on_foot, idle=stood > UNUSED, idle_time=stood, entry_time=math.inf)
     shared = [(enter, enter + 5.0, -0.5, 3.0)]
     assert bool(list(_meets(mine, other, shared, math.inf, priority=False, pauses=False))) is waits
 
