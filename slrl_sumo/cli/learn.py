@@ -163,8 +163,8 @@ def train(
         str,
         typer.Argument(
             metavar="SCENARIO|FAMILY",
-            help="intersection, roundabout, shared-space, random or town, generated; or a scenario; several with "
-            "commas.",
+            help="intersection, roundabout, shared-space, random, town, motorway or signals, generated; or a scenario; "
+            "several with commas.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Bundle folder to write; OUT-training holds checkpoints and logs.")],

@@ -34,7 +34,11 @@ def evaluate(
     out: Annotated[Path, typer.Option(help="Folder to write: results.json, results.csv and more.")],
     bundle: BundleName = DEFAULT_BUNDLE,
     selectors: Annotated[
-        str | None, typer.Option(help="Separated by commas. [default: all that bundle and input allow]")
+        str | None,
+        typer.Option(
+            help="Separated by commas. [default: FILE: all that the bundle allows; SCENARIO: sumo, prior and the "
+            "trained ones]"
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything that is drawn at random.")] = 1,
     agents: Annotated[

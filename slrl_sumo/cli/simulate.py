@@ -139,7 +139,9 @@ def run(
 
 @app.command()
 def generate(
-    family: Annotated[str, typer.Argument(help="intersection, roundabout, shared-space, random, town or motorway.")],
+    family: Annotated[
+        str, typer.Argument(help="intersection, roundabout, shared-space, random, town, motorway or signals.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder to write.")],
     seed: Annotated[int, typer.Option(help="The same seed gives the same files.")] = 1,
     size: Annotated[int | None, typer.Option(help="Streets of a random network.")] = None,

@@ -2,7 +2,7 @@
 
 Rules (measured with libsumo 1.28, see docs/explanation/sumo.md):
 
-- Vehicles move with keepRoute 3, so that their route survives, with speed mode and lane change mode 0. Both are
+- Vehicles move with keepRoute 3, so that their route survives, with speed mode 16 and lane change mode 0. Both are
   restored on hand-back (otherwise SUMO ignores all obstacles), and `setSpeed(-1)` lets SUMO choose the speed again.
 - A vehicle that is moved past a stop loses it silently: vehicles with stops ahead are left to SUMO.
 - Vehicles with stops ahead, also with ones that a script or a taxi dispatch adds later, are handed back, and so are
