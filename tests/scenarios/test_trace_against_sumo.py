@@ -95,6 +95,6 @@ def test_our_trace_is_sumos(cli: Cli, tmp_path: Path, scenario: str, step: float
     assert edges[""] < 0.1 * edges.total()
     assert result["taken_over"] >= 4
     driven = [k for k, key in enumerate(later) if ours[key].tag == "vehicle" and key not in looped]
-    # SUMO clips the speed of a moved vehicle now and then; see test_runs for ours against the distance covered.
+    # SUMO clips the speed of a moved vehicle now and then; see test_whole_runs for ours against the distance covered.
     assert (speeds[driven] < 0.01).mean() > 0.99
     assert round(DECISION_INTERVAL / step) * step == pytest.approx(DECISION_INTERVAL)

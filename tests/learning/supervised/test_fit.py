@@ -21,7 +21,7 @@ from slrl_sumo.scene.geometry import from_ego, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 
 fit = partial(fit_bundle, modes="relative", preset="paper")
-"""Clusters, and the state of the paper; test_paths.py has the defaults."""
+"""Clusters, and the state of the paper; test_winner_takes_all.py has the defaults."""
 
 
 def weights(bundle: ModelBundle) -> dict[str, torch.Tensor]:
