@@ -4,6 +4,7 @@ from slrl_sumo.metrics.conflicts import PET_LIMIT
 from slrl_sumo.metrics.encounters import DEFINITIONS as ENCOUNTERS
 from slrl_sumo.metrics.encounters import TTC_LIMIT
 from slrl_sumo.metrics.traffic.queues import QUEUE_CELL, QUEUE_SPEED, WAIT
+from slrl_sumo.scene.types import STANDING_SPEED
 
 DEFINITIONS: dict[str, tuple[str, str]] = {
     "learned": (
@@ -16,7 +17,7 @@ DEFINITIONS: dict[str, tuple[str, str]] = {
         "mean speed (m/s)",
         "Mean over all agent-steps, standing ones included: distance covered in the last 0.4 s over 0.4 s.",
     ),
-    "standing": ("standing (%)", "Share of agent-steps with a speed below 0.1 m/s."),
+    "standing": ("standing (%)", f"Share of agent-steps with a speed below {STANDING_SPEED:g} m/s."),
     "collision": ("collision", f"{ENCOUNTERS['collision']} At least one of the two is learned."),
     "near_miss": ("near miss", f"{ENCOUNTERS['near miss']} At least one of the two is learned."),
     "survival": (

@@ -17,9 +17,9 @@ from slrl_sumo.scene.kernels import moved, overlap
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-COLLISION_DISTANCE = 1.0
+CLOSE_DISTANCE = 1.0
 """m between centres; the paper's r1."""
-MOVING_SPEED = 0.5
+REWARDED_SPEED = 0.5
 """m/s; the paper's r3."""
 SURFACE_PENALTY = np.zeros((len(RoadUserType), len(Surface)))
 """Penalty of a Surface for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads at a small
@@ -85,9 +85,9 @@ def weighted(terms: dict[str, Floats], weights: RewardWeights) -> Floats:
 
 
 def close(world: WorldState, n: int) -> Floats:
-    """r1: minus the number of road users whose centres are closer than COLLISION_DISTANCE, for the first `n` of
+    """r1: minus the number of road users whose centres are closer than CLOSE_DISTANCE, for the first `n` of
     `world`, (n,)."""
-    pairs = close_pairs(world, COLLISION_DISTANCE)
+    pairs = close_pairs(world, CLOSE_DISTANCE)
     return -np.bincount(pairs.ravel(), minlength=len(world))[:n].astype(np.float64)
 
 
@@ -97,8 +97,8 @@ def off_surface(kind: NDArray[np.int8], surface: NDArray[np.uint8]) -> Floats:
 
 
 def moving(speed: Floats) -> Floats:
-    """r3: 1 for road users faster than MOVING_SPEED; `speed` (n,) in m/s."""
-    return (speed > MOVING_SPEED).astype(np.float64)
+    """r3: 1 for road users faster than REWARDED_SPEED; `speed` (n,) in m/s."""
+    return (speed > REWARDED_SPEED).astype(np.float64)
 
 
 def alive(n: int) -> Floats:
@@ -143,7 +143,7 @@ def _first_conflict(now: Floats, seconds: Floats, n: int) -> NDArray[np.intp]:
             boxes[step, i, 2], boxes[step, i, 3] = math.cos(heading), math.sin(heading)
     first = np.full(n, -1)
     for i in range(n):
-        if not now[i, 3] > MOVING_SPEED:
+        if not now[i, 3] > REWARDED_SPEED:
             continue
         cos, sin, corner = math.cos(now[i, 2]), math.sin(now[i, 2]), math.hypot(now[i, 5], now[i, 6])
         for j in range(len(now)):

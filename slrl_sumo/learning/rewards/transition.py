@@ -26,7 +26,7 @@ from slrl_sumo.sumo.network.lanes import LanePoints
 
 DESTINATION_HORIZON = 4.8
 """s from a window's moment to its destination (paper, section 3.2)."""
-MOVING_DISTANCE = rewards.MOVING_SPEED * DESTINATION_HORIZON
+MOVING_DISTANCE = rewards.REWARDED_SPEED * DESTINATION_HORIZON
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from slrl_sumo.metrics.traffic.trips import Trip
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.studies.compare.run import Record
 
-ALL_TYPES = "all"
+EVERY_TYPE = "all"
 VEHICLES = (RoadUserType.CAR, RoadUserType.BICYCLE)
 
 
@@ -27,7 +27,7 @@ class SeedRun:
 
 
 Value = Callable[[SeedRun, str], float | None]
-"""Of a run and a type name or ALL_TYPES."""
+"""Of a run and a type name or EVERY_TYPE."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def _driving(key: str, scale: float = 1.0) -> Value:
 
 def _conflicts(measure: str) -> Value:
     def value(seed: SeedRun, kind: str) -> float:
-        return float(sum(kind == ALL_TYPES or kind in row[2:4] for row in seed.record["conflicts"][measure]))
+        return float(sum(kind == EVERY_TYPE or kind in row[2:4] for row in seed.record["conflicts"][measure]))
 
     return value
 
@@ -93,12 +93,12 @@ def _co2_per_km(seed: SeedRun, kind: str) -> float | None:
 
 
 def _learned_share(seed: SeedRun, kind: str) -> float | None:
-    steps = seed.record["driving_stats"][ALL_TYPES]["steps"]
+    steps = seed.record["driving_stats"][EVERY_TYPE]["steps"]
     return 100.0 * seed.record["learned"]["steps"] / steps if steps else None
 
 
 def _finished(seed: SeedRun, kind: str) -> float:
-    return float(sum(t.arrived is not None and kind in (ALL_TYPES, TYPE_NAMES[t.type]) for t in seed.trips.values()))
+    return float(sum(t.arrived is not None and kind in (EVERY_TYPE, TYPE_NAMES[t.type]) for t in seed.trips.values()))
 
 
 WHEELS = tuple(TYPE_NAMES[kind] for kind in VEHICLES)
@@ -196,7 +196,7 @@ MEASURES = (
         f"conflicts, TTC < {TTC_LIMIT:g} s",
         "1",
         1,
-        (ALL_TYPES, *TYPE_NAMES),
+        (EVERY_TYPE, *TYPE_NAMES),
         _conflicts("ttc"),
         f"encounters of two road users, not both pedestrians, whose boxes would have touched within {TTC_LIMIT:g} s "
         "had both kept their velocity; each counted once, for both types and once for all",
@@ -206,7 +206,7 @@ MEASURES = (
         f"TTC < {TTC_LIMIT:g} s per hour",
         "1/h",
         1,
-        (ALL_TYPES,),
+        (EVERY_TYPE,),
         _conflict_rate("ttc"),
         "the same per hour that a road user was on its way, all road users' hours added up",
     ),
@@ -215,7 +215,7 @@ MEASURES = (
         f"conflicts, PET < {PET_LIMIT:g} s",
         "1",
         1,
-        (ALL_TYPES, *TYPE_NAMES),
+        (EVERY_TYPE, *TYPE_NAMES),
         _conflicts("pet"),
         f"encounters of two road users, not both pedestrians, of whom one was less than {PET_LIMIT:g} s after the "
         "other at the same place, at an angle of 30° or more; each counted once, for both types and once for all",
@@ -225,7 +225,7 @@ MEASURES = (
         "collisions",
         "1",
         1,
-        (ALL_TYPES, *TYPE_NAMES),
+        (EVERY_TYPE, *TYPE_NAMES),
         _driving("collisions"),
         DEFINITIONS["collision"],
     ),
@@ -234,29 +234,29 @@ MEASURES = (
         "near misses",
         "1",
         1,
-        (ALL_TYPES, *TYPE_NAMES),
+        (EVERY_TYPE, *TYPE_NAMES),
         _driving("near_misses"),
         DEFINITIONS["near miss"],
     ),
-    Measure("co2", "CO2", "kg", 2, (ALL_TYPES,), _emitted("co2", 1e-3), EMITTED),
+    Measure("co2", "CO2", "kg", 2, (EVERY_TYPE,), _emitted("co2", 1e-3), EMITTED),
     Measure(
         "co2_per_km",
         "CO2 per km",
         "g/km",
         0,
-        (ALL_TYPES,),
+        (EVERY_TYPE,),
         _co2_per_km,
         "CO2 over the way of the vehicles that emit any",
     ),
-    Measure("nox", "NOx", "g", 2, (ALL_TYPES,), _emitted("nox", 1.0), EMITTED),
-    Measure("pmx", "PMx", "g", 3, (ALL_TYPES,), _emitted("pmx", 1.0), EMITTED),
-    Measure("fuel", "fuel", "kg", 2, (ALL_TYPES,), _emitted("fuel", 1e-3), EMITTED),
+    Measure("nox", "NOx", "g", 2, (EVERY_TYPE,), _emitted("nox", 1.0), EMITTED),
+    Measure("pmx", "PMx", "g", 3, (EVERY_TYPE,), _emitted("pmx", 1.0), EMITTED),
+    Measure("fuel", "fuel", "kg", 2, (EVERY_TYPE,), _emitted("fuel", 1e-3), EMITTED),
     Measure(
         "learned",
         "learned",
         "%",
         1,
-        (ALL_TYPES,),
+        (EVERY_TYPE,),
         _learned_share,
         "share of the road users' time in which learned models moved them; SUMO moves the others",
     ),

@@ -15,7 +15,7 @@ from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.metrics.driving_stats import DrivingStats
 from slrl_sumo.metrics.traffic.trips import Trip, trips_of_trace
 from slrl_sumo.scene.types import TYPE_NAMES
-from slrl_sumo.studies.compare.measures import ALL_TYPES, TRACE_MEASURES
+from slrl_sumo.studies.compare.measures import EVERY_TYPE, TRACE_MEASURES
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import Record, Run, motion_record
 from slrl_sumo.studies.compare.tables import distances, rows
@@ -75,7 +75,7 @@ def compare_traces(
     arms = (FIRST, SECOND)
     tracks = traced[0].tracks, traced[1].tracks
     runs = {Run(1, arm): _record(each, network, road_map) for arm, each in zip(arms, traced, strict=True)}
-    there = {ALL_TYPES, *(TYPE_NAMES[kind] for each in tracks for kind in set(each.type.tolist()))}
+    there = {EVERY_TYPE, *(TYPE_NAMES[kind] for each in tracks for kind in set(each.type.tolist()))}
     found = [row for row in rows(runs, arms, TRACE_MEASURES) if row["type"] in there]
     spans = [(each.t0, each.t0 + each.dt * each.frames[-1]) for each in tracks]
     result = {
