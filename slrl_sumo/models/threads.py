@@ -9,7 +9,8 @@ from contextlib import contextmanager
 def one_thread() -> Iterator[None]:
     """Torch computes in one thread meanwhile: the models are so small that more threads only wait for each other.
 
-    Where torch is not imported, it stays so.
+    Where torch is not imported, it stays so, and what imports it meanwhile computes in more threads: load a bundle
+    first.
     """
     torch = sys.modules.get("torch")
     if torch is None:
