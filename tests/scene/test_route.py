@@ -135,7 +135,7 @@ def test_rows_can_be_taken() -> None:
     np.testing.assert_array_equal(some.y, route.y[[2, 0]])
     none = RouteAhead.unknown(2)
     assert not none.known.any()
-    assert np.isinf(np.stack([none.stop, none.line, none.out, none.left])).all()
+    assert np.isinf(np.stack([none.stop, none.line, none.keep_clear_exit, none.remaining_distance])).all()
 
 
 def test_places_far_from_the_origin_are_those_near_it() -> None:
