@@ -43,6 +43,17 @@ def test_an_exit_beside_the_road_is_reached_as_in_a_lane_change() -> None:
     assert ends[0] == pytest.approx(13.0 + 200.0, abs=0.2)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_shift_by_two_lanes_is_spread_as_well(side: float) -> None:
+    """Where lanes for turns are added, SUMO's lanes go 6.4 m aside within 8 m: cars braked from 16.7 to 4.4 m/s."""
+    aside = lane(":j_4_0", (100.0, 0.0), (108.0, -6.4 * side))
+    exits = [lane(f"out_{k}", (108.0, side * (3.2 * k - 6.4)), (308.0, side * (3.2 * k - 6.4))) for k in range(3)]
+    first, *others = exits
+    found = heights([ROAD, aside, first], *others, at=[100.0, 154.0, 215.0])
+    assert [side * y for y in found] == pytest.approx([0.0, -3.2, -6.4], abs=0.3)
+    assert heights([ROAD, aside, first], others[1], at=[112.0]) == pytest.approx([-6.4 * side], abs=0.2)
+
+
 def test_where_no_lane_lies_beside_it_sumo_s_way_is_kept() -> None:
     sidewalk = lane("out_1", (103.0, 0.0), (303.0, 0.0), surface=Surface.SIDEWALK)
     for others in ([], [sidewalk], [lane("out_2", (103.0, 3.2), (303.0, 3.2))]):

@@ -189,9 +189,10 @@ class JunctionReservations:
             idle=idle, idle_time=track.history.idle_time, entry_time=entered, exit_blocked=stuck,
         )  # fmt: skip
         # To the exit where all of the way is free, else to the next waiting position.
+        # One that cannot stop at this line goes on at least to the waiting position, which it may still stop at.
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(reserved_until=until, needs_turning_room=until == exits)
-            free = too_late or not any(
+            free = (too_late and until == pause) or not any(
                 next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
                 for name, other in self._occupants(junction, vehicle, mine, entry)
                 if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))

@@ -182,6 +182,17 @@ def test_of_two_at_their_lines_one_enters_and_the_other_waits(graph: LaneGraph) 
     assert may(reservations, "first", first)
 
 
+def test_a_left_turner_that_passes_its_line_too_late_still_waits_inside(graph: LaneGraph) -> None:
+    """With its whole way reserved, oncoming traffic braked for it, then both went: five collisions in two runs."""
+    left, oncoming = track(graph, "in1", "out0", 1.0, 6.0), track(graph, "in3", "out1", 20.0, 10.0)
+    first, second = left.path.entries[:2]
+    reservations = reserved(graph)
+    assert may(reservations, "oncoming", oncoming, priority=True)
+    assert reservations.request_entry("left", left, first, priority=True, size=SIZE, too_late=True)
+    assert not reservations.request_entry("left", left, second, priority=False, size=SIZE)
+    assert may(reservations, "oncoming", oncoming, priority=True)
+
+
 def test_a_vehicle_passes_before_one_that_comes_later(graph: LaneGraph) -> None:
     quick = track(graph, "in0", "out2", 2.0, 8.0)
     # It leaves the area after 1.7 s; the others come to it after 1 and after 4 s.

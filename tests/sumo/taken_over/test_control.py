@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import libsumo
 import numpy as np
@@ -12,6 +13,7 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.taken_over import TakenOverControl
 from slrl_sumo.sumo.taken_over.vehicles import MAX_LANE_OFFSET, MOVED
+from tests.builders import make_scenario
 
 VEHICLE, PERSON = np.array([False]), np.array([True])
 DEFAULT_MODES = (31, 1621)
@@ -290,6 +292,36 @@ def test_a_walker_beside_its_sidewalk_goes_back_onto_it(session: SumoSession, as
         _clear()
         session.step()
     assert x - libsumo.person.getPosition("walker")[0] > 2.0
+
+
+@pytest.mark.parametrize(
+    ("direction", "aside", "beyond"), [(0.0, 0.0, -0.2), (1.0, -1.2, 0.17), (1.0, 1.1, 0.4), (-1.2, -1.2, 0.4)]
+)
+def test_a_walker_that_has_just_come_onto_its_street_walks_on(
+    tmp_path: Path, direction: float, aside: float, beyond: float
+) -> None:
+    """Exactly at the end of an edge SUMO ends a walk at once, or lets persons stand for ever."""
+    along = np.array([math.cos(direction), math.sin(direction)])
+    places = {name: 200.0 + m * along for name, m in (("a", 0.0), ("b", 60.0), ("c", 120.0))}
+    nodes = "".join(f'<node id="{name}" x="{x:.2f}" y="{y:.2f}"/>' for name, (x, y) in places.items())
+    edges = "".join(f'<edge id="{i}" from="{i[0]}" to="b" numLanes="1" speed="5"/>' for i in ("ab", "cb"))
+    walk = '<person id="walker" depart="0" departPos="40"><walk edges="ab cb"/></person>'
+    config = make_scenario(tmp_path, nodes, edges, walk, "--walkingareas")
+    with SumoSession(find_scenario(str(config))) as session:
+        for _ in range(3):
+            session.step()
+        control = TakenOverControl(libsumo, session.network)
+        control.take_over(["walker"], PERSON)
+        end = next(lane for lane in session.network.lanes if lane.edge == "cb").shape[-1]
+        for before in (1.5, 1.0, 0.5, beyond):
+            x, y = end - before * along + aside * np.array([-along[1], along[0]])
+            control.move(["walker"], PERSON, *(np.array([v]) for v in (x, y, direction, 1.25, 0.2)))
+            session.step()
+        assert control.hand_back(["walker"], PERSON).tolist() == [True]
+        control.place_handed_back()
+        for _ in range(20):
+            session.step()
+        assert (np.array(libsumo.person.getPosition("walker")) - end) @ along > 9.0
 
 
 def test_a_walker_on_a_crossing_goes_back_only_on_the_next_sidewalk(session: SumoSession) -> None:
