@@ -1,4 +1,4 @@
-"""Where the lanes inside a junction cross or join each other."""
+"""Conflict areas: the parts of lanes inside a junction that cross or join other lanes."""
 
 import math
 from dataclasses import dataclass
@@ -12,37 +12,37 @@ from slrl_sumo.routing.lane_proximity import near_parts, sampled
 from slrl_sumo.scene.geometry import Floats
 
 SWING, LONG = 0.1, 5.0
-"""m beside the box of a vehicle, for each m of its length up to LONG m, that it needs in a turn: 0.5 m of a car, 0.16 m
-of a bicycle. Lanes are 3.2 m apart, so that a lorry of 2.5 m still fits beside a car."""
+"""Room (m) beside the box of a turning vehicle, per m of its length up to LONG m: 0.5 m for a car, 0.16 m for a
+bicycle. Lanes are 3.2 m apart, so that a lorry 2.5 m wide still fits beside a car."""
 CROSSED = 2.0
-"""m between the centre lines of two lanes below which vehicles on the one stand in the way of those on the other."""
+"""Distance (m) between the centre lines of two lanes below which a vehicle on either lane blocks the other lane."""
 STEP = 0.1
-"""m: areas are computed for distances of the lanes in these steps."""
+"""Resolution (m) of the lane distances for which areas are computed."""
 TURNS = 0.35
-"""rad between the first direction of a way and another one, from which vehicles on it swing out."""
+"""Change of direction (rad) along a way from which vehicles swing out."""
 TOGETHER = 0.9
-"""Least cosine between two lanes where an area begins and where it ends, if they lead through it side by side."""
+"""Least cosine between the directions of two lanes that lead into, or out of, an area side by side."""
 
 
 def half_width(length: float, width: float) -> float:
-    """m to either side of its lane's centre line that a vehicle of this size needs in a junction."""
+    """Room (m) that a turning vehicle of this size needs to either side of the centre line of its lane."""
     return 0.5 * width + SWING * min(length, LONG)
 
 
 class ConflictArea(NamedTuple):
-    """Where a lane is too close to another one, in m along each of the two."""
+    """The part of a lane that is too close to another lane, in m along each of the two lanes."""
 
     begin: float
     end: float
     other_begin: float
     other_end: float
     together: bool
-    """Both lead into it in the same direction: one road user can follow the other."""
+    """Both lanes lead into the area in the same direction: one road user can follow the other."""
     abreast: bool
-    """Both lead out of it in that direction, too: two road users can pass it side by side."""
+    """Both lanes also lead out of the area in the same direction: two road users can pass it side by side."""
 
     def swapped(self) -> "ConflictArea":
-        """The area as the other lane has it."""
+        """The same area with the two lanes exchanged."""
         return ConflictArea(self.other_begin, self.other_end, self.begin, self.end, self.together, self.abreast)
 
 
@@ -50,27 +50,27 @@ class SharedArea(NamedTuple):
     """The conflict area of two lanes of two ways."""
 
     lane: int
-    """Number of the lane on the one way."""
+    """Index of the lane on the first way."""
     other: int
-    """On the other way."""
+    """Index of the lane on the second way."""
     area: ConflictArea
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Way:
-    """Lanes of a junction on which road users pass it; the same object wherever the lanes are the same."""
+    """The sequence of lanes on which road users pass a junction; equal sequences share one object."""
 
     lanes: tuple[str, ...]
     origin: str
-    """The lane outside the junction that leads to them."""
+    """Lane outside the junction that leads to these lanes."""
     turns: bool
-    """Whether it turns (TURNS), so that vehicles on it need more room than their width."""
+    """Whether the way turns (TURNS), so that vehicles need more room than their width."""
     pace: float = math.inf
-    """m/s: the lowest limit of its lanes, which SUMO's networks have from the radius of the turn."""
+    """Lowest speed limit (m/s) of the lanes, which SUMO's networks derive from the radius of the turn."""
 
 
 class ConflictAreas:
-    """The conflict areas of pairs of lanes, computed when they are first asked for."""
+    """The conflict areas of pairs of lanes, each computed on first use."""
 
     def __init__(self, graph: LaneGraph) -> None:
         self._graph = graph
@@ -81,8 +81,10 @@ class ConflictAreas:
         self._of_ways: dict[tuple[Way, Way, float, float], tuple[SharedArea, ...]] = {}
 
     def is_crossed(self, via: str) -> bool:
-        """Whether other lanes or pedestrian crossings lead across the way that begins with an internal lane, and not to
-        the same lane as it does."""
+        """Whether other lanes or pedestrian crossings cross the way that begins with the internal lane `via`.
+
+        Lanes of the same origin, and ways to the same target lane, do not count.
+        """
         crossed = self._crossed.get(via)
         if crossed is None:
             lanes, target = self._through(via)
@@ -96,7 +98,7 @@ class ConflictAreas:
         return crossed
 
     def _through(self, via: str) -> tuple[tuple[str, ...], str]:
-        """The internal lanes from `via` on, and the lane after the junction; '' where there is none."""
+        """The internal lanes from `via` on, and the lane after the junction ('' without one)."""
         lanes: list[str] = []
         while via.startswith(":") and via not in lanes:
             lanes.append(via)
@@ -104,13 +106,12 @@ class ConflictAreas:
         return tuple(lanes), via
 
     def add_line(self, name: str, line: Floats) -> None:
-        """Let `name` be a line, points (k, 2) in m, that is compared as lanes are."""
+        """Add a line, points (k, 2) in m, that is compared in the same way as a lane, under a name."""
         if name not in self._points:
             self._points[name] = sampled(line)
 
     def between(self, lane: str, other: str, apart: float) -> ConflictArea | None:
-        """The conflict area of a lane with another one for vehicles that touch where their centre lines are less than
-        `apart` m from each other; None where both lanes can be used at once."""
+        """The conflict area of two lanes whose centre lines must be `apart` m from each other; None without one."""
         steps = math.ceil(apart / STEP - 1e-6)
         key = (lane, other, steps)
         if key not in self._areas:
@@ -119,7 +120,7 @@ class ConflictAreas:
         return self._areas[key]
 
     def way(self, lanes: tuple[str, ...]) -> Way:
-        """The way along lanes of a junction, or along lines (see `add_line`)."""
+        """The way along lanes of a junction, or along lines added with `add_line`."""
         way = self._ways.get(lanes)
         if way is None:
             directions = np.concatenate([self._points_of(lane)[:, 3:] for lane in lanes])
@@ -129,10 +130,11 @@ class ConflictAreas:
         return way
 
     def of_ways(self, way: Way, other: Way, apart: float, abreast: float) -> tuple[SharedArea, ...]:
-        """The conflict areas of the lanes of a way with those of another one, see `between`; none where both ways come
-        from the same lane. Where both lead in the same direction, `abreast` m are enough instead of `apart`.
+        """The conflict areas of two ways, see `between`; none where both ways come from the same lane.
 
-        Kept by ways: vehicles ask this of each other in each decision, and most ways share nothing.
+        `apart`: least distance (m) between the centre lines of two lanes. `abreast`: the same for two lanes that lead
+        through an area side by side. Results are kept by pairs of ways: each decision asks for many pairs, and most
+        pairs share no area.
         """
         key = (way, other, apart, abreast)
         shared = self._of_ways.get(key)
@@ -150,7 +152,7 @@ class ConflictAreas:
         return shared
 
     def _points_of(self, lane: str) -> Floats:
-        """x, y, m along a lane and its direction, a unit vector, (points, 5), every SPACING m."""
+        """Points of a lane every SPACING m, (points, 5): x, y, m along the lane, and the direction as a unit vector."""
         points = self._points.get(lane)
         if points is None:
             points = self._points[lane] = sampled(self._graph.lanes[lane].shape)

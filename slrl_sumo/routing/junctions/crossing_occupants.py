@@ -1,4 +1,4 @@
-"""Pedestrians on crossings, as occupants of the junctions: vehicles that would meet them do not enter."""
+"""Crossing pedestrians as occupants of junctions: a vehicle that would meet a crossing pedestrian does not enter."""
 
 import math
 from dataclasses import dataclass
@@ -20,38 +20,38 @@ from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.network.links import ShownLinks
 
 BEFORE = 1.0
-"""m before a crossing from which a pedestrian that walks towards it is about to step on it."""
+"""Distance (m) before a crossing within which a pedestrian walking towards it is about to step on it."""
 BESIDE = 0.5
-"""m beside a crossing at which pedestrians still cross there."""
+"""Distance (m) beside a crossing up to which a pedestrian counts as crossing there."""
 TOWARDS = 0.5
-"""Least cosine between the headings of a pedestrian and of the crossing that it is about to step on."""
+"""Least cosine between the heading of a pedestrian and the direction of the crossing that it is about to step on."""
 WALKING = 0.3
-"""m/s."""
+"""Speed (m/s) below which a pedestrian stands."""
 AT_KERB = 0.6
-"""m from an end of a crossing within which a pedestrian that stands is at the kerb: in a crowd that waits there some
-stand beyond it, 0.2 to 0.5 m, where vehicles pass them."""
+"""Distance (m) from an end of a crossing within which a standing pedestrian is at the kerb. In a waiting crowd, some
+pedestrians stand 0.2 to 0.5 m past the kerb, and vehicles pass them there."""
 STRIP = 1.0
-"""m: pedestrians in strips of this width cross on the same line."""
+"""Width (m) of a strip of a crossing; pedestrians in the same strip cross on the same line."""
 SPACING = 1.0
-"""m between the points of crossings in the search tree."""
+"""Spacing (m) of the points of crossings in the search tree."""
 STEADY = 0.01
-"""m/s²: pedestrians keep their speed."""
+"""Acceleration (m/s²) of crossing pedestrians: practically constant speed."""
 
 
 @dataclass(frozen=True)
 class _Crossing:
     lane: str
     begin: Floats
-    """x and y of the end that its lane begins at, m."""
+    """x and y of the begin of the crossing's lane, m."""
     along: Floats
-    """Its direction, a unit vector."""
+    """Direction of the crossing, a unit vector."""
     length: float
     half_width: float
     entered_from: str
-    """The walking area with the link to it."""
+    """Walking area with the link to the crossing."""
 
     def line(self, strip: int, *, forward: bool) -> Floats:
-        """The line of a strip in the direction of walking, (2, 2)."""
+        """The line of a strip in the direction of walking, two points (2, 2) in m."""
         aside = strip * STRIP * np.array([-self.along[1], self.along[0]])
         ends = np.stack([self.begin + aside, self.begin + self.length * self.along + aside])
         return ends if forward else ends[::-1]
@@ -61,14 +61,14 @@ class _Walker(NamedTuple):
     crossing: _Crossing
     line: str
     passed: float
-    """m along the line in the direction of walking."""
+    """Distance (m) walked along the line."""
 
 
 class CrossingOccupants:
-    """The pedestrians on crossings, learned ones and those of the background. Call `renew` once per decision."""
+    """The learned and background pedestrians on crossings. Call `renew` once per decision."""
 
     def __init__(self, api: SumoApi, graph: LaneGraph, areas: ConflictAreas) -> None:
-        """`areas`: gets the lines on which pedestrians cross."""
+        """`areas`: the conflict areas to which the lines of crossing pedestrians are added."""
         self._links, self._areas = ShownLinks(api), areas
         entered_from = {
             target: lane
@@ -133,11 +133,11 @@ class CrossingOccupants:
         self._standing_since = standing
 
     def of(self, junction: str) -> dict[str, Occupant]:
-        """The pedestrians on the crossings of a junction by id, and those that are about to step on one of these."""
+        """The pedestrians that are on the crossings of a junction or about to step on one, by id."""
         return self._found.get(junction, {})
 
     def _walker(self, crossing: _Crossing, world: WorldState, row: int) -> _Walker | None:
-        """A pedestrian on a crossing, or about to step on it."""
+        """The pedestrian of a row as a walker on the crossing; None unless it is on it or about to step on it."""
         dx, dy = world.x[row] - crossing.begin[0], world.y[row] - crossing.begin[1]
         c, s = crossing.along
         along, aside = float(c * dx + s * dy), float(c * dy - s * dx)
@@ -154,7 +154,7 @@ class CrossingOccupants:
         return _Walker(crossing, line, passed)
 
     def _waits(self, walker: _Walker, speed: float) -> bool:
-        """Whether a pedestrian at this speed (m/s) has to wait, and does so at an end of the crossing."""
+        """Whether a pedestrian at this speed (m/s) waits at an end of the crossing, because it must give way there."""
         at_kerb = speed < WALKING and not AT_KERB <= walker.passed <= walker.crossing.length - AT_KERB
         return (walker.passed < 0.0 or at_kerb) and self._state(walker.crossing) in "rum"
 

@@ -1,4 +1,4 @@
-"""Vehicles in junctions, and the parts of junctions that they still need."""
+"""Occupants of junctions, and the lanes of the junction that each occupant still needs."""
 
 import math
 from bisect import bisect_right
@@ -22,31 +22,31 @@ from slrl_sumo.sumo.road_users import (
 )
 
 BRAKING = 2.0
-"""m/s²: a vehicle that would have to brake harder to stop reserves its way."""
+"""Deceleration (m/s²) above which a vehicle, instead of braking, reserves its way."""
 COMMITTED = 3.0
-"""m before its line at which a vehicle reserves its way at the latest."""
+"""Distance (m) before its line at which a vehicle reserves its way at the latest."""
 ACCELERATION = 1.2
-"""m/s² with which vehicles are expected to leave a junction."""
+"""Acceleration (m/s²) with which vehicles are expected to leave a junction."""
 STARTING = 1.0
-"""m/s: a slower vehicle of SUMO's that does not go first of all is not expected to enter."""
+"""Speed (m/s) at or below which a background vehicle that must yield to some lanes is not expected to enter."""
 UNUSED = 3.0
-"""s of standing after which a vehicle's reservation of areas ahead of it no longer stops others."""
+"""Standing time (s) after which a vehicle's reservation of areas ahead of it no longer stops other vehicles."""
 
 
 SIDE_GAP = 0.1
-"""m between vehicles that pass each other straight on, or where one waits inside a junction."""
+"""Lateral gap (m) between vehicles that pass each other straight on, or of which one waits inside a junction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Size:
-    """Of a road user, m."""
+    """Length and width of a road user, and the room that it needs in a junction, m."""
 
     length: float
     width: float
     straight: float = field(init=False)
-    """m to either side of its lane's centre line that it needs straight on."""
+    """Room (m) that a road user on a straight way needs to either side of the centre line of its lane."""
     turning: float = field(init=False)
-    """The same where its way turns."""
+    """The same on a way that turns."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "straight", 0.5 * (self.width + SIDE_GAP))
@@ -54,60 +54,64 @@ class Size:
 
 
 USUAL = Size(5.0, 1.8)
-"""Of vehicles that are not in the world: those that have just departed."""
+"""Size of vehicles that are not in the world yet, because they have just departed."""
 
 
 class Occupant(NamedTuple):
-    """A vehicle that is in a junction, or has reserved its way through it, or a pedestrian on a crossing."""
+    """A vehicle in a junction, a vehicle that has reserved its way through a junction, or a pedestrian on a
+    crossing."""
 
     way: Way
-    """The lanes that it still needs."""
+    """Lanes of the junction that the occupant still needs."""
     ahead: tuple[float, ...]
-    """m from the front to the begin of each of them, negative where the front is on it."""
+    """Distance (m) from the front to the begin of each of these lanes, negative if the front is past the begin."""
     speed: float
     size: Size
     reserved_until: float
-    """m from the front to where the reservation ends: the exit, or where it stops before the next waiting position."""
+    """Distance (m) from the front to the end of the reservation: the exit, or the stop before the next waiting
+    position."""
     time: float
-    """s: when this was true."""
+    """Time (s) of this state."""
     yields: bool
-    """It is not in the junction, can still stop, and others have the right of way."""
+    """Is outside the junction, can still stop, and must give way to road users with priority."""
     idle: bool
-    """It has stood for UNUSED, although its signal is not red."""
+    """Has stood longer than UNUSED although its signal is not red."""
     idle_time: float = 0.0
-    """s that it has done so, of learned vehicles."""
+    """Time (s) for which a learned vehicle has stood although its signal is not red."""
     entry_time: float = math.inf
-    """s: when it entered the junction; inf of those that have not, and of those that SUMO drives."""
+    """Time (s) at which a learned vehicle entered the junction; inf outside, and for background vehicles."""
     waits_at_red: bool = False
     """Its signal at the next waiting position is red."""
     may_be_stopped: bool = False
-    """It has passed a waiting position, and SUMO may still stop it for those that enter: it has to be gone first."""
+    """Has passed a waiting position of SUMO, which may still stop it for entering vehicles: it must leave first."""
     acceleration: float = ACCELERATION
-    """m/s² that is expected of it."""
+    """Acceleration (m/s²) that is expected of the occupant."""
     needs_turning_room: bool = True
-    """It needs room where it turns. Not so on the way to a waiting position of SUMO's: those that cross would wait for
-    it there, and it for them."""
+    """Needs turning room. False on the way to a waiting position of SUMO: there, a vehicle with turning room and the
+    crossing vehicles would wait for each other."""
 
     is_pedestrian: bool = False
-    """Vehicles pass it with the room that they need for a turn."""
+    """Is a pedestrian: vehicles pass pedestrians with their turning room."""
     exit_blocked: bool = False
-    """It has stood for UNUSED with its way reserved: something else stops it, as a vehicle in its exit."""
+    """Has stood longer than UNUSED with a free way: something else stops the vehicle, such as a vehicle in its exit."""
     approach_lane: str = ""
-    """The lane on which it comes to the junction, if it goes first of some of the others only."""
+    """Lane on which a background vehicle approaches the junction, if it must yield to some lanes; else ''."""
 
     def half_width(self, *, turns: bool) -> float:
-        """m to either side of its lanes' centre line that it needs; `turns`: where its way turns."""
+        """Room (m) that the occupant needs to either side of the centre line; `turns`: whether its way turns."""
         return self.size.turning if turns and self.needs_turning_room else self.size.straight
 
 
 def reserves_from(speed: float) -> float:
-    """m before its line from which a vehicle at `speed` (m/s) reserves its way."""
+    """Distance (m) before its line from which a vehicle at `speed` (m/s) reserves its way."""
     return max(COMMITTED, speed * speed / (2.0 * BRAKING) + 0.4 * speed)
 
 
 def lanes_through(track: VehicleTrack, begin: float) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    """The internal lanes of the junction on a path that end after `begin` (m along it), up to its exit, and m from the
-    front of the vehicle to the begin of each of them."""
+    """The internal lanes of the first junction that end after `begin` (m along the path), up to its exit.
+
+    Also returns the distance (m) from the front of the vehicle to the begin of each of these lanes.
+    """
     path = track.path
     first = bisect_right(path.ends, begin + 0.1)
     while first < len(path.lanes) and not path.lanes[first].startswith(":"):
@@ -124,9 +128,9 @@ class _Inside(NamedTuple):
     lane: str
     length: float
     goes_on: bool
-    """At a waiting position, to another internal lane."""
+    """Ends at a waiting position, after which another internal lane follows."""
     waited: bool
-    """It begins at a waiting position."""
+    """Begins at a waiting position."""
 
 
 class _Lanes(NamedTuple):
@@ -135,11 +139,11 @@ class _Lanes(NamedTuple):
     inside: tuple[_Inside, ...]
     before: tuple[str, ...]
     all: frozenset[str]
-    """Ids of both."""
+    """Ids of the lanes inside and before the junction."""
 
 
 class BackgroundOccupants:
-    """The vehicles in junctions that SUMO drives, and those that are about to enter."""
+    """The background vehicles that are in junctions or about to enter."""
 
     def __init__(
         self,
@@ -149,7 +153,7 @@ class BackgroundOccupants:
         learned: Callable[[str], VehicleTrack | None],
         right_of_way: RightOfWay,
     ) -> None:
-        """`learned`: None for vehicles that SUMO drives."""
+        """`learned`: returns the track of a learned vehicle by id, None for background vehicles."""
         self._api, self._graph, self._areas = api, graph, areas
         self._learned, self._right_of_way = learned, right_of_way
         self._lanes: dict[str, _Lanes] = {}
@@ -159,7 +163,7 @@ class BackgroundOccupants:
         self._found: dict[str, dict[str, Occupant]] = {}
 
     def renew(self, world: WorldState) -> None:
-        """Forget what was read of SUMO's last step; `world`: all road users now."""
+        """Drop the data of SUMO's last step; `world`: all road users now."""
         self._world = world
         self._rows.clear()
         self._on_lane = None
@@ -179,7 +183,7 @@ class BackgroundOccupants:
         for lane, length, goes_on, waited in lanes.inside:
             for vehicle in on_lane.get(lane, ()):
                 if self._learned(vehicle) is not None:
-                    continue  # since this decision
+                    continue  # learned since this decision
                 position = lane_position(self._api, vehicle)
                 until = length - position if goes_on else math.inf
                 found[vehicle] = self._occupant(
@@ -198,7 +202,7 @@ class BackgroundOccupants:
                 for target, via in self._graph.links(lane):
                     wanted = via and self._graph.lanes[target].edge == following
                     first = wanted and self._right_of_way.has_priority(lane, target, via)
-                    # One that stands may stand for others.
+                    # A standing vehicle may be yielding.
                     if first or (wanted and speed > STARTING and self._right_of_way.is_green(lane, target, via)):
                         until = distance + self._graph.lanes[via].length
                         goes_on = any(more for _, more in self._graph.links(via))
@@ -208,7 +212,7 @@ class BackgroundOccupants:
         return found
 
     def _by_lane(self) -> dict[str, list[str]]:
-        """The vehicles that SUMO drives, by lane: junctions have dozens of lanes, and nearly all of them are empty."""
+        """The background vehicles by lane: junctions have dozens of lanes, and nearly all of them are empty."""
         if self._on_lane is None:
             self._on_lane = {}
             for name in vehicle_ids(self._api):

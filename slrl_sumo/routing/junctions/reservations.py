@@ -1,8 +1,9 @@
-"""Which vehicle may enter a junction next, and where those inside wait for each other.
+"""Permission to enter a junction, and the order in which vehicles inside a junction wait for each other.
 
-A vehicle enters a junction only when it meets no other one in a conflict area on its way: each of the two has left the
-area before the other one comes. All areas up to the exit, or to the next waiting position, are reserved at once.
-Inside, a vehicle waits only for those that entered before it, so that vehicles never wait for each other in a circle.
+A vehicle enters a junction only if each conflict area on its way is free of foes while the vehicle uses it: either the
+vehicle leaves the area before the foe arrives, or the foe leaves it before the vehicle arrives. A vehicle reserves all
+conflict areas up to the exit, or up to its next waiting position, at once. Inside the junction, a vehicle waits only
+for vehicles that entered before it, so that no circle of waiting vehicles can form.
 """
 
 import math
@@ -27,23 +28,23 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 
 STANDING = 1.0
-"""m/s: a slower vehicle in a conflict area is not expected to leave it in time."""
+"""Speed (m/s) below which a vehicle in a conflict area is not expected to leave it in time."""
 GAP = 0.5
-"""s between two vehicles in a conflict area."""
+"""Least time gap (s) between two road users in the same conflict area."""
 SLOWEST = 0.1
-"""m/s: one that stands will start."""
+"""Least speed (m/s) assumed of an approaching road user: a standing one is expected to start."""
 HARD = 3.0
-"""m/s²: a vehicle that would have to brake harder to stop no longer yields."""
+"""Deceleration (m/s²) above which a vehicle no longer yields, because it would have to brake too hard to stop."""
 IN_WAY = 10.0
-"""m ahead of a vehicle within which another one on its path goes first, whatever the order."""
+"""Distance (m) ahead of the other vehicle within which an ego vehicle on its path goes first, whatever the order."""
 
 _Shared = tuple[float, float, float, float]
-"""m from the front of a vehicle to the begin of a conflict area, and until its rear has left it; the same of the other
-road user."""
+"""A shared conflict area: m from the front of the ego vehicle to the begin of the area, m that it drives until its rear
+has left the area, and the same two distances of the other road user."""
 
 
 class JunctionReservations:
-    """Reservations of the learned vehicles, and the places of all others, pedestrians on crossings among them.
+    """Reservations of the learned vehicles, and the occupants of junctions: background vehicles and pedestrians.
 
     Call `renew` after each SUMO step.
     """
@@ -55,21 +56,23 @@ class JunctionReservations:
         learned: Callable[[str], VehicleTrack | None],
         right_of_way: RightOfWay,
     ) -> None:
-        """`learned` gives the track of a learned vehicle by id, None for all others."""
+        """`learned`: returns the track of a learned vehicle by id, None for all other road users."""
         self._learned, self._right_of_way = learned, right_of_way
         self._areas = ConflictAreas(graph)
         self._background = BackgroundOccupants(api, graph, self._areas, learned, right_of_way)
         self._on_foot = CrossingOccupants(api, graph, self._areas)
         self._held: dict[str, dict[str, Occupant]] = {}
         self._holds: dict[str, set[str]] = {}
-        """The junctions in which each vehicle holds something."""
+        """Junctions in which each vehicle holds a reservation."""
         self._free_since: dict[str, float] = {}
-        """See `free_since`."""
+        """Times (s) that `free_since` returns."""
         self._time = 0.0
 
     def renew(self, world: WorldState) -> None:
-        """Forget what was read of SUMO's last step, and reservations that were not renewed since; `world`: all road
-        users now."""
+        """Drop the data of SUMO's last step, and each reservation that was not renewed since the last call.
+
+        `world`: all road users now.
+        """
         self._background.renew(world)
         self._on_foot.renew(world)
         for holders in self._held.values():
@@ -79,16 +82,17 @@ class JunctionReservations:
         self._time = world.time
 
     def forget(self, ids: Iterable[str]) -> None:
-        """Drop what is known of vehicles that are no longer learned."""
+        """Drop the waiting times of vehicles that are no longer learned."""
         for vehicle in ids:
             self._free_since.pop(vehicle, None)
 
     def occupy(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
-        """Renew what a learned vehicle of this size occupies; reservations for entries end here.
+        """Replace all reservations of a learned vehicle by the part of the junction that it occupies now.
 
-        Returns m from its front to where it has to wait inside the junction, inf where it does not.
+        Returns the distance (m) from its front to the place inside the junction where it has to wait; inf if it need
+        not wait.
         """
-        # Not a look at every junction: a city has thousands, for each of its vehicles.
+        # Search only the junctions in which the vehicle holds a reservation: a city has thousands of junctions.
         for junction in self._holds.pop(vehicle, ()):
             self._held[junction].pop(vehicle, None)
         lanes, ahead = lanes_through(track, track.s - size.length) if track.history.entry else ((), ())
@@ -107,7 +111,7 @@ class JunctionReservations:
         )  # fmt: skip
         junction = junction_of(track.history.entry)
         if junction_of(lanes[0]) != junction:
-            # Its rear is still in the junction before, which it leaves.
+            # The rear of the vehicle is still in the previous junction.
             self._hold(
                 vehicle,
                 junction_of(lanes[0]),
@@ -127,11 +131,11 @@ class JunctionReservations:
                 continue
             areas = self._shared(mine, other)
             if areas and not self._in_way(track, size, theirs):
-                # An area in which it is already has to be cleared, whatever the order.
+                # The vehicle must leave an area that it is already in, whatever the order.
                 met = _meets(mine, other, areas, until, priority=False, pauses=False)
                 waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
         self._hold(vehicle, junction, mine)
-        # What it cannot stop for any more is left to the collisions of its modes.
+        # Where the vehicle can no longer stop, the collision scores of its modes decide.
         return waits if waits > track.speed * track.speed / (2.0 * HARD) else math.inf
 
     def request_entry(
@@ -144,10 +148,10 @@ class JunctionReservations:
         size: Size,
         too_late: bool = False,
     ) -> bool:
-        """Whether a learned vehicle may pass the line of an `entry` on its path; if it is about to, reserve its way.
+        """Whether a learned vehicle may pass the line of an `entry` on its path; reserves its way if it is close.
 
-        With `priority` reservations of vehicles that have to yield, and still can, do not count. A vehicle for which it
-        is `too_late` to stop passes in any case, and the others have to know."""
+        With `priority`, reservations of vehicles that must yield and can still stop do not count. A vehicle for which
+        it is `too_late` to stop passes in any case; its reservation tells the other vehicles."""
         free = self._reserve(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
         if entry is next(line for line in track.path.entries if line.stop_line > track.s - STOPS_OVER):
             if free and track.history.standing_time > 0.0:
@@ -157,11 +161,11 @@ class JunctionReservations:
         return free
 
     def is_crossed(self, entry: JunctionEntry) -> bool:
-        """Whether others cross the way that begins at an entry, so that a vehicle must not stand on it."""
+        """Whether other ways cross the way that begins at an entry, so that a vehicle must not stand on it."""
         return self._areas.is_crossed(entry.via)
 
     def free_since(self, vehicle: str) -> float:
-        """Time (s) since which a vehicle has stood before a line although nothing reserved is in its way, else inf."""
+        """Time (s) since which a vehicle has stood before a line although its way is free of reservations; else inf."""
         return self._free_since.get(vehicle, math.inf)
 
     def _is_stuck(self, vehicle: str) -> bool:
@@ -176,10 +180,10 @@ class JunctionReservations:
             return True
         junction, way = junction_of(lanes[0]), self._areas.way(lanes)
         pause, exits = stops_inside(track, entry)
-        # Where it would stop, not at the line: over that it stands in the way of vehicles that go first.
+        # The vehicle stops STOP_LINE before the line; past the line it would block vehicles with priority.
         yields = not priority and distance - STOP_LINE > track.speed * track.speed / (2.0 * HARD)
         idle = track.history.idle_time > UNUSED
-        # One may still be in the junction before.
+        # The vehicle may still be in the previous junction.
         entered = (
             track.history.entered if track.history.entry and junction_of(track.history.entry) == junction else math.inf
         )
@@ -188,8 +192,8 @@ class JunctionReservations:
             way, ahead, track.speed, size, exits, self._time, yields,
             idle=idle, idle_time=track.history.idle_time, entry_time=entered, exit_blocked=stuck,
         )  # fmt: skip
-        # To the exit where all of the way is free, else to the next waiting position.
-        # One that cannot stop at this line goes on at least to the waiting position, which it may still stop at.
+        # Reserve up to the exit if the whole way is free, else up to the next waiting position.
+        # A vehicle that cannot stop at this line drives at least to the waiting position, where it may still stop.
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(reserved_until=until, needs_turning_room=until == exits)
             free = (too_late and until == pause) or not any(
@@ -199,7 +203,7 @@ class JunctionReservations:
             )
             if free:
                 if too_late or distance <= reserves_from(track.speed):
-                    # With the lanes that it is on, where it waits inside the junction.
+                    # A vehicle that waits inside the junction also holds the lanes under it.
                     if entered < math.inf:
                         lanes, ahead = lanes_through(track, track.s - size.length)
                     self._hold(vehicle, junction, mine._replace(way=self._areas.way(lanes), ahead=ahead))
@@ -209,8 +213,10 @@ class JunctionReservations:
     def _occupants(
         self, junction: str, vehicle: str, mine: Occupant | None = None, entry: JunctionEntry | None = None
     ) -> Iterator[tuple[str, Occupant]]:
-        """All occupants of a junction that count for this vehicle at an `entry`, or inside, by id; `mine`: what it
-        occupies itself."""
+        """The occupants of a junction that count for this vehicle, with their ids.
+
+        `mine`: the vehicle itself as an occupant. `entry`: the entry before which it is; None inside the junction.
+        """
         held, on_foot = self._held.get(junction, {}), self._on_foot.of(junction)
         for name, one in self._background.of(junction).items():
             if one.approach_lane and (entry is None or not self._right_of_way.goes_first(one.approach_lane, entry)):
@@ -229,7 +235,7 @@ class JunctionReservations:
         self._holds.setdefault(vehicle, set()).add(junction)
 
     def _in_way(self, track: VehicleTrack, size: Size, other: VehicleTrack | None) -> bool:
-        """Whether a vehicle is on the path of another one, just ahead of it, so that the other one waits for it."""
+        """Whether the ego vehicle is on the path of the `other` vehicle, within IN_WAY ahead: the other one waits."""
         if other is None:
             return False
         middle, rear = (track.path.line.at(track.s - share * size.length)[:2] for share in (0.5, 1.0))
@@ -240,13 +246,17 @@ class JunctionReservations:
         return False
 
     def _shared(self, mine: Occupant, other: Occupant) -> list[_Shared]:
-        """The conflict areas that a vehicle shares with another occupant, and that neither of the two has left; none
-        with a leader or follower, such as one that is wholly in an area through which both lead together."""
-        # Two that have stood for long pass close to each other: in the room for each other's turn they stand for ever.
+        """The conflict areas that the ego vehicle shares with another occupant, and that neither of the two has left.
+
+        Leaves out an area into which both ways lead in the same direction, if one of the two road users is wholly past
+        its begin and the other one follows.
+        """
+        # Two vehicles that have been idle for long may pass close to each other: if each kept clear of the other one's
+        # turning room, both would stand for ever.
         narrow, wide = mine.idle and other.idle, other.is_pedestrian
         apart = mine.half_width(turns=wide or (not narrow and mine.way.turns))
         apart += other.half_width(turns=wide or (not narrow and other.way.turns))
-        # Neither of two that turn side by side needs room for its turn.
+        # Vehicles that turn side by side need no turning room.
         abreast = mine.half_width(turns=False) + other.half_width(turns=False)
         shared = []
         for i, j, area in self._areas.of_ways(mine.way, other.way, apart, abreast):
@@ -264,21 +274,25 @@ class JunctionReservations:
 def _meets(
     mine: Occupant, other: Occupant, areas: list[_Shared], until: float, *, priority: bool, pauses: bool
 ) -> Iterator[float]:
-    """m from the front of a vehicle to each of the shared `areas` in which it meets an occupant, if its reservation
-    ends after `until` (m)."""
+    """Distances (m) from the front of the ego vehicle to the shared `areas` in which it would meet the `other`
+    occupant.
+
+    `until`: m from its front to the end of its reservation. `pauses`: whether that end is a waiting position.
+    """
     for enter, leave, their_enter, their_leave in areas:
         if enter > until:
             continue  # beyond the waiting position
         if their_enter > other.reserved_until:
-            # It will come there later. Then the way must be free; and with equal rights one outside the junction
-            # does not go before one that waits inside, else it would wait for ever.
+            # The other vehicle waits before this area and needs it later. The ego vehicle must not stop in it. With
+            # equal rights, a vehicle outside the junction does not go before a vehicle that waits inside, or that one
+            # would wait for ever.
             first = not priority and not other.waits_at_red and other.entry_time < mine.entry_time == math.inf
             if first or (pauses and leave > until):
                 yield enter
         elif (their_enter > 0.0 or (other.is_pedestrian and enter < 0.0)) and (
             _is_idle(other, mine) or (priority and other.yields)
         ):
-            continue  # it goes on after this one, which may be what stops it; also a person beside it on a crossing
+            continue  # the other road user goes second: it may be waiting for the ego vehicle, or yields to it
         elif not (
             _before(mine, leave, other, their_enter)
             or (_goes_on(other, their_leave) and _before(other, their_leave, mine, enter))
@@ -287,34 +301,41 @@ def _meets(
 
 
 def _stand_off(inside: Occupant, background: Occupant) -> bool:
-    """Whether a vehicle inside a junction and one of SUMO's have stood so long that they wait for each other: SUMO's
-    stays 0.1 m before its leader in the junction, so that only the other one can go, where it does not touch it."""
+    """Whether a learned vehicle inside a junction and a background vehicle are idle, waiting for each other.
+
+    A SUMO vehicle stays 0.1 m behind its leader in the junction, so only the learned vehicle can resolve the deadlock.
+    """
     return inside.idle and inside.entry_time < math.inf and background.idle and not background.is_pedestrian
 
 
 def _goes_on(one: Occupant, leave: float) -> bool:
-    """Whether a road user is expected to leave a conflict area, `leave` m on: it does not stop in it, or wait there."""
+    """Whether a road user is expected to leave a conflict area, `leave` m ahead, without stopping or waiting in it."""
     pauses = not one.needs_turning_room and leave > one.reserved_until
     return not (one.may_be_stopped or pauses or one.speed < STANDING)
 
 
 def _is_idle(one: Occupant, other: Occupant) -> bool:
-    """Whether a vehicle has stood for so long that another one need not wait for it. Of two that wait for each other,
-    only one goes: the one that is not stuck, else the one that entered the junction first, or has stood for longer."""
+    """Whether vehicle `one` has stood for so long that vehicle `other` need not wait for it.
+
+    Of two vehicles that wait for each other, exactly one goes: the vehicle whose exit is not blocked, else the vehicle
+    that entered the junction first, else the vehicle that has stood for longer.
+    """
     if one.exit_blocked != other.exit_blocked:
         return one.exit_blocked
     return one.idle and not (other.idle and (one.entry_time, -one.idle_time) < (other.entry_time, -other.idle_time))
 
 
 def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:
-    """Whether a road user leaves a conflict area before another one enters it; distances in m."""
+    """Whether road user `one` leaves a conflict area before road user `other` enters it; distances in m."""
     comes = time_to_cover(enter, max(other.speed, SLOWEST), other.acceleration)
     return enter > 0.0 and _time_to_leave(one, leave) + GAP < comes
 
 
 def _time_to_leave(one: Occupant, leave: float) -> float:
-    """s until a road user has covered `leave` m, on its way through the junction at no more than the pace of that: cars
-    that turned around came at 6.9 m/s, and seemed to be gone in 2.3 s, but needed 5 s."""
+    """Time (s) in which a road user covers `leave` m, inside the junction at no more than the pace of its way.
+
+    Without that limit, cars that approached a U-turn at 6.9 m/s were expected to leave in 2.3 s, but needed 5 s.
+    """
     pace = max(one.way.pace, STANDING)
     if one.speed > pace:
         before = min(max(one.ahead[0], 0.0), leave) if one.ahead else 0.0
@@ -326,13 +347,18 @@ def _time_to_leave(one: Occupant, leave: float) -> float:
 
 
 def stops_inside(track: VehicleTrack, entry: JunctionEntry) -> tuple[float, float]:
-    """m from the front to the next waiting position after a line (the exit where there is none), and to the exit of its
-    junction."""
+    """Distances (m) from the front of a vehicle to the next waiting position after an entry, and to the exit.
+
+    Without a waiting position, both are the distance to the exit.
+    """
     return min(entry.waits - STOP_LINE, entry.exit) - track.s, entry.exit - track.s
 
 
 def _next_line(track: VehicleTrack) -> tuple[JunctionEntry | None, float]:
-    """The next waiting position in the junction where the vehicle is, and m from its front to it, or to the exit."""
+    """The next waiting position in the vehicle's junction, and the distance (m) from its front to that position.
+
+    Without a waiting position: None, and the distance to the exit.
+    """
     entries = track.path.entries
     here = next(k for k, entry in enumerate(entries) if entry.via == track.history.entry)
     for entry in entries[here + 1 :]:

@@ -1,4 +1,4 @@
-"""Signals and priority where the paths of vehicles enter junctions."""
+"""Signals and priority at the entries of junctions."""
 
 import math
 from collections.abc import Mapping
@@ -11,9 +11,9 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network.links import Link, ShownLinks, foe_lanes
 
 LINE_OF_SIGHT = 4.5
-"""m before a junction from which vehicles see road users that have priority (SUMO's foeVisibilityDistance)."""
+"""Distance (m) before a junction from which vehicles see foes with priority (SUMO's foeVisibilityDistance)."""
 ALWAYS_OPEN = Link("", "", True, True, "M")
-"""Where SUMO has no link."""
+"""Link assumed where SUMO has none."""
 _ASPECTS = {
     "g": SignalAspect.GREEN,
     "G": SignalAspect.GREEN,
@@ -25,12 +25,14 @@ _ASPECTS = {
 """https://sumo.dlr.de/docs/Simulation/Traffic_Lights.html: junctions without a signal have other letters."""
 
 Rule = Literal["go", "look", "stop"]
-"""At an entry: go on, approach slowly and look, or stop at the line."""
+"""Rule at an entry: go on, approach slowly and look for foes, or stop at the line."""
 
 
 class RightOfWay:
-    """Whether vehicles may enter junctions, from the signals and links of a network; vehicles that have priority are
-    left to the caller. Call `renew` after each SUMO step."""
+    """Rules at the entries of junctions, from the signals and links of a network. Call `renew` after each SUMO step.
+
+    The caller checks whether vehicles with priority are near.
+    """
 
     def __init__(self, api: SumoApi, graph: LaneGraph) -> None:
         self._shown = ShownLinks(api)
@@ -38,7 +40,7 @@ class RightOfWay:
         self._foes = FoeLanes(api, graph)
 
     def renew(self) -> None:
-        """Forget what was read of SUMO's last step."""
+        """Drop the data of SUMO's last step."""
         self._links.clear()
         self._shown.renew()
 
@@ -47,20 +49,21 @@ class RightOfWay:
         return link_rule(self._link(entry), distance, speed, deceleration)
 
     def has_priority(self, lane: str, target: str, via: str) -> bool:
-        """Whether vehicles may enter now from a lane to a target lane over an internal lane, and need not yield."""
+        """Whether vehicles from a lane to a target lane over the internal lane `via` may enter now without yielding."""
         link = self._links_from(lane).get((target, via), ALWAYS_OPEN)
         return link.state not in "ruyY" and (link.has_priority or link.state in "GM")
 
     def is_green(self, lane: str, target: str, via: str) -> bool:
-        """Whether no signal stops vehicles now that go from a lane to a target lane over an internal lane."""
+        """Whether no signal stops vehicles from a lane to a target lane over the internal lane `via` now."""
         return self._links_from(lane).get((target, via), ALWAYS_OPEN).state not in "ruyY"
 
     def goes_first(self, lane: str, entry: JunctionEntry) -> bool:
-        """Whether vehicles of a lane have priority over those at an entry, wherever they go."""
+        """Whether vehicles of a lane have priority over vehicles at an entry, whatever the target lane of the
+        former."""
         return lane in self._foes(entry)
 
     def halts(self, entry: JunctionEntry) -> bool:
-        """Whether vehicles have to stand before the line even where nothing comes."""
+        """Whether vehicles must stop before the line even without foes."""
         return self._link(entry).state in "ws"
 
     def signal(self, entry: JunctionEntry) -> SignalAspect:
@@ -86,7 +89,7 @@ class FoeLanes:
         self._known: dict[tuple[str, str], tuple[str, ...]] = {}
 
     def __call__(self, entry: JunctionEntry) -> tuple[str, ...]:
-        """Their ids."""
+        """Ids of these lanes."""
         key = (self._graph.origin(entry.lane), entry.target)
         lanes = self._known.get(key)
         if lanes is None:
@@ -95,19 +98,21 @@ class FoeLanes:
 
 
 def link_rule(link: Link, distance: float, speed: float, deceleration: float) -> Rule:
-    """The rule at the link of an entry for a vehicle at `speed` (m/s), `distance` m before the stop line, which brakes
-    with `deceleration` (m/s²)."""
+    """The rule at the link of an entry for a vehicle at `speed` (m/s), `distance` m before the stop line.
+
+    The vehicle brakes with `deceleration` (m/s²).
+    """
     to_stop = speed * speed / (2.0 * deceleration)
     if link.state in "ru":
         return "stop"
     if link.state in "yY":
         return "stop" if to_stop + STOP_LINE <= distance else "go"
-    # Too late to stop: vehicles with priority were far away when stopping was possible.
+    # A vehicle that can no longer stop goes on: foes with priority were far away while stopping was possible.
     if link.has_priority or link.state in "GM" or to_stop > distance + 1.0:
         return "go"
     return "look"
 
 
 def time_to_cover(distance: float, speed: float, acceleration: float) -> float:
-    """s to cover `distance` (m) from `speed` (m/s) with `acceleration` (m/s²)."""
+    """Time (s) in which a road user covers `distance` (m) from `speed` (m/s) with `acceleration` (m/s²)."""
     return (math.sqrt(speed * speed + 2.0 * acceleration * max(distance, 0.0)) - speed) / acceleration
