@@ -1,7 +1,7 @@
-"""Routes that vehicles of a recording can be expected to take: along the lane under them, straight on at forks.
+"""Expected routes of the vehicles of a recording: along the lane under the vehicle, straight on at forks.
 
-Nothing is known of their destinations. What they are doing now says where they go within the next seconds: a vehicle
-stays on its lane, and keeps the highest speed that it had in the last 2 s; one that has stood stays where it is.
+The destinations are unknown. The present motion predicts the next seconds: a vehicle stays on its lane and keeps the
+highest speed of its last 2 s; a vehicle that has stood for 2 s stays where it is.
 """
 
 import math
@@ -22,28 +22,28 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 from slrl_sumo.sumo.network.lanes import ALONG, Lane, LanePoints
 
 CLASSES = {RoadUserType.CAR: "passenger", RoadUserType.BICYCLE: "bicycle"}
-"""SUMO's class of the types that have expected routes; pedestrians have none."""
+"""SUMO's vehicle class of each type with expected routes; pedestrians have none."""
 ASIDE = 1.0
-"""m beside a lane up to which a vehicle is on it: recorded positions, and maps, are that inexact."""
+"""Distance (m) beside a lane up to which a vehicle counts as on the lane: the error of recorded positions and maps."""
 AGAIN = 4.0
-"""m ahead and behind, beyond what it drives, within which a vehicle is found again on its path."""
+"""Tolerance (m) ahead and behind, beyond the distance driven, of the search for a vehicle on its path."""
 
 
 @dataclass(slots=True)
 class ExpectedRoute:
-    """The route that one road user is expected to take, and where it is on it."""
+    """The route that a road user is expected to take, and its position on this route."""
 
     line: Polyline
     s: float
-    """m along the line, of the centre; `routes_ahead` keeps it."""
+    """Position (m along the line) of the centre; `routes_ahead` updates it."""
     desired: float
-    """m/s."""
+    """Desired speed, m/s."""
 
 
 class ExpectedRoutes:
     """Expected routes on the lanes of a network.
 
-    `following`: ids of the lanes that follow each of the `lanes`, those inside junctions included.
+    `following`: ids of the lanes that follow each of the `lanes`, including internal lanes.
     """
 
     def __init__(self, lanes: Sequence[Lane], following: Mapping[str, Sequence[str]]) -> None:
@@ -56,8 +56,10 @@ class ExpectedRoutes:
         self._lines: dict[tuple[str, str], tuple[Polyline, float]] = {}
 
     def of(self, recording: Trajectories, rows: Integers) -> list[ExpectedRoute | None]:
-        """The routes that are expected of the road users in `rows` (n,) of a recording, from that row and those of the
-        last 2 s; None for pedestrians, and where there is no lane of about the direction of the road user."""
+        """The expected routes of the road users in `rows` (n,) of a recording, from each row and the 2 s before it.
+
+        None for pedestrians, and for vehicles without a lane of about the same direction under them.
+        """
         found: list[ExpectedRoute | None] = [None] * len(rows)
         kinds = recording.type[recording.track[rows]]
         for kind, points in self._points.items():
@@ -80,8 +82,11 @@ class ExpectedRoutes:
         return found
 
     def _straight_on(self, lane: Lane, vehicle_class: str) -> tuple[Polyline, float]:
-        """The line from shortly before the begin of a lane along those lanes after it that turn least, and m along it
-        where that lane ends."""
+        """The line along a lane and the following lanes that turn least, and the position (m) on it where the lane
+        ends.
+
+        The line begins shortly before the lane.
+        """
         if (known := self._lines.get((lane.id, vehicle_class))) is not None:
             return known
         chain, length = [lane], 0.0
@@ -101,8 +106,10 @@ class ExpectedRoutes:
 
 
 def routes_ahead(expected: Sequence[ExpectedRoute | None], world: WorldState) -> RouteAhead:
-    """The routes of the first road users of `world`, those of `expected`, from where they are now. No stop, signal or
-    speed limit on them is known."""
+    """The routes ahead of the first road users of `world`, one for each of `expected`, from their present positions.
+
+    The routes contain no stops, signals or speed limits.
+    """
     route = RouteAhead.unknown(len(expected))
     for i, one in enumerate(expected):
         if one is None:
@@ -117,13 +124,13 @@ def routes_ahead(expected: Sequence[ExpectedRoute | None], world: WorldState) ->
 
 
 def _recent_speed(recording: Trajectories, rows: Integers) -> Floats:
-    """m/s: the highest speed of road users in the last 2 s up to `rows`, (n,)."""
+    """Highest speed (m/s) of road users in the last 2 s up to `rows`, (n,)."""
     first = recording.starts[recording.track[rows]]
     past = np.maximum(rows[:, None] - np.arange(PAST + 1), first[:, None])
     return np.asarray(recording.speed[past].max(axis=1))
 
 
 def _direction(lane: Lane, piece: int) -> float:
-    """rad of a piece of a lane's centre line."""
+    """Direction (rad) of a segment of a lane's centre line."""
     dx, dy = np.diff(lane.shape, axis=0)[piece].tolist()
     return math.atan2(dy, dx)

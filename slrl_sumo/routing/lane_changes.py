@@ -1,7 +1,8 @@
 """Lane changes with cooperation: gaps in the next lane, and speeds that make room for a change.
 
-The one that wants to change fits its speed to the vehicle in the next lane behind which it will go, and the vehicle
-behind that gap lets it in. A vehicle that is not wholly behind goes first, so that two never wait for each other.
+The changing vehicle adapts its speed to its future leader in the next lane, and the vehicle behind the gap, its future
+follower, makes room. A vehicle that overlaps the changing vehicle along the lane goes first, so that two vehicles never
+wait for each other.
 """
 
 import math
@@ -18,89 +19,91 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 BESIDE, BEYOND = 0.6, 1.2
-"""m from its own middle, and beyond the middle of the next lane, between which vehicles are in that lane."""
+"""Lateral bounds of the next lane: m from the centre of the changing vehicle, and m beyond the lane's centre line."""
 MARGIN, HURRIED_MARGIN = 2.5, 1.0
-"""m that a gap needs before and behind; where the lane ends soon."""
+"""Least gap (m) to the leader and to the follower in the next lane; the second value within HURRY."""
 CLOSING, HURRIED_CLOSING = 1.5, 0.6
-"""s of the difference in speed that it needs as well, until the faster one brakes."""
+"""Time (s) at the speed difference that the gap needs in addition, until the faster vehicle brakes."""
 BRAKES = 4.0
-"""m/s² with which the faster one then takes on the speed of the other."""
+"""Deceleration (m/s²) with which the faster vehicle then adapts to the speed of the slower vehicle."""
 HURRY = 50.0
-"""m to the end of a lane from which a vehicle is hurried."""
+"""Distance (m) to the end of its lane below which a vehicle accepts smaller gaps."""
 SOON = 10.0, 100.0
-"""s and m before the end of its lane from which others make room, whichever is longer."""
+"""Time (s) and distance (m) before the end of a lane, whichever is longer, from which other vehicles make room."""
 HEADWAY = 1.1
-"""s to the vehicle ahead in the next lane that is aimed at, as behind a leader (lookahead.route_fit)."""
+"""Desired headway (s) to the leader in the next lane, as behind any leader (lookahead.route_fit)."""
 STANDING_GAP = 1.5
-"""m, at a stand."""
+"""Desired gap (m) at a stand."""
 RELAXATION = 3.0
-"""s in which a missing distance is made up."""
+"""Time (s) in which a vehicle corrects its gap."""
 EASY = 1.5
-"""m/s²: no one brakes harder for a change."""
+"""Greatest deceleration (m/s²) of a vehicle that makes room or seeks a gap."""
 ACTS_IN = 0.8
-"""s until the allowed speed is compared with that of a mode (lookahead.route_fit)."""
+"""Time (s) until the allowed speed is compared with the speed of a mode (lookahead.route_fit)."""
 GAIN, PAUSE = 2.0, 6.0
-"""m/s that vehicles want to gain by overtaking on the next lane, and s from one change to the next."""
+"""Least gain of speed (m/s) for which vehicles overtake, and least time (s) between two lane changes."""
 KEEPS_RIGHT = 15.0
-"""m/s of its desired speed from which a vehicle goes back towards the kerb, in left-hand traffic to the left; slower
-ones, as on city streets, choose their lane freely."""
+"""Desired speed (m/s) from which a vehicle returns towards the kerb, in left-hand traffic to the left. Slower vehicles,
+such as on city streets, choose their lane freely."""
 FORESEEN = 4.0
-"""s for which a vehicle ahead is expected to speed up as it does: behind one that starts at a signal none overtakes."""
+"""Time (s) for which a leader is expected to keep its acceleration: a vehicle does not overtake a leader that starts at
+a signal."""
 STEADY = 0.5
-"""m/s²: a vehicle ahead that brakes harder has a reason farther on, which holds for the next lane, too."""
+"""Deceleration (m/s²) above which a leader brakes for a reason farther ahead, which holds for the next lane, too."""
 FAR = 30.0, 300.0
-"""s and m before the end of its lane, whichever is longer, from which a vehicle seeks the lane that its route needs;
-before that it overtakes on any lane."""
+"""Time (s) and distance (m) before the end of its lane, whichever is longer, from which a vehicle seeks the lane that
+its route needs; farther away it overtakes on any lane."""
 CHANGES_WITHIN = 4.0, 50.0
-"""s, and at most m, before the end of its lane from which no vehicle begins to overtake."""
+"""Time (s), and at most this distance (m), before the end of its lane within which a vehicle does not start to
+overtake."""
 QUEUED, SHORTER = 2.0, 12.0
-"""m/s below which a vehicle ahead is in a queue, and m by which the queue in the next lane ends later, two cars less;
-the change needs that distance, too."""
+"""Speed (m/s) below which a leader is in a queue, and least advantage (m, two cars) of the queue in the next lane; the
+lane change needs the same distance before the queue."""
 SETTLES = 4.0
-"""s for which a vehicle that has just been inserted stays on its lane: at a motorway junction (A10KW) nearly all
-collisions at lane changes were with vehicles that SUMO then inserted on the other lane."""
+"""Time (s) for which a vehicle stays on its lane after its insertion. At a motorway junction (A10KW), nearly all
+collisions at lane changes were with vehicles that SUMO had just inserted on the other lane."""
 FAR_SIGHT, HALF_LANE = 100.0, 1.7
-"""m ahead that an overtaking vehicle considers, and m to either side of the middle of a lane."""
+"""Distance (m) ahead that an overtaking vehicle considers, and half the width (m) of a lane."""
 SIGHT = 60.0
-"""m ahead and behind."""
+"""Distance (m) ahead and behind within which vehicles cooperate."""
 
 
 class LaneChange(NamedTuple):
     """A lane change that is under way, or for which a vehicle waits for a gap."""
 
     row: int
-    """In the world."""
+    """Row of the vehicle in the world."""
     lateral_offset: float
-    """m to the left of the middle of the next lane."""
+    """Position of the vehicle, m to the left of the centre line of the next lane."""
     direction: float
-    """rad: of the next lane; the vehicle itself may still be turning, as at the end of a ramp."""
+    """Direction (rad) of the next lane; the vehicle may still be turning, such as at the end of a ramp."""
     left: float
-    """m to the end of its lane; 0 while it is changing."""
+    """Distance (m) to the end of the present lane; 0 during the change."""
 
 
 class _Around(NamedTuple):
-    """All vehicles of a world as one of them sees them, (m,) each."""
+    """Positions of all m road users of a world relative to the changing vehicle, (m,) each."""
 
     in_lane: NDArray[np.bool_]
-    """Whether it is in the lane that the vehicle wants to change to."""
+    """Whether the road user is in the next lane."""
     ahead: Floats
-    """m from its middle to theirs."""
+    """Distance (m) along the lane from the centre of the changing vehicle to the centre of the road user."""
     clear: Floats
-    """m between the boxes along the lane; negative beside each other."""
+    """Gap (m) between the two boxes along the lane; negative if they overlap."""
 
 
 def is_soon(left: float, speed: float) -> bool:
-    """Whether the end of a lane, in `left` m, is so near for a vehicle at `speed` (m/s) that others make room."""
+    """Whether a vehicle at `speed` (m/s), `left` m before the end of its lane, is so near that others make room."""
     return left <= max(SOON[0] * speed, SOON[1])
 
 
 def is_far(left: float, speed: float) -> bool:
-    """Whether the end of a lane, in `left` m, is so far at `speed` (m/s) that any lane serves the route."""
+    """Whether a vehicle at `speed` (m/s), `left` m before the end of its lane, may use any lane."""
     return left > max(FAR[0] * speed, FAR[1])
 
 
 def has_gap(world: WorldState, change: LaneChange, entering: Sequence[int] = (), levels: Levels = FLAT) -> bool:
-    """Whether there is room in the next lane; `entering`: rows of vehicles that are changing to it as well."""
+    """Whether the gap in the next lane suffices; `entering`: rows of other vehicles that are changing to that lane."""
     around, speed = _around(world, change, levels), world.speed[change.row]
     around.in_lane[list(entering)] = True
     faster = np.maximum(np.where(around.ahead > 0, speed - world.speed, world.speed - speed), 0.0)
@@ -113,8 +116,11 @@ def has_gap(world: WorldState, change: LaneChange, entering: Sequence[int] = (),
 def faster_there(
     world: WorldState, change: LaneChange, desired: float, levels: Levels = FLAT, *, back: bool = False
 ) -> bool:
-    """Whether a vehicle that wants to go at `desired` (m/s) gets on better in the next lane: where it is held up and
-    the next lane is faster; a fast one also `back` towards the kerb, where it is not held up there."""
+    """Whether the next lane is better for a vehicle with the desired speed `desired` (m/s).
+
+    That is so if a leader slows the vehicle down and the next lane is faster. `back`: the next lane is nearer to the
+    kerb; a fast vehicle then also changes if no leader slows it down there.
+    """
     there = min(_foreseen(*_ahead(world, change, -change.lateral_offset, levels)), desired)
     if back and desired >= KEEPS_RIGHT:
         return there > desired - 0.5 * GAIN
@@ -124,15 +130,14 @@ def faster_there(
 
 
 def shorter_queue(world: WorldState, change: LaneChange, left: float, levels: Levels = FLAT) -> bool:
-    """Whether a vehicle comes to a queue before the end of its lane, in `left` m, and to none so soon in the next
-    lane."""
+    """Whether a queue before the end of the present lane, `left` m ahead, is longer than the queue in the next lane."""
     here, there = (_queue(world, change, aside, levels) for aside in (0.0, -change.lateral_offset))
     return here > SHORTER and min(there, left) > here + SHORTER
 
 
 def _ahead(world: WorldState, change: LaneChange, aside: float, levels: Levels) -> tuple[float, float]:
-    """m/s and m/s² of the next vehicle within FAR_SIGHT ahead on the line `aside` m to the left; inf and 0 where there
-    is none."""
+    """Speed (m/s) and acceleration (m/s²) of the leader within FAR_SIGHT on the line `aside` m to the left; inf and 0
+    without a leader."""
     rows, along = _in_lane_ahead(world, change, aside, levels)
     if not len(rows):
         return math.inf, 0.0
@@ -141,12 +146,12 @@ def _ahead(world: WorldState, change: LaneChange, aside: float, levels: Levels) 
 
 
 def _foreseen(speed: float, acceleration: float) -> float:
-    """m/s after FORESEEN, if a vehicle goes on speeding up."""
+    """Speed (m/s) after FORESEEN, if a vehicle keeps its acceleration."""
     return speed + FORESEEN * max(acceleration, 0.0)
 
 
 def _queue(world: WorldState, change: LaneChange, aside: float, levels: Levels) -> float:
-    """m to the next vehicle in a queue within FAR_SIGHT ahead on the line `aside` m to the left; inf: there is none."""
+    """Distance (m) to the next queued vehicle within FAR_SIGHT on the line `aside` m to the left; inf without one."""
     rows, along = _in_lane_ahead(world, change, aside, levels)
     return float(np.min(along[world.speed[rows] < QUEUED], initial=math.inf))
 
@@ -154,7 +159,7 @@ def _queue(world: WorldState, change: LaneChange, aside: float, levels: Levels) 
 def _in_lane_ahead(
     world: WorldState, change: LaneChange, aside: float, levels: Levels
 ) -> tuple[NDArray[np.intp], Floats]:
-    """Rows of the road users within FAR_SIGHT ahead on the line `aside` m to the left, and m to them, (k,) each."""
+    """Rows of the road users within FAR_SIGHT on the line `aside` m to the left, and distances (m), (k,) each."""
     c, s = math.cos(change.direction), math.sin(change.direction)
     dx, dy = world.x - world.x[change.row], world.y - world.y[change.row]
     along, across = c * dx + s * dy, c * dy - s * dx
@@ -164,8 +169,10 @@ def _in_lane_ahead(
 
 
 def cooperative_speeds(world: WorldState, n: int, lane_changes: Sequence[LaneChange], levels: Levels = FLAT) -> Floats:
-    """m/s that make room for the lane changes that are wished for, (n,), of the first `n` road users of `world`, which
-    are those that may let others in; inf where nothing is to be done."""
+    """Speeds (m/s), (n,), with which the first `n` road users of `world` cooperate in lane changes; inf without need.
+
+    A changing vehicle adapts to its future leader, and the future follower makes room.
+    """
     allowed = np.full(n, math.inf)
     rows = {change.row for change in lane_changes}
     for change in lane_changes:
@@ -175,7 +182,7 @@ def cooperative_speeds(world: WorldState, n: int, lane_changes: Sequence[LaneCha
         around = _around(world, change, levels)
         near = np.flatnonzero(around.in_lane & (np.abs(around.ahead) < SIGHT))
         behind = [j for j in near.tolist() if around.ahead[j] < 0.0 and around.clear[j] >= 0.0]
-        # Of two that are beside each other and want each other's lane, the one in front goes first.
+        # If two vehicles side by side want each other's lane, the vehicle in front goes first.
         before = [j for j in near.tolist() if not (around.ahead[j] < 0.0 and (around.clear[j] >= 0.0 or j in rows))]
         if before:
             j = min(before, key=lambda k: around.ahead[k])
@@ -188,7 +195,7 @@ def cooperative_speeds(world: WorldState, n: int, lane_changes: Sequence[LaneCha
 
 
 def _on_the_level(levels: Levels, world: WorldState, change: LaneChange, rows: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Those of `rows` in the way of a vehicle that are not above or below it."""
+    """The `rows` of road users that are on the same level as the changing vehicle, not above or below it."""
     if not len(levels.x):
         return rows
     x, y, cos, sin = world.x[rows], world.y[rows], np.cos(world.heading[rows]), np.sin(world.heading[rows])
@@ -214,6 +221,7 @@ def _around(world: WorldState, change: LaneChange, levels: Levels) -> _Around:
 
 
 def _following(speed: float, leading: float, gap: float) -> float:
-    """m/s for a vehicle at `speed` to come to its headway behind one at the speed `leading` across `gap` (m)."""
+    """Speed (m/s) with which a vehicle at `speed` approaches its desired headway behind a leader at the speed
+    `leading`, `gap` m ahead."""
     wanted = leading + (gap - STANDING_GAP - HEADWAY * speed) / RELAXATION
     return max(wanted, speed - EASY * ACTS_IN, 0.0)

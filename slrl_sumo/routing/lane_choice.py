@@ -1,4 +1,4 @@
-"""Which lane vehicles choose: for their route, past a queue, or to overtake."""
+"""Lane choice of vehicles: for their route, past a queue, or to overtake."""
 
 import math
 
@@ -25,7 +25,7 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.network.lanes import lane_index
 
 CHANGING, MOST_ASIDE = 0.8, 8.0
-"""m beside its path beyond which a vehicle is changing lanes, and up to which the next lane may be away."""
+"""Lateral offset (m) beyond which a vehicle is changing lanes, and greatest distance (m) of the next lane."""
 
 
 class LaneChoice:
@@ -35,14 +35,16 @@ class LaneChoice:
         self._graph, self._tracks, self._levels = graph, tracks, levels
 
     def choose(self, track: VehicleTrack, world: WorldState, i: int) -> LaneChange | None:
-        """Begin the lane change of the vehicle in row `i` of `world`, where there is a gap. Returns a change that is
-        under way, or for which there is no gap."""
+        """Begin the lane change of the vehicle in row `i` of `world`, if the gap suffices.
+
+        Returns the lane change that is under way or waits for a gap, else None.
+        """
         path = track.path
         if not (track.edges or path.route) or path.lanes[0].startswith(":") or path.lane_at(track.s) > 0:
             return None
         if abs(track.lateral_offset) > CHANGING:
             return LaneChange(i, track.lateral_offset, path.line.at(track.s)[2], 0.0)
-        # SUMO inserts vehicles beside one that is on its way to their lane, because it is not on it yet.
+        # SUMO inserts vehicles beside a vehicle that is changing to their lane, because it is not on that lane yet.
         settles = world.time < track.history.begun + SETTLES
         left = path.ends[0] - track.s
         if path.next_lane is not None and not is_far(left, track.speed):
@@ -52,7 +54,7 @@ class LaneChoice:
         return self._overtake(track, world, i, left) if path.route and not settles else None
 
     def _overtake(self, track: VehicleTrack, world: WorldState, i: int, left: float) -> LaneChange | None:
-        """Change to a lane that serves the route as well, where the vehicle gets on better there."""
+        """Change to a lane that serves the route equally well and is faster."""
         if track.speed < QUEUED or world.time < track.history.changed + PAUSE:
             return None
         lane, vehicle_class = track.path.lanes[0], track.parameters.vehicle_class
@@ -69,7 +71,7 @@ class LaneChoice:
     def _begin_change(
         self, track: VehicleTrack, world: WorldState, i: int, target: str, left: float, *, always: bool
     ) -> LaneChange | None:
-        """Begin to change to the lane `target` where there is a gap; unless `always`, only where it is faster."""
+        """Begin to change to the lane `target` if the gap suffices; unless `always`, only to a better lane."""
         length = float(world.length[i])
         before = point_before(self._graph, target, length)
         path = self._graph.path(target, track.edges, track.parameters.vehicle_class, before, seed_of(world.ids[i]))
@@ -86,7 +88,7 @@ class LaneChoice:
         return change
 
     def _gets_on_better(self, track: VehicleTrack, world: WorldState, change: LaneChange, target: str) -> bool:
-        """Whether a vehicle gets on better in the next lane, `target`: by the queue, or by the speed there."""
+        """Whether the next lane, `target`, is better: a shorter queue, or a higher speed."""
         left = track.path.ends[0] - track.s
         if shorter_queue(world, change, left, self._levels):
             return True
@@ -97,14 +99,14 @@ class LaneChoice:
         return faster_there(world, change, desired, self._levels, back=lane_index(target) < lane_index(lane))
 
     def _entering(self, lane: str, track: VehicleTrack, world: WorldState) -> list[int]:
-        """Rows of the other vehicles near a track that are changing to a lane, or come to it out of a junction."""
+        """Rows of other vehicles near a track that are changing to a lane, or reach it from a junction."""
         near = np.flatnonzero(np.hypot(world.x - track.x, world.y - track.y) < SIGHT)
         others = [(row, self._tracks.get(world.ids[row])) for row in near.tolist()]
         return [row for row, other in others if other is not None and other is not track and _enters(other, lane)]
 
 
 def _enters(track: VehicleTrack, lane: str) -> bool:
-    """Whether a vehicle is changing to a lane, or is in the junction from which its path leads there."""
+    """Whether a vehicle is changing to a lane, or is in a junction from which its path leads to the lane."""
     lanes, here = track.path.lanes, track.path.lane_at(track.s)
     if not lanes[here].startswith(":"):
         return lanes[0] == lane and abs(track.lateral_offset) > CHANGING

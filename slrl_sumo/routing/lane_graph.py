@@ -20,39 +20,42 @@ from slrl_sumo.sumo.network.lanes import Lane, lane_index
 from slrl_sumo.sumo.network.links import LaneLinks
 
 MOST_EDGES = 12
-"""Edges of a route that the choice of a lane considers."""
+"""Number of edges of a route that the choice of a lane considers."""
 CHANGE = 60.0
-"""m that a lane change needs: vehicles change before shorter edges, such as those with lanes for turns."""
+"""Distance (m) that a lane change needs: vehicles change before shorter edges, such as edges with turn lanes."""
 MOST_LANES = 30
 MOST_TABLES = 5_000
 MOST_PATHS = 2_000
 WAITS_APART = 0.5
-"""m between a vehicle that waits at a junction, or inside one, and others on their ways through it: none stops to the
-centimetre. netconvert's waiting positions leave 0.1 m where ways cross at a small angle, and its stop lines lie up to
-10 m behind the ways of others where the lanes of an edge are drawn into the junction."""
+"""Distance (m) between a vehicle that waits before or inside a junction and vehicles on other ways through it: vehicles
+do not stop to the centimetre. netconvert's waiting positions leave 0.1 m where ways cross at a small angle, and its
+stop lines lie up to 10 m past other ways where the lanes of an edge are drawn into the junction."""
 HALF_CAR, HALF_BICYCLE = 0.9, 0.325
-"""m; half the width of SUMO's usual cars, and bicycles."""
+"""Half the width (m) of SUMO's default car and bicycle."""
 LOOKS = 3
-"""Decisions (1.2 s) after which permissions are read again: in each one they took 3 % of the time of 64 road users."""
+"""Decisions (1.2 s) between readings of permissions: reading at each decision took 3 % of the time of 64 road users."""
 BACK = 15.0
-"""m before the end of a lane within which a stop line is moved back."""
+"""Distance (m) before the end of a lane within which a stop line is moved back."""
 REACH = 250.0
-"""m of a path beyond its first lane, if the route is that long: at 40 m/s a vehicle sees 230 m (scene.route)."""
+"""Length (m) of a path beyond its first lane, if the route is that long: at 40 m/s a vehicle sees 230 m
+(scene.route)."""
 SHARPEST = 2.2
-"""rad (126 degrees): vehicles without a destination take sharper turns, as turnarounds are, only where there are no
-others."""
+"""Angle (rad, 126 degrees) of turns, such as U-turns, from which vehicles without a destination take only if no other
+turn exists."""
 
 
 class _LaneChanges(NamedTuple):
-    """How many lane changes a route needs from each lane of its first edge; on an edge shorter than CHANGE each of them
-    counts as more."""
+    """Numbers of lane changes that a route needs from each lane of its first edge.
+
+    A lane change on an edge shorter than CHANGE counts as more than one.
+    """
 
     after: dict[str, float]
-    """After the first edge; lanes that do not continue along the route are left out."""
+    """Lane changes after the first edge; lanes that do not continue along the route are left out."""
     total: dict[str, float]
-    """On the first edge and after it."""
+    """Lane changes on the first edge and after it."""
     towards: dict[str, str | None]
-    """From each lane the neighbouring one that brings a vehicle nearer to its route, as far as it was asked for."""
+    """For each lane requested so far, the neighbouring lane that brings a vehicle nearer to its route."""
 
 
 class LaneGraph:
@@ -67,10 +70,10 @@ class LaneGraph:
         self.inside: dict[str, list[str]] = {}
         """The internal lanes of each junction (see `junction_of`), with pedestrian crossings, without walking areas."""
         self.version = 0
-        """How often permissions have changed: paths of before may lead over closed lanes, or end before opened ones."""
+        """Number of changes of permissions: older paths may lead over closed lanes, or end before opened lanes."""
         self._state, self._looked_at, self._renewed = LaneState(api), set[str](), 0
         self._changed: dict[str, Lane] = {}
-        """Lanes whose permissions have changed, as they were at first."""
+        """Lanes with changed permissions, in their original state."""
         self._of_edge: dict[str, list[str]] = {}
         for lane in network.lanes:
             self._of_edge.setdefault(lane.edge, []).append(lane.id)
@@ -86,7 +89,7 @@ class LaneGraph:
         self._paths = OrderedDict()
 
     def renew(self) -> None:
-        """Forget the limits of SUMO's last step, and every LOOKS times which edges were looked at."""
+        """Drop the limits of SUMO's last step; at every LOOKS-th call also allow reading the permissions again."""
         self._state.renew()
         self._renewed += 1
         if self._renewed % LOOKS == 0:
@@ -97,7 +100,7 @@ class LaneGraph:
         return self._state.limit(lane)
 
     def look_at(self, edge: str) -> None:
-        """Take note of the permissions that the lanes of an edge have now."""
+        """Read the present permissions of the lanes of an edge."""
         if edge in self._looked_at:
             return
         self._looked_at.add(edge)
@@ -111,7 +114,7 @@ class LaneGraph:
                     known.clear()
 
     def is_closed_after(self, lane: str, vehicle_class: str) -> bool:
-        """Whether lanes follow to which a vehicle class is not admitted any more, and none to which it is."""
+        """Whether a vehicle class is no longer admitted to any lane that follows, and was at first."""
         following = [target for target, _ in self.links(lane)]
         was = any(target in self._changed and self._changed[target].admits(vehicle_class) for target in following)
         return was and not any(self.lanes[target].admits(vehicle_class) for target in following)
@@ -127,14 +130,16 @@ class LaneGraph:
         return table.towards[lane]
 
     def equal_lanes(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> list[str]:
-        """The neighbouring lanes, the one farther from the kerb first, from which the route `edges`, which begin with
-        the lane's edge, needs no more lane changes than from the lane itself."""
+        """The neighbouring lanes from which the route `edges` needs no more lane changes than from the lane itself.
+
+        `edges` begin with the lane's edge. The lane farther from the kerb comes first.
+        """
         ahead = self._lane_changes(edges, vehicle_class).after
         near = self.neighbours(lane, vehicle_class)
         return [other for other in near if other in ahead and ahead[other] <= ahead.get(lane, -math.inf)]
 
     def neighbours(self, lane: str, vehicle_class: str) -> list[str]:
-        """The neighbouring lanes that are open to a vehicle class, the one farther from the kerb first."""
+        """The neighbouring lanes that are open to a vehicle class; the lane farther from the kerb comes first."""
         lanes = self._of_edge[self.lanes[lane].edge]
         here = lanes.index(lane)
         near = [lanes[k] for k in (here + 1, here - 1) if 0 <= k < len(lanes)]
@@ -150,7 +155,7 @@ class LaneGraph:
         """
         if seed:
             return self._path(lane, edges, vehicle_class, before, random.Random(seed))
-        # A vehicle asks for the path on the next lane in each decision in which it might change to it.
+        # At each decision, a vehicle that may change lanes needs the path on the next lane.
         key = (lane, edges, vehicle_class, tuple(before))
         path = self._paths.get(key)
         if path is None:
@@ -190,7 +195,7 @@ class LaneGraph:
         return replace(path, route=route, next_lane=self.lane_to_change_to(lane, vehicle_class, route))
 
     def origin(self, lane: str) -> str:
-        """The lane outside the junction that leads to an internal lane; of any other lane, the lane itself."""
+        """The lane outside the junction that leads to an internal lane; for any other lane, the lane itself."""
         if not self._origins:
             for begin in self.lanes:
                 if begin.startswith(":"):
@@ -202,8 +207,10 @@ class LaneGraph:
         return self._origins.get(lane, lane)
 
     def _early(self, lane: str, via: str) -> float:
-        """m before the end of a lane that leads into a junction, or on in it, to `via`, at which the line is before
-        which vehicles wait there: out of the ways of others through the junction."""
+        """Distance (m) from the stop line of a lane to the lane's end; vehicles at the line are clear of other ways.
+
+        `lane` leads into a junction, or on inside it, to the internal lane `via`.
+        """
         early = self._waiting.get(lane)
         if early is None:
             mine, own = sampled(self.lanes[lane].shape), self.lanes[self.origin(lane)].edge
@@ -216,7 +223,7 @@ class LaneGraph:
         return early
 
     def _half_width(self, lane: str) -> float:
-        """m; that of the vehicles on a lane."""
+        """Half the width (m) of the vehicles on a lane."""
         return HALF_CAR if self.lanes[lane].admits("passenger") else HALF_BICYCLE
 
     def _choose(
@@ -287,14 +294,17 @@ class LaneGraph:
 
 
 def _moved_back(mine: Floats, others: list[tuple[Floats, float]], *, inside: bool) -> float:
-    """m before the end of a lane at which its line is, so that vehicles wait clear of all `others` (see `clear_of`):
-    `inside` a junction as late as they can, else before the first of them; 0 where that is not within BACK."""
+    """Distance (m) before the end of a lane at which vehicles wait clear of all `others` (see `clear_of`).
+
+    `inside` a junction this is the last clear position, else the last position before the first of the `others`; 0 if
+    there is none within BACK.
+    """
     line = mine[-1, 2].item() - STOP_LINE
     near = mine[mine[:, 2] >= line - BACK]
     clear = clear_of(near, others)
     places = near[clear if inside else np.logical_and.accumulate(clear), 2]
     places = places[places <= line]
-    # Between two points of the lane it may be clear as well.
+    # A gap below SPACING is no reason to move the line: positions between two points may be clear as well.
     return 0.0 if not len(places) or places[-1] > line - SPACING else line - places[-1].item()
 
 

@@ -1,4 +1,4 @@
-"""One line along lanes, with the places at which it enters junctions."""
+"""Paths along lanes, with the positions at which they enter junctions."""
 
 import math
 from bisect import bisect_right
@@ -8,25 +8,25 @@ from functools import cached_property
 from slrl_sumo.routing.polyline import Polyline
 
 STOP_LINE = 1.0
-"""m before a line at which vehicles stop."""
+"""Distance (m) before a line at which vehicles stop."""
 
 
 @dataclass(frozen=True)
 class JunctionEntry:
-    """Where a path enters a junction, or reaches a waiting position inside of one."""
+    """The place where a path enters a junction, or reaches a waiting position inside a junction."""
 
     stop_line: float
-    """m along the path at which vehicles stop."""
+    """Position (m along the path) of the line before which vehicles stop."""
     lane: str
-    """The lane before it."""
+    """Lane before the line."""
     via: str
-    """The internal lane after it."""
+    """Internal lane after the line."""
     target: str
-    """The lane after the junction."""
+    """Lane after the junction."""
     exit: float
-    """m along the path at which the junction ends."""
+    """Position (m along the path) at which the junction ends."""
     waits: float = math.inf
-    """m along the path of the next line in the junction before which vehicles wait; inf where there is none."""
+    """Position (m along the path) of the next line inside the junction before which vehicles wait; inf without one."""
 
     @cached_property
     def junction(self) -> str:
@@ -40,22 +40,22 @@ class LanePath:
 
     lanes: tuple[str, ...]
     ends: tuple[float, ...]
-    """m along the path at which each lane ends."""
+    """Position (m along the path) at which each lane ends."""
     entries: tuple[JunctionEntry, ...]
     line: Polyline
     route: tuple[str, ...] = ()
-    """The route from the edge of the first lane on, where that has other lanes to change to."""
+    """Route from the edge of the first lane on, if that edge has other lanes; else ()."""
     next_lane: str | None = None
-    """The lane beside the first one that brings a vehicle nearer to its route (see LaneGraph.lane_to_change_to)."""
+    """Lane beside the first lane that brings a vehicle nearer to its route, see LaneGraph.lane_to_change_to."""
 
     @cached_property
     def begins(self) -> tuple[float, ...]:
-        """m along the path at which each lane begins."""
+        """Position (m along the path) at which each lane begins."""
         return (0.0, *self.ends[:-1])
 
     @property
     def end(self) -> float:
-        """m along the path where it ends."""
+        """Position (m along the path) of the end."""
         return self.ends[-1]
 
     def lane_at(self, s: float) -> int:
@@ -66,5 +66,5 @@ class LanePath:
 
 
 def junction_of(lane: str) -> str:
-    """What the ids of all internal lanes of a junction begin with."""
+    """Common prefix of the ids of all internal lanes of a junction."""
     return lane.rsplit("_", 2)[0]

@@ -1,4 +1,4 @@
-"""Parts of lanes that are too close to other lanes for vehicles on both."""
+"""Parts of lanes that are too close to other lanes for vehicles on both lanes."""
 
 import math
 from collections.abc import Iterable
@@ -10,11 +10,12 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 SPACING = 0.5
-"""m between the points of lanes that are compared."""
+"""Spacing (m) of the points at which lanes are compared."""
 
 
 def sampled(shape: Floats) -> Floats:
-    """x, y, m along a line (k, 2) and its direction, a unit vector, (points, 5), every SPACING m."""
+    """Points of a line (k, 2) every SPACING m, (points, 5): x, y, m along the line, and the direction, a unit
+    vector."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(shape, axis=0).T))])
     s = np.linspace(0.0, along[-1], 2 + int(along[-1] / SPACING))
     points = np.stack([np.interp(s, along, shape[:, 0]), np.interp(s, along, shape[:, 1])], axis=1)
@@ -24,7 +25,7 @@ def sampled(shape: Floats) -> Floats:
 
 
 def clear_of(mine: Floats, others: Iterable[tuple[Floats, float]]) -> NDArray[np.bool_]:
-    """Which points of a line are far enough from all `others`, each with the distance in m; lines as of `sampled`."""
+    """Which points of a line are clear of all `others`: lines, each with the least distance (m); see `sampled`."""
     clear = np.ones(len(mine), np.bool_)
     for line, apart in others:
         offset = mine[:, None, :2] - line[:, :2]
@@ -34,8 +35,11 @@ def clear_of(mine: Floats, others: Iterable[tuple[Floats, float]]) -> NDArray[np
 
 @compiled
 def near_parts(mine: Floats, theirs: Floats, apart: float) -> tuple[int, int, int, int]:
-    """Index of the first and last of points (k, 5) that is less than `apart` from another point, and of the first and
-    last of those other ones; -1 where there is none."""
+    """Indices of the first and last point of each of two lines (k, 5) that is less than `apart` (m) from the other
+    line.
+
+    The indices of the first line are -1 if the lines are farther apart.
+    """
     first, last, their_first, their_last = -1, -1, len(theirs), -1
     for i in range(len(mine)):
         for j in range(len(theirs)):

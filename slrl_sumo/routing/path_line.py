@@ -1,4 +1,4 @@
-"""The line on which a vehicle drives along its lanes."""
+"""The line that a vehicle follows along its lanes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -8,23 +8,24 @@ from slrl_sumo.routing.polyline import Polyline, line_through
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
 PARALLEL = 0.35
-"""rad between the directions of two lanes up to which one may begin beside the other, and between both and the way from
-one to the other from which that goes aside."""
+"""Greatest angle (rad) between a lane and a next lane that begins beside it; a connection at a greater angle to both
+lanes leads aside."""
 BESIDE, WIDEST = 0.5, 12.0
-"""m between a lane and the next one that begins beside it, at least and at most: up to three lanes, as where lanes for
-turns are added on both sides. With one lane, cars on an arterial braked from 16.7 to 4.4 m/s where it shifts by two."""
+"""Least and greatest distance (m) between a lane and a next lane that begins beside it: up to three lanes, such as
+where turn lanes are added on both sides. With at most one lane, cars on an arterial that shifts by two lanes braked
+from 16.7 to 4.4 m/s."""
 SIDEWAYS = 1.5
-"""m/s at which vehicles then move over: 3.2 m within 2.1 s."""
+"""Lateral speed (m/s) at which vehicles move to such a lane: 3.2 m within 2.1 s."""
 VIEW = 4.0
-"""m by which a line is extended beyond its end, so that vehicles see road users that cross there."""
+"""Extension (m) of a line beyond its end, so that vehicles see road users that cross there."""
 
 
 def path_line(
     lanes: Sequence[Lane], before: Sequence[tuple[float, float]], network: Mapping[str, Lane]
 ) -> tuple[Polyline, tuple[float, ...]]:
-    """A line along `lanes` of a `network` (by id), and m along it of the end of each of them.
+    """A line along `lanes` of a `network` (by id), and the position (m along the line) of the end of each lane.
 
-    `before`: points before the first lane, for the rear of a vehicle that has just entered it.
+    `before`: points before the first lane, for the rear of a vehicle that has just entered the lane.
     """
     points, last = list(before), []
     for lane, following in zip_longest(lanes, lanes[1:]):
@@ -38,8 +39,11 @@ def path_line(
 def _eased(
     points: list[tuple[float, float]], lane: Lane, following: Lane | None, network: Mapping[str, Lane]
 ) -> Sequence[tuple[float, float]]:
-    """The points of a lane after `points`, without a jump to the side: a lane that begins beside the last one, as for
-    an exit, is reached at SIDEWAYS, as in a lane change. SUMO's lanes inside such junctions go aside within 3 m."""
+    """The points of a lane that continue `points` without a jump to the side.
+
+    The line reaches a lane that begins beside the previous lane, such as an exit lane, at SIDEWAYS, as in a lane
+    change. SUMO's internal lanes of such junctions shift within 3 m.
+    """
     shape = lane.points
     if len(points) < 2 or len(shape) < 2:
         return shape
@@ -58,15 +62,17 @@ def _eased(
     aside, over = _beside(ahead, here, following, network), SIDEWAYS * along / lane.max_speed
     if aside <= max(along * math.tan(PARALLEL), over):
         return shape
-    # As far as it gets on the way, so that those who queue on the lane straight ahead are not in the way for longer.
+    # The shift begins inside the junction, so that a queue on the lane straight ahead blocks the vehicle less.
     begin = following.points[0]
     share = over / aside
     return [points[-1], (ahead[0] + share * (begin[0] - ahead[0]), ahead[1] + share * (begin[1] - ahead[1]))]
 
 
 def _beside(place: tuple[float, float], direction: float, lane: Lane, network: Mapping[str, Lane]) -> float:
-    """m from a place that is passed in a `direction` (rad) to the begin of a lane beside it; 0 where it is none, or
-    where there is no carriageway on the way."""
+    """Lateral distance (m) from a place, passed in a `direction` (rad), to a lane that begins beside the place.
+
+    0 if the lane does not begin beside it, or if the area between them is not carriageway.
+    """
     if lane.internal or len(lane.points) < 2:
         return 0.0
     begin, then = lane.points[:2]
@@ -81,7 +87,7 @@ def _beside(place: tuple[float, float], direction: float, lane: Lane, network: M
 
 
 def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mapping[str, Lane]) -> bool:
-    """Whether all the lanes of its edge between the begin of a lane and a place beside that are carriageway."""
+    """Whether all lanes of the edge between the begin of a lane and a place beside it are carriageway."""
     edge, index, nearest = lane.edge, lane_index(lane.id), _away(lane, place)
     beside = [network.get(f"{edge}_{index + step}") for step in (1, -1)]
     step = 1 if _away(beside[0], place) < _away(beside[1], place) else -1
@@ -97,7 +103,7 @@ def _carriageway_between(place: tuple[float, float], lane: Lane, network: Mappin
 
 
 def _away(lane: Lane | None, place: tuple[float, float]) -> float:
-    """m from the begin of a lane to a place."""
+    """Distance (m) from the begin of a lane to a place."""
     return math.inf if lane is None else math.dist(lane.points[0], place)
 
 
@@ -106,7 +112,7 @@ def _direction(begin: tuple[float, float], end: tuple[float, float]) -> float:
 
 
 def _beyond(points: list[tuple[float, float]]) -> tuple[float, float]:
-    """A point `VIEW` m straight ahead of the last one."""
+    """A point `VIEW` m straight ahead of the last point."""
     x, y = points[-1]
     for px, py in reversed(points):
         step = math.hypot(x - px, y - py)

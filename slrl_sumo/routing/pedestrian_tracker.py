@@ -16,21 +16,23 @@ from slrl_sumo.sumo.network.links import ShownLinks
 from slrl_sumo.sumo.road_users import person_edge, walk_of, walking_speed
 
 AIM = 1.0
-"""m along the path to the point that a person heads for."""
+"""Distance (m) along the path to the point towards which a person walks."""
 PAST = 0.5
-"""m past its waiting place up to which a person still counts as being there; the kerb is there."""
+"""Distance (m) past its waiting place, where the kerb is, up to which a person still counts as waiting there."""
 KERB = 1.0
-"""m on a crossing up to which persons still wait for its signal: SUMO's stand on its edge, others cut the corner before
-it. `metrics.traffic.signal_crossings` counts from there on."""
+"""Distance (m) on a crossing up to which persons still wait for its signal: SUMO's persons stand on its edge, others
+cut the corner before it. `metrics.traffic.signal_crossings` counts from this distance on."""
 OFF_PATH = 4.0
-"""m beside its path beyond which an observed person is somewhere else on it, or on another path."""
+"""Distance (m) beside its path beyond which an observed person is elsewhere on this path, or on another path."""
 ASTRAY = 6.0
-"""m beside its path beyond which a person of the scenario is led on from where it is: it would walk beside its path,
-over the street. With 4 m fewer arrive in jams at small signals: in `crowd` 0.75 instead of 0.86 of SUMO's vehicles."""
+"""Distance (m) beside its path beyond which a person of the scenario gets a new path from its position: it would walk
+beside its path, over the street. With 4 m, fewer vehicles arrive in jams at small signals: in `crowd` 0.75 instead of
+0.86 of SUMO's vehicles."""
 DISPLACED = 0.5
-"""m from the planned position: the person was moved by SUMO or a user's script, and its path is found anew."""
+"""Distance (m) from the planned position beyond which SUMO or a user's script has moved the person: a new path is
+needed."""
 SPAWNED_SPEED = 1.3
-"""m/s of spawned pedestrians."""
+"""Speed (m/s) of spawned pedestrians."""
 
 
 @dataclass(slots=True)
@@ -38,17 +40,17 @@ class PedestrianTrack:
     """One person on its path."""
 
     path: WalkPath | None
-    """None where no path is known: the person stands."""
+    """Path of the person; None if no path is known: the person stands."""
     s: float
-    """m along the path."""
+    """Position (m along the path)."""
     speed: float
-    """m/s at which it walks."""
+    """Walking speed (m/s)."""
     x: float
     """Centre at the last update, m."""
     y: float
     begun: CrossingEntry | None = None
-    """The crossing before which it passed the kerb while the signal was not red: it goes on, also where the lane of the
-    crossing begins later."""
+    """Crossing whose kerb the person passed while the signal was not red: it goes on, even if the lane of the crossing
+    begins later."""
 
 
 class PedestrianTracker:
@@ -63,7 +65,7 @@ class PedestrianTracker:
         self._red: dict[tuple[str, str], bool | None] = {}
 
     def renew(self) -> None:
-        """Forget what was read of SUMO's last step."""
+        """Drop the data of SUMO's last step."""
         self._links.renew()
         self._red.clear()
 
@@ -86,7 +88,7 @@ class PedestrianTracker:
             if distance > OFF_PATH:
                 s, _, distance = path.line.place(x, y, track.s - 2.0, math.inf)
                 if distance > ASTRAY and not person.startswith(SPAWNED_PREFIX):
-                    # The walk of a person of the scenario is read once, when it is taken over: after that SUMO has a
+                    # The walk of a person of the scenario is read once, at its takeover: after that SUMO keeps only
                     # part of it.
                     back = self._graph.back_on(path, s, _side(person), x, y)
                     track.path = path if back is None else back
@@ -100,7 +102,8 @@ class PedestrianTracker:
         return track
 
     def next_signal(self, track: PedestrianTrack) -> tuple[float, float, bool]:
-        """m to where a person must stop (inf: nowhere), m to the next signalised crossing, and whether that is red."""
+        """Distance (m) to the stop position (inf: none), distance (m) to the next crossing with a signal, whether
+        red."""
         for entry in track.path.crossings if track.path is not None else ():
             if entry.s <= track.s - KERB or entry is track.begun:
                 continue
@@ -113,7 +116,7 @@ class PedestrianTracker:
         return math.inf, math.inf, False
 
     def remaining_distance(self, person: str) -> float:
-        """m that a person still has to walk on edges; inf without a track, and for spawned pedestrians."""
+        """Remaining walking distance (m) of a person on edges; inf without a track, and for spawned pedestrians."""
         track = self._pedestrians.get(person)
         if track is None or person.startswith(SPAWNED_PREFIX):
             return math.inf
@@ -159,12 +162,12 @@ class PedestrianTracker:
         heading = math.atan2(aim_y - y, aim_x - x)
         x, y = x + distance * math.cos(heading), y + distance * math.sin(heading)
         reached, _ = line.nearest(x, y, begin=track.s, end=track.s + 4.0 * distance + AIM)
-        # Where the line turns back on itself, the nearest place can stand still: advance at least a part.
+        # If the line turns back on itself, the nearest place may not move: advance by at least 0.2 of the distance.
         track.s = max(reached, track.s + 0.2 * distance)
         return x, y, heading
 
     def _is_red(self, entry: CrossingEntry) -> bool | None:
-        """Whether the signal at a crossing is red; None where there is none."""
+        """Whether the signal at a crossing is red; None without a signal."""
         key = (entry.lane, entry.crossing)
         if key not in self._red:
             states = [link.state for link in self._links(entry.lane).values() if link.target == entry.crossing]
@@ -174,13 +177,13 @@ class PedestrianTracker:
 
 
 def _side(person: str) -> float:
-    """Where on sidewalks and crossings a person walks (see `WalkGraph.path`): each on a line of its own, on the right.
+    """Lateral position of a person on sidewalks and crossings (see `WalkGraph.path`): random, on the right side.
 
-    On one line a crossing of 6 m lets one person pass in a second, as a narrow one does.
+    If all persons walked on one line, a crossing 6 m wide would pass one person per second, like a narrow crossing.
     """
     return random.Random(person).uniform(-1.0, 0.0)
 
 
 def _is_at_end(track: PedestrianTrack) -> bool:
-    """Whether a random path is nearly walked: it is drawn anew then."""
+    """Whether a person is near the end of its random path, so that it needs a new path."""
     return track.path is not None and track.path.line.end - track.s < 2.0 * AIM

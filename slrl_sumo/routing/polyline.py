@@ -14,7 +14,7 @@ from slrl_sumo.scene.geometry import Floats
 
 @dataclass(frozen=True)
 class Polyline:
-    """A polyline of at least one segment; `s` is m along it. Lists, because single items are read."""
+    """A polyline of at least one segment; `s`: m along the line. Lists are faster than arrays for single items."""
 
     x: list[float]
     y: list[float]
@@ -22,7 +22,7 @@ class Polyline:
 
     @property
     def end(self) -> float:
-        """m along the line where it ends."""
+        """Length of the line, m."""
         return self.s[-1]
 
     def at(self, s: float) -> tuple[float, float, float]:
@@ -38,15 +38,15 @@ class Polyline:
         return np.array([self.x, self.y, self.s])
 
     def nearest(self, x: float, y: float, begin: float = -math.inf, end: float = math.inf) -> tuple[float, float]:
-        """The place between `begin` and `end` that is nearest to a position: m along the line, and m to its left."""
+        """The place between `begin` and `end` nearest to a position: m along the line, and m to the left of it."""
         return self.place(x, y, begin, end)[:2]
 
     def place(self, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
-        """As `nearest`, with the distance (m) of the position; inf where no part of the line lies between."""
+        """Like `nearest`, with the distance (m) of the position as well; inf if no part of the line lies between."""
         return _place(self.points, x, y, begin, end)
 
     def draw(self, begin: float, spacing: float, x: Floats, y: Floats, row: int) -> None:
-        """Write points every `spacing` m from `begin` on to a row of x and y.
+        """Write points of the line every `spacing` m, from `begin` on, to row `row` of `x` and `y`.
 
         The line is extended straight beyond its ends.
         """
@@ -59,9 +59,9 @@ class Polyline:
 
 
 def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[float]]:
-    """A line, and m along it of each of the given points. Points closer than 5 cm become one.
+    """A line, and the position (m along the line) of each of the given points. Points closer than 5 cm become one.
 
-    Successive lanes share a point; there is no direction between equal points.
+    Successive lanes share a point, and there is no direction between equal points.
     """
     x: list[float] = []
     y: list[float] = []
@@ -75,7 +75,7 @@ def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[
             s.append(s[-1] + step if s else 0.0)
         along.append(s[-1])
     if len(x) == 1:
-        # Without extent, any direction serves.
+        # A single point gets an arbitrary direction.
         x, y, s = [x[0], x[0] + 0.1], [y[0], y[0]], [0.0, 0.1]
     return Polyline(x, y, s), along
 
@@ -84,7 +84,7 @@ def line_through(points: Iterable[tuple[float, float]]) -> tuple[Polyline, list[
 def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tuple[float, float, float]:
     xs, ys, s = points[0], points[1], points[2]
     least, found, left = math.inf, max(s[0], begin), 0.0
-    # Only segments that lie partly between `begin` and `end`.
+    # Search only segments that lie at least partly between `begin` and `end`.
     for i in range(_segment(s, begin), len(s) - 1):
         if s[i] > end or s[i + 1] < begin:
             break
@@ -112,7 +112,7 @@ def _draw(points: Floats, begin: float, spacing: float, x: Floats, y: Floats, ro
 
 @compiled
 def _segment(s: Floats, along: float) -> int:
-    """Index of the last segment that begins before `along`, else of the first one."""
+    """Index of the last segment that begins before `along`; without one, of the first segment."""
     low, high = 0, len(s) - 1
     while high - low > 1:
         middle = (low + high) // 2

@@ -1,7 +1,7 @@
-"""What lies ahead of road users on their routes: path, stop lines, signals, limits, destination.
+"""Routes ahead of road users: path, stop lines, signals, limits, destination.
 
-Routes of vehicles and walks of persons are SUMO's. Spawned road users have neither: at junctions they continue at
-random, equally in every run.
+The routes of vehicles and the walks of persons are SUMO's. Spawned road users have none: at junctions they continue at
+random, in every run in the same way.
 """
 
 import math
@@ -30,18 +30,21 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
 
 NEAR_END = 15.0
-"""m before its destination at which SUMO should finish a trip."""
+"""Distance (m) before the destination at which SUMO should finish a trip."""
 DECEL_SHARE = 0.5
 """Share of a vehicle's deceleration with which it slows down for limits and junctions."""
 REACTION_TIME = 2 * DECISION_INTERVAL
-"""s from a decision until its effect shows."""
+"""Time (s) from a decision until its effect shows."""
 FAR_BESIDE = 3.0
-"""m beside its path from which a vehicle on no lane of SUMO's is astray: stopped 5 m off two sharp turns in a row, one
-did not move again."""
+"""Distance (m) beside its path from which a vehicle on no lane of SUMO is off its route: a vehicle that had stopped 5 m
+beside its path, after two sharp turns in a row, did not move again."""
 
 
 class Routes:
-    """Tracks road users on their routes. `refusals`: those for which SUMO refused a call; their route is unknown."""
+    """Tracks road users on their routes.
+
+    `refusals`: road users for which SUMO refused a call; their routes are unknown.
+    """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.refusals = Refusals()
@@ -57,10 +60,10 @@ class Routes:
         self._near_end: set[str] = set()
 
     def ahead(self, world: WorldState, n: int) -> RouteAhead:
-        """The routes of the first `n` road users of `world` as they are now.
+        """The present routes of the first `n` road users of `world`.
 
-        To be asked at each decision; also again at the same time, as after a road user was put elsewhere: times at a
-        stand count once.
+        Call it at each decision. A second call at the same time, such as after a road user was moved, is allowed:
+        standing times count once.
         """
         self._graph.renew()
         self._right_of_way.renew()
@@ -80,17 +83,22 @@ class Routes:
         return route
 
     def at_kerb(self, world: WorldState, n: int) -> WorldState:
-        """`world` as vehicles expect it, with SUMO's persons that wait to cross a street at the kerb; the first `n`
-        road users are the learned ones."""
+        """`world` as vehicles expect it: with SUMO's waiting persons moved to the kerb.
+
+        The first `n` road users are the learned road users.
+        """
         return self._waiting.at_kerb(world, n)
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users are so near their destination that SUMO should finish the trip, as of `ahead`, (n,)."""
+        """Which of n road users are so near their destination that SUMO should finish the trip, (n,); from `ahead`."""
         return np.array([road_user in self._near_end for road_user in ids], np.bool_)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have passed their destination, or are on no lane of SUMO's and either far beside their
-        path or where it does not continue along their route, (n,)."""
+        """Which of n road users are off their route, (n,).
+
+        These have passed their destination, or SUMO has them on no lane and they are FAR_BESIDE their path or on a lane
+        that does not continue along their route.
+        """
         return np.array([road_user in self._off_route for road_user in ids], np.bool_)
 
     def forget(self, ids: tuple[str, ...]) -> None:
@@ -102,7 +110,7 @@ class Routes:
         self._pedestrians.forget(ids)
 
     def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, lane_changes: list[LaneChange]) -> None:
-        """Write row `i` of the route, that of a vehicle, and add to `lane_changes` if it changes lanes."""
+        """Write row `i` of the routes, a vehicle, and add its lane change, if any, to `lane_changes`."""
         road_user, size = world.ids[i], Size(world.length.item(i), world.width.item(i))
         track = self._vehicles.observed(world, i)
         if (change := self._lane_choice.choose(track, world, i)) is not None:
@@ -120,7 +128,7 @@ class Routes:
         route.remaining_distance[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
         astray = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
-        # Beyond its destination, as on a last edge of a few metres, or on a foreign lane, no rule holds a vehicle.
+        # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane.
         if left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
@@ -128,8 +136,8 @@ class Routes:
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
 
     def _stop_and_look(self, road_user: str, track: VehicleTrack, size: Size) -> tuple[float, float]:
-        """How far ahead (m, inf: nowhere) a vehicle must stop, and the speed (m/s) at which it can look for vehicles
-        that have priority."""
+        """Distance (m, inf: none) at which a vehicle must stop, and the speed (m/s) at which it can look for foes with
+        priority (inf: none)."""
         stop, look = self._speed_limits.stop_at_lane_end(track), math.inf
         for entry, distance, rule, too_late in self._speed_limits.entries_ahead(track, REACTION_TIME):
             if rule == "stop" or not self._reservations.request_entry(
@@ -141,7 +149,7 @@ class Routes:
         return stop, look
 
     def _add_signal(self, route: RouteAhead, i: int, track: VehicleTrack, stop: float) -> None:
-        """Write the next line and its signal to row `i` of the route of a vehicle that must `stop` (m) ahead."""
+        """Write the next line and its signal to row `i` of the routes; `stop`: m to where the vehicle must stop."""
         for entry in track.path.entries:
             line = entry.stop_line - track.s
             if line > -STOPS_OVER:
@@ -151,8 +159,8 @@ class Routes:
                 return
 
     def _add_junction_to_keep_clear(self, route: RouteAhead, i: int, track: VehicleTrack, length: float) -> None:
-        """Write the next junction that a vehicle of this `length` (m) must not stand in to row `i` of the route."""
-        # From inside a junction it goes on as far as it can: where it is it may already stand in the way of others.
+        """Write the next junction in which a vehicle of this `length` (m) must not stand to row `i` of the routes."""
+        # The junction that the vehicle is in does not count: it may already block others, so it drives on.
         here = junction_of(track.history.entry) if track.history.entry else ""
         entries = (e for e in track.path.entries if e.stop_line - track.s > -STOPS_OVER)
         crossed = (e for e in entries if e.junction != here and self._reservations.is_crossed(e))
@@ -164,7 +172,7 @@ class Routes:
             route.waiting_position[i] = pause if pause < exits else -math.inf
 
     def _add_pedestrian(self, route: RouteAhead, world: WorldState, i: int) -> None:
-        """Write row `i` of the route, that of a person; without a path it stays unknown."""
+        """Write row `i` of the routes, a person; without a path the row stays unknown."""
         road_user = world.ids[i]
         track = self._pedestrians.observed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
         route.desired_speed[i] = track.speed
@@ -188,8 +196,12 @@ class Routes:
 
 
 def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], length: float) -> float:
-    """m along a path to the exit after the `first` entry behind which a vehicle of this `length` (m) can stand before
-    the next junction: in a row of junctions, it must not stop between two. `following`: the entries after the first."""
+    """Position (m along the path) of the first exit, from the `first` entry on, after which a vehicle has room to
+    stand.
+
+    In a row of junctions, a vehicle of this `length` (m) must not stop between two junctions without room for it.
+    `following`: the entries after the first.
+    """
     room = first.exit
     for entry in following:
         if entry.stop_line - room >= length + STOP_LINE:
@@ -199,5 +211,5 @@ def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], len
 
 
 def is_near_end(left: float, speed: float) -> bool:
-    """Whether a road user has less than NEAR_END to go, or than it covers in REACTION_TIME at `speed` (m/s)."""
+    """Whether the remaining distance is below NEAR_END, or below the way covered in REACTION_TIME at `speed` (m/s)."""
     return left < max(NEAR_END, REACTION_TIME * speed)

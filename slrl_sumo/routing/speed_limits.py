@@ -1,4 +1,4 @@
-"""What a vehicle's lanes and signals allow: speeds, the lines ahead, the end of its lane."""
+"""Limits that lanes and signals set for a vehicle: speeds, the lines ahead, the end of its lane."""
 
 import math
 from typing import NamedTuple
@@ -9,14 +9,14 @@ from slrl_sumo.routing.lane_path import JunctionEntry
 from slrl_sumo.routing.vehicle_track import ROLLING, STOPS_OVER, VehicleTrack
 
 STOPS_WITH = 0.95
-"""Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² of SUMO's
-usual car."""
+"""Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² for SUMO's
+default car."""
 LOOKS_WITH = 0.8
-"""The same where it begins to see vehicles that have priority: 5.7 m/s, SUMO's usual car is at 6.3 m/s there."""
+"""The same where the vehicle begins to see foes with priority: 5.7 m/s there; SUMO's default car drives 6.3 m/s."""
 LANE_END = 3.0
-"""m before the end of its lane at which a vehicle waits for a gap in the next lane."""
+"""Distance (m) before the end of its lane at which a vehicle waits for a gap in the next lane."""
 FAR_END = 120.0
-"""m to the end of a path that are longer than any sight."""
+"""Distance (m) to the end of a path beyond any sight."""
 
 
 class EntryAhead(NamedTuple):
@@ -24,14 +24,14 @@ class EntryAhead(NamedTuple):
 
     entry: JunctionEntry
     distance: float
-    """m from its front."""
+    """Distance (m) from the front of the vehicle."""
     rule: Rule
     too_late: bool
-    """It can no longer stop before the line."""
+    """The vehicle can no longer stop before the line."""
 
 
 class SpeedLimits:
-    """What lanes and signals allow tracked vehicles."""
+    """Limits that lanes and signals set for tracked vehicles."""
 
     def __init__(self, graph: LaneGraph, right_of_way: RightOfWay) -> None:
         self._graph, self._right_of_way = graph, right_of_way
@@ -39,7 +39,7 @@ class SpeedLimits:
     def lane_limit(self, track: VehicleTrack, dt: float, decel_share: float = 1.0) -> float:
         """The speed (m/s) that the limits of the lanes under the vehicle and ahead of it allow.
 
-        Lower limits ahead are reached with the share `decel_share` of the vehicle's deceleration.
+        The vehicle brakes for lower limits ahead with the share `decel_share` of its deceleration.
         """
         path, own = track.path, track.parameters
         decel, factor, most = decel_share * own.decel, own.speed_factor, own.max_speed
@@ -55,13 +55,13 @@ class SpeedLimits:
         return speed
 
     def entries_ahead(self, track: VehicleTrack, dt: float) -> list[EntryAhead]:
-        """The lines that matter to the vehicle; the effect of a decision shows after `dt` (s)."""
+        """The lines that matter to the vehicle; `dt`: time (s) until a decision shows its effect."""
         found, decel = [], STOPS_WITH * track.parameters.decel
         for entry, distance in entries_near(track, dt):
             if distance < 0.0 and track.speed > ROLLING:
                 continue  # already over the line
             rule = self._right_of_way.rule(entry, distance, track.speed, decel)
-            # A stop sign: a stand before the line comes first, also where nothing comes.
+            # At a stop sign, the vehicle must first stand before the line, even without foes.
             if self._right_of_way.halts(entry) and track.history.halted != entry.via:
                 rule = "stop"
             too_late = track.speed * track.speed / (2.0 * decel) > distance + 1.0
@@ -69,7 +69,7 @@ class SpeedLimits:
         return found
 
     def stop_at_lane_end(self, track: VehicleTrack) -> float:
-        """m ahead at which the vehicle must wait for a gap in the next lane; inf where its lane leads on."""
+        """Distance (m) to where the vehicle must wait for a gap in the next lane; inf if its lane continues."""
         return math.inf if self.suffices(track) else track.path.end - track.s - LANE_END
 
     def lane_continues(self, track: VehicleTrack) -> bool:
@@ -88,25 +88,27 @@ class SpeedLimits:
 
 
 def entries_near(track: VehicleTrack, dt: float) -> list[tuple[JunctionEntry, float]]:
-    """The entries within sight at the vehicle's present speed, with the distances to them in m."""
+    """The entries within sight at the vehicle's present speed, each with its distance (m)."""
     sight = _sight(track.speed, track.parameters.decel, dt) + 5.0
     return [(entry, near) for entry in track.path.entries if -STOPS_OVER < (near := entry.stop_line - track.s) < sight]
 
 
 def looking_speed(track: VehicleTrack, distance: float, dt: float) -> float:
-    """The speed (m/s) at which a vehicle `distance` m before a line can look for vehicles that have priority; it is
-    reached with LOOKS_WITH of its deceleration, `dt` s early. inf where it sees them already."""
+    """The speed (m/s) at which a vehicle `distance` m before a line can look for foes with priority.
+
+    From this speed it can stop with LOOKS_WITH of its deceleration, after `dt` s. inf within LINE_OF_SIGHT.
+    """
     seen = distance - track.speed * dt
     return math.sqrt(2.0 * LOOKS_WITH * track.parameters.decel * seen) if seen > LINE_OF_SIGHT else math.inf
 
 
 def braking_speed(target: float, distance: float, decel: float, dt: float) -> float:
-    """The speed (m/s) from which `target` is reached after `distance` (m), after one more interval at that speed."""
+    """The speed (m/s) from which a vehicle reaches `target` within `distance` (m), after `dt` s at constant speed."""
     delay = decel * dt
     root = delay * delay + target * target + 2.0 * decel * max(distance, 0.0)
     return max(math.sqrt(root) - delay, target)
 
 
 def _sight(speed: float, decel: float, dt: float) -> float:
-    """m ahead of a vehicle that matter at `speed` (m/s), if it brakes with `decel` (m/s²)."""
+    """Distance (m) ahead that matters to a vehicle at `speed` (m/s) that brakes with `decel` (m/s²)."""
     return speed * dt + speed**2 / (2.0 * decel) + 10.0

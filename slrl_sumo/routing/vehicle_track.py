@@ -8,43 +8,43 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 from slrl_sumo.sumo.road_users import VehicleParameters
 
 ROLLING = 2.0
-"""m/s above which a vehicle that has just passed a stop line does not stop any more."""
+"""Speed (m/s) above which a vehicle that has just passed a stop line does not stop any more."""
 STOPS_OVER = 0.5
-"""m by which a slower vehicle may be over a line and still count as waiting before it."""
+"""Distance (m) past a line up to which a slower vehicle counts as waiting before the line."""
 HALTS_BEFORE = 4.0
-"""m before a line at which the first vehicle of a queue stands."""
+"""Distance (m) before a line within which the first vehicle of a queue stands."""
 
 
 @dataclass(slots=True)
 class VehicleHistory:
-    """What a vehicle has done since it became a learned one; it outlasts the path."""
+    """What a vehicle has done since it became a learned vehicle; kept when its path changes."""
 
     begun: float = -math.inf
-    """Time (s) at which it began to be learned."""
+    """Time (s) at which the vehicle became a learned vehicle."""
     observed: float = -math.inf
     """Time (s) of the last observation."""
     elapsed: float = 0.0
-    """s between the last two observations, at most a decision interval; 0 where a moment was observed twice."""
+    """Time (s) between the last two observations, at most a decision interval; 0 if both are of the same time."""
     standing_time: float = 0.0
-    """s."""
+    """Time (s) for which the vehicle has stood."""
     idle_time: float = 0.0
-    """s that it has stood although no signal is red."""
+    """Time (s) for which the vehicle has stood although no signal is red."""
     changed: float = -math.inf
-    """Time (s) at which it began its last lane change."""
+    """Time (s) at which the vehicle began its last lane change."""
     halted: str = ""
-    """The internal lane after the last line before which it has stood."""
+    """Internal lane after the last line before which the vehicle has stood."""
     entry: str = ""
-    """The internal lane after the last line that it has passed in the junction in which it is; '' outside."""
+    """Internal lane after the last line that the vehicle has passed in its junction; '' outside junctions."""
     entered: float = math.inf
-    """Time (s) at which it passed that line, or the first one if it did not halt before that one; inf outside."""
+    """Time (s) of entry: when it passed the first line, or a later line if it halted before it; inf outside."""
 
     def observe(self, now: float, speed: float) -> None:
-        """Count the time at a stand, up to `now` (s); `speed`: m/s."""
+        """Update the standing time at the time `now` (s); `speed`: m/s."""
         self.elapsed, self.observed = min(now - self.observed, DECISION_INTERVAL), now
         self.standing_time = self.standing_time + self.elapsed if speed < STANDING_SPEED else 0.0
 
     def observe_signal(self, *, red: bool) -> None:
-        """Count the time at a stand for which no signal is the reason, as of the last `observe`."""
+        """Update the time at a stand without a red signal; call after `observe`."""
         self.idle_time = self.idle_time + self.elapsed if self.standing_time and not red else 0.0
 
 
@@ -54,7 +54,7 @@ class VehicleTrack:
 
     path: LanePath
     s: float
-    """m along the path, of the front."""
+    """Position (m along the path) of the front."""
     lateral_offset: float
     """m to the left of the path."""
     speed: float
@@ -63,31 +63,31 @@ class VehicleTrack:
     """Centre at the last update, m."""
     y: float
     edges: tuple[str, ...]
-    """The route after the edge that the path begins on."""
+    """Edges of the route after the edge on which the path begins."""
     parameters: VehicleParameters
     history: VehicleHistory
     arrival: float | None = None
-    """m along the lane at which the route ends, below 0 from its end; None: at its end."""
+    """Position (m along the last lane) at which the route ends, negative from the lane's end; None: at the end."""
     route_id: str = ""
-    """SUMO's id of the route of which `edges` are a part; '' of spawned vehicles."""
+    """SUMO's id of the route of which `edges` are a part; '' for spawned vehicles."""
     version: int = 0
-    """That of the lane graph when the path was found."""
+    """Version of the lane graph with which the path was found."""
 
     def observe_lines(self) -> None:
-        """Note the line before which the vehicle stands."""
+        """Record the line before which the vehicle stands."""
         if self.history.standing_time > 0.0:
             near = (e.via for e in self.path.entries if -STOPS_OVER < e.stop_line - self.s < HALTS_BEFORE)
             self.history.halted = next(near, self.history.halted)
 
     def observe_junction(self, length: float) -> None:
-        """Note the junction in which the vehicle is as of the last observation; its `length` in m."""
+        """Record the junction of a vehicle of this `length` (m) at the last observation."""
         history = self.history
         over = 0.0 if self.speed > ROLLING else STOPS_OVER
         passed = [e for e in self.path.entries if e.stop_line < self.s - over and self.s - length < e.exit]
         entry = passed[-1].via if passed else ""
         if entry == history.entry:
             return
-        # Others that have entered since then wait for it, unless it has halted before the line inside.
+        # The entry time stays: vehicles that entered later wait. A halt before a line inside counts as a new entry.
         goes_on = entry != "" and entry != history.halted and junction_of(entry) == junction_of(history.entry)
         history.entered = history.entered if goes_on else history.observed if entry else math.inf
         history.entry = entry

@@ -19,13 +19,14 @@ from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, LanePoints
 from slrl_sumo.sumo.road_users import allowed_speed, route_id, vehicle_lane, vehicle_parameters, vehicle_route
 
 DISPLACED = 0.5
-"""m from the planned position: the vehicle was moved by SUMO or a user's script, and its path is found anew."""
+"""Distance (m) from the planned position beyond which SUMO or a user's script has moved the vehicle: a new path is
+needed."""
 OFF_PATH = 6.0
-"""m beside its path beyond which an observed vehicle is on another one."""
+"""Distance (m) beside its path beyond which an observed vehicle is on another path."""
 LEAST_ACCELERATION = 0.1
-"""m/s²: types may have 0."""
+"""Least acceleration and deceleration (m/s²) of a track: vehicle types may have 0."""
 CYCLING_SPEED = 5.6
-"""m/s of spawned bicycles: their type has no speed of its own."""
+"""Speed (m/s) of spawned bicycles: their type has no speed of its own."""
 
 
 class VehicleTracker:
@@ -49,11 +50,12 @@ class VehicleTracker:
             self._vehicles.pop(road_user, None)
 
     def on_no_lane(self, road_user: str) -> bool:
-        """Whether SUMO has a vehicle of the scenario on no lane: too far beside those of its route."""
+        """Whether SUMO places a vehicle of the scenario on no lane, because it is too far from the lanes of its
+        route."""
         return not road_user.startswith(SPAWNED_PREFIX) and vehicle_lane(self._api, road_user) == ""
 
     def remaining_distance(self, road_user: str) -> float:
-        """m to where a vehicle's trip ends; inf where the path ends before, and without a route or track."""
+        """Distance (m) to the end of a vehicle's trip; inf if the path ends earlier, and without a route or track."""
         track = self._vehicles.get(road_user)
         if track is None or road_user.startswith(SPAWNED_PREFIX):
             return math.inf
@@ -67,7 +69,7 @@ class VehicleTracker:
         return path.end - min(max(before, 0.0), length) - track.s
 
     def planned(self, state: WorldState, i: int) -> VehicleTrack:
-        """The track of the vehicle in row `i` of `state`, which its driver moves along the path."""
+        """The track of the vehicle in row `i` of `state`, which a driver moves along the path."""
         road_user = state.ids[i]
         track = self._vehicles.get(road_user)
         if track is None or math.hypot(state.x[i] - track.x, state.y[i] - track.y) > DISPLACED:
@@ -79,7 +81,7 @@ class VehicleTracker:
     def observed(self, state: WorldState, i: int) -> VehicleTrack:
         """The track of the vehicle in row `i` of `state`, which moves freely.
 
-        `s` is that of its front, `lateral_offset` that of its centre.
+        The track's `s` refers to the front of the vehicle, `lateral_offset` to its centre.
         """
         road_user, half = state.ids[i], 0.5 * state.length.item(i)
         x, y, speed = state.x.item(i), state.y.item(i), state.speed.item(i)
@@ -103,7 +105,7 @@ class VehicleTracker:
         return track
 
     def _begin(self, state: WorldState, i: int, history: VehicleHistory | None = None) -> VehicleTrack:
-        """A new track: the vehicle's parameters, and its place on its path; `history`: of its track before."""
+        """A new track with the vehicle's parameters and its position on its path; `history`: of its previous track."""
         road_user, edges = state.ids[i], tuple[str, ...]()
         parameters = vehicle_parameters(self._api, road_user)
         max_speed = parameters.max_speed
@@ -113,7 +115,7 @@ class VehicleTracker:
             float(state.y[i]) + 0.5 * length * math.sin(heading),
         )
         if road_user.startswith(SPAWNED_PREFIX):
-            # Of spawned vehicles, SUMO knows neither class nor lane.
+            # SUMO knows neither class nor lane of spawned vehicles.
             cycles = state.type[i] == RoadUserType.BICYCLE
             vehicle_class = "bicycle" if cycles else "passenger"
             max_speed = CYCLING_SPEED if cycles else max_speed
@@ -153,8 +155,10 @@ class VehicleTracker:
     def _path_on(
         self, lane: str, edges: tuple[str, ...], vehicle_class: str, length: float, seed: str
     ) -> tuple[LanePath, int]:
-        """The path along `edges` of a vehicle on a lane, and the lane's index on it: inside a junction it begins before
-        that, so that the vehicle has entered it."""
+        """The path along `edges` of a vehicle on a lane, and the index of the lane on the path.
+
+        Inside a junction the path begins on the lane before the junction, so that the vehicle counts as having entered.
+        """
         for first in dict.fromkeys((self._graph.origin(lane), lane)):
             path = self._graph.path(first, edges, vehicle_class, point_before(self._graph, first, length), seed)
             if lane in path.lanes:
@@ -162,7 +166,7 @@ class VehicleTracker:
         return path, path.lanes.index(lane)
 
     def _update_max_speed(self, road_user: str, track: VehicleTrack, lane: str) -> None:
-        """The vehicle's desiredMaxSpeed shows only where its lane allows more."""
+        """Lower the maximum speed of a track to the vehicle's desiredMaxSpeed, which shows only on faster lanes."""
         if road_user.startswith(SPAWNED_PREFIX) or vehicle_lane(self._api, road_user) != lane:
             return
         allowed, own = allowed_speed(self._api, road_user), track.parameters
@@ -170,7 +174,7 @@ class VehicleTracker:
             track.parameters = replace(own, max_speed=min(own.max_speed, allowed))
 
     def _lane_under(self, front: tuple[float, float], heading: float, vehicle_class: str) -> str:
-        """The lane near a position that has the vehicle's direction, else the nearest lane."""
+        """The nearest lane in the vehicle's direction of travel; without one, the nearest lane."""
         near = self._carriageway.nearest(np.array([front[0]]), np.array([front[1]]), 24)[0]
         lanes = [self._carriageway.lanes[k].id for k in self._carriageway.lane[near]]
         angles = np.abs(wrap_angle(self._carriageway.heading[near] - heading))
@@ -183,8 +187,10 @@ class VehicleTracker:
         return chosen
 
     def _renew_path(self, road_user: str, track: VehicleTrack, length: float) -> None:
-        """Begin the path on the present lane: on a new edge, from where it reaches further, and where SUMO, a script or
-        a closed lane has changed the way."""
+        """Find a new path from the present lane on, if it is on a new edge, or if the route or the permissions changed.
+
+        From a new edge the path reaches farther. SUMO or a script may have changed the route; lanes may be closed.
+        """
         here = track.path.lane_at(track.s)
         lane = track.path.lanes[here]
         if lane.startswith(":"):
@@ -217,8 +223,8 @@ class VehicleTracker:
         return "" if road_user.startswith(SPAWNED_PREFIX) else route_id(self._api, road_user)
 
     def _look_ahead(self, track: VehicleTrack, here: int) -> None:
-        """Look at the edges within sight, from the lane of that index on: whether their lanes are still, or again, open
-        to the vehicle."""
+        """Read the permissions of the edges within sight, from the lane with index `here` on: lanes may be closed or
+        opened."""
         path, graph, seen = track.path, self._graph, track.s + AHEAD * spacing_at(track.speed)
         for begin, lane in zip(path.begins[here:], path.lanes[here:], strict=True):
             if begin > seen:
@@ -227,7 +233,7 @@ class VehicleTracker:
                 graph.look_at(graph.lanes[lane].edge)
         if path.end > seen:
             return
-        # Beyond its end, which may be before a closed edge.
+        # Also read the edges after the end of the path: the path may end before a closed edge.
         last = graph.lanes[path.lanes[-1]]
         after = track.edges[track.edges.index(last.edge) + 1 :] if last.edge in track.edges else track.edges
         for edge in after[:1] or [graph.lanes[target].edge for target, _ in graph.links(last.id)]:
@@ -239,7 +245,7 @@ def seed_of(road_user: str) -> str:
 
 
 def point_before(graph: LaneGraph, lane: str, length: float) -> list[tuple[float, float]]:
-    """A point straight before the begin of a lane, for the rear of a vehicle that has just entered it."""
+    """A point straight before the begin of a lane, `length` + 2 m away, for the rear of a vehicle that just entered."""
     (x0, y0), (x1, y1) = graph.lanes[lane].points[:2]
     step = max(math.hypot(x1 - x0, y1 - y0), 1e-6)
     return [(x0 - (x1 - x0) / step * (length + 2.0), y0 - (y1 - y0) / step * (length + 2.0))]

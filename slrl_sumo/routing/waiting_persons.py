@@ -1,9 +1,9 @@
-"""Where vehicles expect SUMO's persons that wait to cross a street: real ones wait at the kerb.
+"""Waiting positions of SUMO's persons, moved to the kerb, where real pedestrians wait to cross a street.
 
-SUMO leads persons across a walking area to their stripe of the crossing, which ends beyond the kerb where the corner is
-round: in a network of netgenerate they wait up to 1.6 m out on the carriageway, on the way of those that turn right.
-SUMO's vehicles do not see them there, and drive through. A learned one would wait for them, and they for it. Learned
-pedestrians avoid them where they are.
+SUMO leads persons across a walking area to their stripe of the crossing. At round corners, the stripe ends beyond the
+kerb: in a network of netgenerate, persons wait up to 1.6 m out on the carriageway, in the way of right-turning
+vehicles. SUMO's vehicles ignore these persons and drive through them. A learned vehicle would wait for them, while they
+wait for the vehicle. Learned pedestrians avoid these persons at their actual positions.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ from slrl_sumo.sumo.refusals import Refusals
 from slrl_sumo.sumo.road_users import person_edge
 
 STANDING = 0.1
-"""m/s: slower is waiting."""
+"""Speed (m/s) below which a person waits."""
 
 _Place = tuple[float, float]
 
@@ -32,11 +32,13 @@ class WaitingPersons:
         # SUMO names the edge of a person.
         self._areas = {lane.edge: lane.shape for lane in network.lanes if is_walking_area(lane.id)}
         self._known: dict[str, tuple[_Place, _Place | None]] = {}
-        """Where persons have waited since the last call, and their place at the kerb."""
+        """Positions of persons that waited at the last call, and their places at the kerb."""
 
     def at_kerb(self, world: WorldState, n: int) -> WorldState:
-        """`world` with the persons behind its first `n` road users that SUMO has waiting beside their walking area, or
-        at its edge, on it; itself without such persons."""
+        """`world` with SUMO's waiting persons moved onto their walking area; `world` itself if no person is moved.
+
+        This concerns persons after the first `n` road users that wait beside their walking area, or at its edge.
+        """
         waiting = n + np.flatnonzero((world.type[n:] == RoadUserType.PEDESTRIAN) & (world.speed[n:] < STANDING))
         known, self._known = self._known, {}
         moved: dict[int, _Place] = {}
@@ -56,7 +58,7 @@ class WaitingPersons:
 
     def _place(self, person: str, x: float, y: float) -> _Place | None:
         area = None
-        # Refused where a script has removed the person since the last step.
+        # SUMO refuses the call if a script has removed the person since the last step.
         with Refusals().of(person):
             area = self._areas.get(person_edge(self._api, person))
         return None if area is None else back_from(area, x, y)

@@ -1,4 +1,4 @@
-"""The lanes that persons walk on: how they are connected, and the paths along the edges of a walk."""
+"""The graph of the lanes that persons walk on, and paths along the edges of a walk."""
 
 import heapq
 import random
@@ -19,7 +19,7 @@ from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.links import LaneLinks, edge_junctions
 
 RANDOM_EDGES = 12
-"""Edges of a path without destination."""
+"""Number of edges of a path without destination."""
 
 
 class WalkGraph:
@@ -28,7 +28,7 @@ class WalkGraph:
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
         self._lane_of: dict[str, Lane] = {}
-        """The lane that persons walk on, by edge."""
+        """Lane that persons walk on, by edge."""
         self._internal: dict[str, Lane] = {}
         for lane in network.lanes:
             if "pedestrian" not in lane.allowed:
@@ -44,7 +44,7 @@ class WalkGraph:
         self._neighbours: dict[str, list[str]] = {lane: [] for lane in walkable}
         self._entered_from: dict[str, str] = {}
         links = LaneLinks(api, network)
-        # SUMO's links have a direction; persons walk either way.
+        # SUMO's links have a direction; persons walk in both directions.
         for lane_id in walkable:
             for target, _ in links(lane_id):
                 if target in walkable and _is_for_walking(lane_id, walkable) and _is_for_walking(target, walkable):
@@ -53,19 +53,20 @@ class WalkGraph:
                     self._entered_from[target] = lane_id
         self._junctions: dict[str, tuple[str, str]] = {}
         self._near: dict[str, list[Lane]] = {}
-        """The lanes in junctions, and of the edges there."""
+        """Lanes for persons inside each junction and on its edges."""
         self._found: dict[tuple[str, str, frozenset[str]], dict[str, list[str]]] = {}
-        """Ways through junctions."""
+        """Shortest ways through junctions, see `_ways`."""
 
     def path(
         self, edges: tuple[str, ...], arrival: float, side: float, x: float, y: float, here: str = ""
     ) -> WalkPath | None:
-        """The path along `edges` to `arrival` (m from the begin of the last edge), for a person at a position (m); None
-        where an edge is not walkable. `side`: where on each lane, from -1, its right edge, to 0, beside its middle.
-        `here`: the edge, walking area or crossing under the person, which the path leads over.
+        """The path along `edges` of a person at a position (m); None if an edge is not walkable.
 
-        The direction on each edge follows from the junction that it shares with the next one. From an edge to the
-        opposite one the path goes by the nearer of the two junctions, as SUMO's walks do.
+        `arrival`: m from the begin of the last edge. `side`: lateral position on each lane, from -1 (right edge) to 0
+        (beside the middle). `here`: the edge, walking area or crossing under the person, over which the path leads.
+
+        The direction on each edge follows from the junction that it shares with the next edge. From an edge to the
+        opposite edge the path leads over the nearer of the two junctions, as SUMO's walks do.
         """
         if not edges or any(edge not in self._lane_of for edge in edges):
             return None
@@ -78,8 +79,10 @@ class WalkGraph:
         return min(paths, key=lambda one: one.line.end - one.line.nearest(x, y, end=one.second_edge_end)[0])
 
     def back_on(self, path: WalkPath, s: float, side: float, x: float, y: float) -> WalkPath | None:
-        """The path on for a person that has come off its `path`, from its position (m); None where nothing leads on
-        from there. `s`: m along the path, of the nearest place."""
+        """A new path from its position (m) for a person that has left its `path`; None if no way leads on.
+
+        `s`: position (m along the path) of the nearest place.
+        """
         rest = path.steps[min(bisect_right(path.ends, s), len(path.steps) - 1) :]
         lane = self._lane_at(x, y, self._entered_by(*rest[0]), self._left_by(*rest[0]))
         if lane is None:
@@ -89,7 +92,7 @@ class WalkGraph:
                 return self._joined(rest[k:], path.arrival, PathDrawing(side))
         inside = lane.id in self._internal
         junctions = (junction_of(lane.id)[1:],) if inside else self._junctions_of(lane.edge)
-        # In the junction after that edge, it goes on to the next one.
+        # If the person is in the junction after that edge, it walks on to the next edge.
         rest = rest[1:] if self._entered_by(*rest[0]) not in junctions and len(rest) > 1 else rest
         junction = self._entered_by(*rest[0])
         way = self._ways(lane.id, junction).get(self._lane_of[rest[0][0]].id) if junction in junctions else None
@@ -103,13 +106,13 @@ class WalkGraph:
         return self._joined(rest, path.arrival, drawn)
 
     def _lane_at(self, x: float, y: float, *junctions: str) -> Lane | None:
-        """The lane under a position (m), or the nearest one, of those in `junctions` and of the edges there; None where
-        nothing leads persons through them."""
+        """The lane under a position (m), or the nearest lane, inside `junctions` and on their edges; None without lanes
+        for persons."""
         lanes = [lane for junction in junctions for lane in self._lanes_near(junction)]
         return min(lanes, key=lambda lane: _distance(lane, x, y), default=None)
 
     def _lanes_near(self, junction: str) -> list[Lane]:
-        """The lanes for persons in a junction, and of its edges."""
+        """The lanes for persons inside a junction and on its edges."""
         lanes = self._near.get(junction)
         if lanes is None:
             inside = [lane for lane in self._neighbours if lane.startswith(f":{junction}_")]
@@ -129,11 +132,11 @@ class WalkGraph:
         return self._junctions_of(edge)[1 if forward else 0]
 
     def _entered_by(self, edge: str, forward: bool) -> str:
-        """The junction at its begin."""
+        """The junction at the begin of an edge."""
         return self._left_by(edge, not forward)
 
     def random_path(self, edge: str, forward: bool, side: float, rng: random.Random) -> WalkPath | None:
-        """A path that begins along `edge` and continues at random, at dead ends back; `side` as in `path`."""
+        """A path that begins along `edge`, continues at random and turns back at dead ends; `side`: see `path`."""
         if edge not in self._lane_of:
             return None
         steps: list[Step] = [(edge, forward)]
@@ -150,13 +153,13 @@ class WalkGraph:
         return self._joined(steps, None, PathDrawing(side))
 
     def _directed(self, edges: tuple[str, ...], *, backward: bool = False) -> list[Step]:
-        """Each edge, and whether it is walked from its begin to its end; `backward`: the first one to its begin."""
+        """Each edge, and whether it is walked from begin to end; `backward`: walk the first edge to its begin."""
         steps: list[Step] = []
         entered = self._junctions_of(edges[0])[1] if backward else ""
         for edge, following in pairwise(edges):
             ends = self._junctions_of(edge)
             shared = [j for j in ends if j in self._junctions_of(following)] or [ends[1]]
-            # Opposite edges share both ends: continue, do not turn at the end where the first one was entered.
+            # Opposite edges share both junctions: do not turn back at the junction where the person entered the edge.
             left = next((j for j in reversed(shared) if j != entered), shared[-1])
             steps.append((edge, left == ends[1]))
             entered = left
@@ -164,8 +167,8 @@ class WalkGraph:
         return steps
 
     def _joined(self, steps: Sequence[Step], arrival: float | None, drawn: PathDrawing, here: str = "") -> WalkPath:
-        """The path on from what is `drawn` along directed edges; through the first junction by the lane `here`, if that
-        is in it."""
+        """Continue the path `drawn` along directed edges; through the first junction over the lane `here`, if
+        inside."""
         for i, (edge, forward) in enumerate(steps):
             lane, last = self._lane_of[edge], i == len(steps) - 1
             drawn.walk_along(lane, forward, arrival if last else None)
@@ -176,14 +179,16 @@ class WalkGraph:
         return drawn.path(steps, arrival)
 
     def _inside(self, lanes: Sequence[str]) -> list[tuple[Lane, str]]:
-        """Those of the `lanes` after the first one that are in a junction, with the lanes from which the links to them
-        lead."""
+        """The `lanes` after the first one that are inside a junction, each with the lane from which its link leads."""
         pairs = ((before, lane) for before, lane in pairwise(lanes) if lane in self._internal)
         return [(self._internal[lane], self._entered_from.get(lane, before)) for before, lane in pairs]
 
     def _through(self, begin: str, end: str, junction: str, here: str) -> list[str]:
-        """Lanes from `begin` to `end` over the walking areas and crossings of a junction, or only these two; by `here`
-        if that is one of these: a person that SUMO has led to a crossing would cut across to another one."""
+        """Lanes from `begin` to `end` over the walking areas and crossings of a junction; only these two without a way.
+
+        The way leads over `here`, if that lane is inside the junction: a person that SUMO has led to a crossing would
+        otherwise cut across to another crossing.
+        """
         if here in self._internal and here.startswith(f":{junction}_"):
             begun = self._ways(begin, junction).get(here)
             rest = self._ways(here, junction, frozenset(begun[:-1])).get(end) if begun else None
@@ -192,8 +197,10 @@ class WalkGraph:
         return self._ways(begin, junction).get(end, [begin, end])
 
     def _ways(self, begin: str, junction: str, without: frozenset[str] = frozenset()) -> dict[str, list[str]]:
-        """The shortest way from a lane to each one reached from it inside a junction and on its edges, by the lane that
-        it leads to; both are included. SUMO's persons go so; these mind red lights, too."""
+        """The shortest ways from a lane to all lanes inside a junction and on its edges, by target lane.
+
+        Each way includes both lanes. SUMO's persons use the same ways; learned pedestrians also obey red signals.
+        """
         known = self._found.get((begin, junction, without))
         if known is not None:
             return known
@@ -208,7 +215,7 @@ class WalkGraph:
             if here != begin and not here.startswith(f":{junction}_"):
                 continue
             for lane in self._neighbours[here]:
-                # Into the junction and out of it, but not along an edge.
+                # A way may enter and leave the junction, but not follow an edge.
                 inside = lane.startswith(f":{junction}_")
                 if inside or here.startswith(":"):
                     further = self._internal[lane].length if inside else 0.0
@@ -223,7 +230,7 @@ class WalkGraph:
 
 
 def _distance(lane: Lane, x: float, y: float) -> float:
-    """m from a lane to a position (m), 0 on it."""
+    """Distance (m) from a lane to a position (m); 0 on the lane."""
     if is_walking_area(lane.id):
         return max(distance_to(lane.shape, np.array([[x, y]])).item(), 0.0)
     line, _ = line_through(list(lane.points))
@@ -231,5 +238,5 @@ def _distance(lane: Lane, x: float, y: float) -> float:
 
 
 def _is_for_walking(lane: str, lanes: dict[str, Lane]) -> bool:
-    """Whether a lane is no carriageway through a junction: these may admit persons, too."""
+    """Whether a lane is not a carriageway through a junction: such carriageways may admit persons, too."""
     return not lane.startswith(":") or lanes[lane].surface == Surface.CROSSING or is_walking_area(lane)

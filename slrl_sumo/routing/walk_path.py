@@ -1,4 +1,4 @@
-"""Paths of persons: sidewalks, walking areas and crossings as one line."""
+"""Paths of persons: one line along sidewalks, walking areas and crossings."""
 
 import math
 from collections.abc import Sequence
@@ -13,34 +13,34 @@ from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane
 
 CLEARANCE = 0.3
-"""m kept from the edges of lanes."""
+"""Distance (m) from the edges of lanes."""
 ASIDE = 0.3
-"""m kept to the right of their middle, where they are that wide: two that meet pass each other. With 0, those at the
-middle walked into each other in crowds (4.3 instead of 3.5 contacts per 1,000 decisions)."""
+"""Distance (m) to the right of the middle of lanes, if they are wide enough: oncoming pedestrians pass each other. With
+0, pedestrians near the middle walked into each other in crowds (4.3 instead of 3.5 contacts per 1,000 decisions)."""
 OFF_VEHICLES = 1.6
-"""m kept likewise on lanes of vehicles, which drive in their middle: those that came towards a car stopped before it,
-and it before them."""
+"""The same on lanes of vehicles, which drive in the middle: with less, a pedestrian and an oncoming car stopped for
+each other."""
 CORNERED = 0.3
-"""Share of their distance to the middle that persons keep where they come from another crossing or go to one."""
+"""Share of their distance to the middle that persons keep between two crossings."""
 WAITING_DISTANCE, FARTHEST_BACK = 0.6, 3.0
-"""m before a crossing at which persons wait for its signal, at least and at most."""
+"""Least and greatest distance (m) before a crossing at which persons wait for its signal."""
 SHORT_EDGE = 5.0
-"""m between its ends below which an edge is too short to hand a person back to SUMO on it."""
+"""Distance (m) between its ends below which an edge is too short to hand a person back to SUMO on it."""
 
 Step = tuple[str, bool]
-"""An edge, and whether it is walked from its begin to its end."""
+"""An edge, and whether it is walked from begin to end."""
 
 
 @dataclass(frozen=True)
 class CrossingEntry:
-    """Where a path enters a crossing."""
+    """The place where a path enters a crossing."""
 
     s: float
-    """m along the path."""
+    """Position (m along the path) of the begin of the crossing."""
     wait: float
-    """m along the path at which persons wait for its signal."""
+    """Position (m along the path) at which persons wait for the signal."""
     lane: str
-    """The walking area from which the link with the signal leads to the crossing; it may lie at the other end."""
+    """Walking area from which the link with the signal leads to the crossing; it may lie at the other end."""
     crossing: str
 
 
@@ -51,36 +51,37 @@ class WalkPath:
     line: Polyline
     crossings: tuple[CrossingEntry, ...]
     steps: tuple[Step, ...]
-    """Its edges."""
+    """Edges of the path."""
     ends: tuple[float, ...]
-    """m along the line at which each of them ends."""
+    """Position (m along the line) at which each edge ends."""
     last_edge_end: float
-    """The same of the last edge that is not short (SHORT_EDGE)."""
+    """The same for the last edge that is not short (SHORT_EDGE)."""
     arrival: float | None
-    """m from the begin of the last edge to the destination; None of random paths."""
+    """Distance (m) from the begin of the last edge to the destination; None for random paths."""
 
     @property
     def second_edge_end(self) -> float:
-        """m along the line at which the second edge ends: a person that begins its walk is before that."""
+        """Position (m along the line) at which the second edge ends: a person that begins its walk is before it."""
         return self.ends[min(1, len(self.ends) - 1)]
 
 
 class PathDrawing:
     """A path that is being drawn.
 
-    `side`: where on each lane, from -1, its right edge, to 0, beside its middle; `begin`: the place (m) on the lane
-    `area` of a junction where it begins, if not with an edge.
+    `side`: lateral position on each lane, from -1 (right edge) to 0 (beside the middle). `begin`: the place (m) on the
+    lane `area` of a junction where the path begins, if it does not begin with an edge.
     """
 
     def __init__(self, side: float, begin: tuple[float, float] | None = None, area: Lane | None = None) -> None:
         self._side = side
         self._points = [] if begin is None else [begin]
         self._area = area if area is not None and is_walking_area(area.id) else None
-        """The walking area at its end, if it is on one."""
+        """Walking area at the present end of the path, if any."""
         self._crossings: list[tuple[int, Lane | None, str, str]] = []
-        """Of each crossing: its first point, the area before it, the lane of its link, its own."""
+        """For each crossing: index of its first point, walking area before it, lane of its link, lane of the
+        crossing."""
         self._last_middle: tuple[float, float] | None = None
-        """Where the middle of the crossing ends that it comes from, m; None where it comes from none."""
+        """End (m) of the middle line of the previous crossing; None after an edge."""
         self._ends: list[int] = []
         self._last_edge_end = 0
 
@@ -108,8 +109,8 @@ class PathDrawing:
             middle = _directed_from(area, points[-1], lane)
             over = _beside(middle, self._side, lane)
             if area is not None and self._last_middle is not None:
-                # By the middle from crossing to crossing: at the inner side of a corner, one ends where the other
-                # begins, both beyond the kerb, and the way to it and back would lie on each other.
+                # From crossing to crossing, use the middle: at the inner side of a corner, one crossing ends where the
+                # other one begins, both beyond the kerb, so that the way to the kerb and the way back would coincide.
                 points[-1], over[0] = self._last_middle, _beside(middle, CORNERED * self._side, lane)[0]
                 points.append(_behind_kerb(area, points[-1], self._side))
                 kerb = _behind_kerb(area, over[0], self._side)
@@ -120,7 +121,7 @@ class PathDrawing:
             self._area, self._last_middle = None, _beside(middle, CORNERED * self._side, lane)[-1]
 
     def path(self, steps: Sequence[Step], arrival: float | None) -> WalkPath:
-        """The path that has been drawn along the edges `steps`, to `arrival` on the last one."""
+        """The path drawn along the edges `steps`, to `arrival` on the last edge."""
         line, along = line_through(self._points)
         crossings = [
             CrossingEntry(along[i], _wait(line, along[i], area), *lanes) for i, area, *lanes in self._crossings
@@ -132,31 +133,34 @@ class PathDrawing:
 def _way_on(
     points: list[tuple[float, float]], area: Lane | None, place: tuple[float, float]
 ) -> list[tuple[float, float]]:
-    """The way from the end of a path, `points`, across a walking area, if there is one, to a place."""
+    """The way from the end of a path, `points`, across a walking area to a place; empty without an area."""
     return way_across(area.shape, points[-1], place, CLEARANCE) if points and area is not None else []
 
 
 def _behind_kerb(area: Lane, place: tuple[float, float], side: float) -> tuple[float, float]:
-    """A place on a walking area near the end of a crossing, which may be beside it: from one crossing to the next, a
-    path would not touch the area. Persons on different sides are at different distances from the edge."""
+    """A place on a walking area near `place`, the end of a crossing, which may be beside the area.
+
+    Without it, a path from one crossing to the next would not touch the area. The distance from the edge of the area
+    depends on `side`, so that persons keep apart.
+    """
     return back_from(area.shape, *place, BACK * (1.0 + abs(side))) or place
 
 
 def _wait(line: Polyline, s: float, area: Lane | None) -> float:
-    """m along a line at which persons wait for a crossing that begins at `s`: on the walking area before it."""
+    """Position (m along a line) on the walking area at which persons wait for a crossing that begins at `s`."""
     if area is None:
         return s - WAITING_DISTANCE
     places = s - np.arange(WAITING_DISTANCE, FARTHEST_BACK, 0.2)
     outside = distance_to(area.shape, np.array([line.at(place)[:2] for place in places.tolist()]))
     behind = outside <= -BACK
-    # Where no place is that far inside, as on narrow areas, the one that is farthest.
+    # If no place is BACK inside the area, such as on narrow areas, take the place that is farthest inside.
     return places.item(int(behind.argmax() if behind.any() else outside.argmin()))
 
 
 def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane) -> list[tuple[float, float]]:
-    """The middle of a crossing from the end that a walking area touches; without one, from the end nearer to `here`.
+    """The middle line of a crossing, from the end at the walking area; without an area, from the end nearer to `here`.
 
-    Around the corner of two streets, the nearer end can be the one on the other side of the carriageway.
+    Around the corner of two streets, the nearer end can be on the other side of the carriageway.
     """
     shape = list(crossing.points)
     if area is None:
@@ -167,7 +171,8 @@ def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane)
 
 
 def _beside(shape: list[tuple[float, float]], side: float, lane: Lane) -> list[tuple[float, float]]:
-    """The line beside the middle of a lane, which is `shape` in the direction of walking; `side` as in `path`."""
+    """The line beside the middle of a lane; `shape`: its middle line in the direction of walking, `side`: see
+    `path`."""
     points = np.array(shape)
     along = np.gradient(points, axis=0)
     left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 0.01)[:, None]

@@ -8,23 +8,23 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 ON_OUTLINE = 0.1
-"""m outside that count as inside: sidewalks and crossings end on outlines."""
+"""Distance (m) outside an outline that counts as inside: sidewalks and crossings end on outlines."""
 SPACING = 0.5
-"""m between the places of a way that are looked at."""
+"""Spacing (m) of the positions that are checked along a way."""
 BACK = 0.5
-"""m behind the edge of a walking area at which persons wait for a crossing: at round corners crossings begin beyond it,
-on the way of vehicles that turn right."""
+"""Distance (m) inside the edge of a walking area at which persons wait for a crossing: at round corners, crossings
+begin beyond the edge, in the way of right-turning vehicles."""
 OUTSIDE = 10.0
-"""How many times a metre outside counts. There may be no other way: netconvert's outlines can cut through themselves at
-sharp corners, where nothing is inside for some metres."""
+"""Factor for each metre outside. A way inside may not exist: netconvert's outlines can intersect themselves at sharp
+corners, and then nothing is inside for some metres."""
 
 
 def way_across(
     outline: Floats, begin: tuple[float, float], end: tuple[float, float], clearance: float
 ) -> list[tuple[float, float]]:
-    """Corners of the shortest way between two places (m) inside an outline (k, 2), without these places.
+    """Corners of the shortest way between two places (m) inside an outline (k, 2), without these two places.
 
-    The way keeps `clearance` (m) from corners of the outline that it bends around.
+    The way keeps `clearance` (m) from the corners of the outline around which it bends.
     """
     ends = np.array([begin, end])
     if not _outside(outline, ends[:1], ends[1:])[0]:
@@ -35,7 +35,7 @@ def way_across(
     lengths[first, second] = lengths[second, first] = np.hypot(*(nodes[first] - nodes[second]).T) * (
         1.0 + OUTSIDE * _outside(outline, nodes[first], nodes[second])
     )
-    # Bellman and Ford; the ways of fewer parts wait at the begin.
+    # Bellman-Ford; ways of fewer segments stay at the begin, at no cost.
     lengths[0, 0] = 0.0
     distance = lengths[0]
     shorter = np.min(distance[:, None] + lengths, axis=0)
@@ -49,8 +49,8 @@ def way_across(
 
 
 def back_from(outline: Floats, x: float, y: float, depth: float = BACK) -> tuple[float, float] | None:
-    """The place `depth` (m) inside an outline (k, 2) that is nearest to one outside of it, or nearer to it; None for
-    one that is as far inside."""
+    """The place `depth` (m) inside an outline (k, 2) near a position; None if the position is at least as far
+    inside."""
     away = distance_to(outline, np.array([[x, y]])).item()
     if away <= -depth or abs(away) < 1e-6:
         return None
@@ -58,12 +58,12 @@ def back_from(outline: Floats, x: float, y: float, depth: float = BACK) -> tuple
     share = np.sum(([x, y] - outline) * parts, axis=1) / np.maximum(np.sum(parts * parts, axis=1), 1e-9)
     places = outline + np.clip(share, 0.0, 1.0)[:, None] * parts
     near_x, near_y = places[np.hypot(*(places - [x, y]).T).argmin()].tolist()
-    # On the line through both, inside.
+    # Continue the line from the position to the nearest place of the outline, to the inside.
     return near_x - depth * (x - near_x) / away, near_y - depth * (y - near_y) / away
 
 
 def distance_to(outline: Floats, places: Floats) -> Floats:
-    """m from an outline (k, 2) to places (n, 2), negative inside, (n,)."""
+    """Distances (m) from an outline (k, 2) to places (n, 2), negative inside, (n,)."""
     return _distances(np.ascontiguousarray(outline), np.ascontiguousarray(places))
 
 
@@ -88,21 +88,21 @@ def _distances(outline: Floats, places: Floats) -> Floats:
 
 
 def _bends(outline: Floats, clearance: float) -> Floats:
-    """Places inside, `clearance` (m) from the corners that point inwards, (m, 2)."""
+    """Places inside, `clearance` (m) from the corners that point inwards, (k, 2)."""
     before, after = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
     (x, y), (next_x, next_y) = outline.T, np.roll(outline, -1, axis=0).T
     counterclockwise = np.sign(np.sum(x * next_y - next_x * y))
     inwards = counterclockwise * (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) < 0.0
     before, after = (one / np.maximum(np.hypot(*one.T), 1e-6)[:, None] for one in (before, after))
     normals = counterclockwise * np.stack([-(before + after)[:, 1], (before + after)[:, 0]], axis=1)
-    # `clearance` from both sides: the sum of their normals is the shorter, the sharper the corner.
+    # Keep `clearance` from both sides: the sharper the corner, the shorter the sum of their normals.
     moved = outline + clearance * normals / np.maximum(0.5 * np.sum(normals**2, axis=1), 0.25)[:, None]
     bends: Floats = moved[inwards]
     return bends
 
 
 def _outside(outline: Floats, begin: Floats, end: Floats) -> Floats:
-    """Share of straight ways (n, 2) that lies outside an outline, (n,)."""
+    """Share of each of n straight ways, from `begin` to `end` (n, 2), that lies outside an outline, (n,)."""
     most = float(np.max(np.hypot(*(end - begin).T), initial=0.0))
     share = np.linspace(0.0, 1.0, 2 + int(most / SPACING))[:, None]
     places = begin[:, None] + share * (end - begin)[:, None]
