@@ -10,10 +10,10 @@ is learned from HC D1 (`shared-space`) and SUMO's traffic in generated networks 
 how much on routes that are expected along the lanes. The recipe ends with an error where the prediction of HC D2 and
 D3, or of SUMO's traffic in the shipped scenarios, has a higher mean error than the prior's, for any type, and where it
 is not lower on expected routes for two; with --calibrate it does only that, with the selector that the bundle has. The
-bundle's models (tools/make_*_bundle.py) stay as they are. Settings: tools/selectors/. The training of `intersection`
-has a second part, at a lower rate (FURTHER); with --further it goes on from the selector that the bundle has, and is
-that part alone. Checkpoints and logs lie in --work; --resume goes on from there. `intersection` takes 40 minutes on two
-free cores, the others ten minutes each.
+bundle's models (tools/make_*_bundle.py) stay as they are. The parts of each training are listed in TRAININGS, their
+settings in tools/selectors/; with --further the last part alone goes on from the selector that the bundle has.
+Checkpoints and logs lie in --work; --resume goes on from there. `intersection` takes 40 minutes on two free cores,
+`shared-space` 35, the others ten minutes each.
 """
 
 import argparse
@@ -37,14 +37,19 @@ from slrl_sumo.studies.prediction.rollout import STEPS
 from slrl_sumo.sumo.net_file import find_net, read_net_lanes
 from slrl_sumo.sumo.scenario import find_scenario
 
+WORKERS = 2
+
 
 @dataclass(frozen=True)
 class Training:
-    """Of a selector; its settings: tools/selectors/NAME.toml."""
+    """One part of the training of a selector."""
 
+    settings: str
+    """Name of its file in tools/selectors."""
     families: str
     steps: int
     seed: int = 1
+    workers: int = WORKERS
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,14 +63,18 @@ class Traffic:
 FAMILIES = "town,signals,random,roundabout,motorway,signals,shared-space"
 """Pedestrians meet red lights and crowds in `signals`."""
 TRAININGS = {
-    "intersection": Training(FAMILIES, 8_000_000, seed=21),
-    "shared-space": Training("shared-space", 1_000_000),
-    "intersection-paper": Training("intersection,random", 1_500_000),
-    "shared-space-paper": Training("shared-space", 1_500_000),
+    "intersection": (
+        Training("intersection", FAMILIES, 8_000_000, seed=21),
+        Training("intersection-further", FAMILIES, 3_000_000, seed=31),
+    ),
+    "shared-space": (
+        Training("shared-space", "shared-space", 4_000_000, seed=71, workers=1),
+        Training("shared-space-further", "shared-space", 5_000_000, seed=72, workers=1),
+    ),
+    "intersection-paper": (Training("intersection-paper", "intersection,random", 1_500_000),),
+    "shared-space-paper": (Training("shared-space-paper", "shared-space", 1_500_000),),
 }
-FURTHER = {"intersection": Training(FAMILIES, 3_000_000, seed=31)}
-"""Second parts of trainings, which go on from the selector of the first; settings: NAME-further.toml."""
-WORKERS = 2
+"""The parts of each training; each but the first goes on from the selector of the part before."""
 CALIBRATED = ("intersection", "shared-space")
 NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "signalised")
 """Traffic without known routes that `intersection` is calibrated to, and tested on."""
@@ -88,14 +97,14 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path(".work/selectors"), help="where checkpoints and logs go")
     parser.add_argument("--hc", type=Path, help="folder with D1.csv to D3.csv, for shared-space and shared-space-paper")
     parser.add_argument("--calibrate", action="store_true", help="train nothing, for intersection and shared-space")
-    parser.add_argument("--further", action="store_true", help="only the second part, for intersection")
+    parser.add_argument("--further", action="store_true", help="only the last part, from the selector of the bundle")
     parser.add_argument("--steps", type=int, help="of the first part that is trained")
     parser.add_argument("--seed", type=int, help="likewise")
     parser.add_argument("--resume", action="store_true")
     arguments = parser.parse_args()
     name = arguments.name
-    if arguments.further and name not in FURTHER:
-        parser.error(f"{name} has no second part; leave --further out")
+    if arguments.further and len(TRAININGS[name]) == 1:
+        parser.error(f"{name} has only one part; leave --further out")
     recordings: tuple[Path, ...] = ()
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
         if name in ("shared-space", "shared-space-paper") and arguments.hc is None:
@@ -122,25 +131,23 @@ def main() -> None:
 
 def trained(arguments: argparse.Namespace, recordings: tuple[Path, ...]) -> str:
     """The folder of the bundle that the last part of the training left."""
-    name: str = arguments.name
-    bundle = name
-    parts = {} if arguments.further else {name: TRAININGS[name]}
-    parts |= {f"{name}-further": FURTHER[name]} if name in FURTHER else {}
-    for part, training in parts.items():
-        goes_on, first = training in FURTHER.values(), part == next(iter(parts))
-        steps, seed = (arguments.steps, arguments.seed) if first else (None, None)
+    every = TRAININGS[arguments.name]
+    parts, bundle = every[-1:] if arguments.further else every, str(arguments.name)
+    for training in parts:
+        goes_on = training is not every[0]
+        steps, seed = (arguments.steps, arguments.seed) if training is parts[0] else (None, None)
         request = TrainRequest(
             training.families,
             bundle,
-            arguments.work / part,
+            arguments.work / training.settings,
             steps or training.steps,
-            workers=WORKERS,
+            workers=training.workers,
             seed=training.seed if seed is None else seed,
             recordings=recordings,
             goes_on=goes_on,
         )
         known = recorded_settings(load_bundle(bundle)) if goes_on else None
-        settings = read_settings(Path(__file__).parent / "selectors" / f"{part}.toml", known)
+        settings = read_settings(Path(__file__).parent / "selectors" / f"{training.settings}.toml", known)
         finished = arguments.resume and (request.out / "selector.json").exists()
         if not finished and (code := train_with_progress(request, settings, resume=arguments.resume)):
             raise SystemExit(code)

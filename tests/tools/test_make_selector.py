@@ -66,4 +66,7 @@ def test_the_second_part_goes_on_from_the_first(further: bool, tmp_path: Path, m
         assert (first, request.bundle, request.steps) == ([], "intersection", 7000)
     else:
         assert (first[0][0].goes_on, first[0][0].steps) == (False, 7000)
-        assert (request.bundle, request.steps) == (str(first[0][0].out), make_selector.FURTHER["intersection"].steps)
+        assert (request.bundle, request.steps) == (
+            str(first[0][0].out),
+            make_selector.TRAININGS["intersection"][-1].steps,
+        )
