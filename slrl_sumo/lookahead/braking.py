@@ -1,8 +1,8 @@
-"""Constraint `braking_residual`: inside the mode that brakes hardest, road users brake as hard as recorded ones did.
+"""Constraint `braking_residual`: the mode that brakes hardest brakes as hard as recorded road users did.
 
-The regressed mean of a mode brakes less hard than the road users that it is learned from. Where few of them stopped, as
-in recordings of a shared street, no mode stops: a bicycle would need 8 m from 4 m/s and a car 20 m. And all types
-brake harder in need than they usually do, pedestrians three times as hard.
+The regressed mean of a mode brakes less hard than the recorded road users. If few of these stopped, such as in
+recordings of a shared street, no mode stops: from 4 m/s, a bicycle would need 8 m and a car 20 m. All types brake
+harder in emergencies than usual, pedestrians three times as hard.
 """
 
 import numpy as np
@@ -13,10 +13,10 @@ from slrl_sumo.scene.geometry import Floats
 
 
 def braking_residual(acceleration: Floats, hardest: Floats) -> Floats:
-    """What each mode's acceleration is more than that of its model, m/s², (n, modes), not positive: 0 but for the mode
-    that brakes hardest, of each road user.
+    """Difference of each mode's acceleration to that of its model, m/s², (n, modes), not positive.
 
-    `acceleration`: of the models, m/s², (n, modes); `hardest`: `ModelBundle.hardest_braking` of its type, m/s², (n,).
+    It is 0 for all modes except the mode of each road user that brakes hardest. `acceleration`: of the models, m/s²,
+    (n, modes). `hardest`: `ModelBundle.hardest_braking` for the type of each road user, m/s², (n,).
     """
     residual = np.zeros_like(acceleration)
     if len(acceleration):
@@ -26,7 +26,7 @@ def braking_residual(acceleration: Floats, hardest: Floats) -> Floats:
 
 
 def with_braking(capability: Capability, bundle: ModelBundle) -> Capability:
-    """What the modes can do with that residual: they stop in v² / (2 b) as they usually brake, and have the rest of it
-    for need."""
+    """Capability of the modes with the braking residual: they stop within v² / (2 b) with the usual deceleration b; the
+    rest of the residual is a reserve."""
     braking = np.maximum(-bundle.usual_braking, 1e-3)
     return Capability(capability.sharpest, np.minimum(capability.stopping, STOPPING**2 / (2.0 * braking[:, None])))

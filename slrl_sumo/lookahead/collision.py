@@ -1,4 +1,4 @@
-"""Which mode paths lead into the expected box of another road user, and how soon."""
+"""Collision scores of modes: whether, and how soon, a mode path leads into the expected box of another road user."""
 
 from typing import NamedTuple
 
@@ -16,34 +16,35 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 REACH = 30.0
-"""m within which other road users count."""
+"""Distance (m) within which other road users count."""
 MARGIN = np.array([0.4, 0.4, 0.15])
-"""m by which boxes of each type are larger while they move, half on each side: moving vehicles collide below 0.4 m of
-clearance, pedestrians below 0.15 m, because those can step aside. Without routes 0.4 for all types, standing ones
-included: selectors of the preset `paper` learned with that."""
+"""Margin (m) added to the boxes of moving road users, by type, half on each side: moving vehicles collide below 0.4 m
+of clearance, pedestrians below 0.15 m, because pedestrians can step aside. Without routes, the margin is 0.4 m for all
+types, also at a stand: selectors of the preset `paper` were trained with it."""
 WAITING = 0.5
-"""What a collision with one that moves counts for a pedestrian that stands by then. With 1, two that came towards each
-other had no better mode than to walk on where none avoids the other, although it was enough that both stop."""
+"""Weight of a collision in which the ego pedestrian stands by then and the other road user moves. With 1, two oncoming
+pedestrians that could not avoid each other had no better mode than to walk on, although stopping solves the
+conflict."""
 
 
 class Others(NamedTuple):
-    """What is expected of all road users of a world."""
+    """Forecast of all m road users of a world."""
 
     boxes: Boxes
-    """If they go on as they do now."""
+    """Expected boxes of road users that keep their present motion."""
     yielding: Boxes
-    """If they wait for the road user whose modes are judged."""
+    """Expected boxes of road users that wait for the ego road user."""
     order: Precedence
-    """Which of them wait."""
+    """Decides which road users wait for the ego road user."""
     starts: NDArray[np.bool_]
-    """Learned persons that stand, and may walk on: of two, the later row leaves the earlier one the way, (m,)."""
+    """Standing learned pedestrians that may walk on, (m,); of two, the later row gives way to the earlier row."""
 
 
 def blame_of(kind: NDArray[np.int8], follows: NDArray[np.bool_], routed: NDArray[np.bool_]) -> Blame:
-    """Of road users of the types `kind` that have a route (`routed`), and vehicles that follow it, (n,) each.
+    """Blame of road users of the types `kind`, with routes (`routed`), and as vehicles on them (`follows`), (n,) each.
 
-    A vehicle that stands is hit by the other one, and could not avoid that by driving on; a pedestrian might step
-    aside. In contact vehicles may drive on beside one that stands, as SUMO's lanes lead them.
+    A standing vehicle is hit by the other road user, and could not avoid the collision by driving on; a pedestrian
+    might step aside. Vehicles in contact with a standing road user may drive on beside it, as SUMO's lanes lead them.
     """
     walks = routed & (kind == RoadUserType.PEDESTRIAN)
     return Blame(follows, np.where(follows, 0.0, np.where(walks, WAITING, 1.0)), walks)
@@ -57,10 +58,10 @@ def collision_scores(
     rows: NDArray[np.intp],
     levels: Levels = FLAT,
 ) -> Floats:
-    """How soon each mode collides: 0 where it does not within STEPS, up to 1 where it does at once, (n, modes).
+    """How soon each mode collides, (n, modes): 0 without a collision within STEPS, 1 for an immediate collision.
 
-    `paths`: of the n road users `rows` of `world`; `others`: all its road users, of which those within REACH count.
-    Boxes on different `levels` do not collide.
+    `paths`: mode paths of the n ego road users, the `rows` of `world`. `others`: forecast of all road users of `world`;
+    only road users within REACH count. Boxes on different `levels` do not collide.
     """
     stands = world.speed < STANDING
     person = world.type == RoadUserType.PEDESTRIAN
@@ -123,7 +124,8 @@ def _pairs(
     now: Now,
     order: NDArray[np.intp],
 ) -> NDArray[np.int64]:
-    """Mode paths and other road users that may touch, by the bounds of a whole path, (p, 4) as in `walk_into`."""
+    """Pairs of ego and other road users whose paths may touch, from the bounds of all modes, (p, 4); see
+    `walk_into`."""
     x, y, size = now.x, now.y, boxes.size
     n, steps, _ = bounds.shape
     m = len(order)
@@ -154,7 +156,7 @@ def _pairs(
             if other == me or (x[other] - x[me]) ** 2 + (y[other] - y[me]) ** 2 > REACH**2:
                 continue
             touching = radius[me] + radius[other]
-            # Whether it waits is looked up last: it takes longer than both comparisons.
+            # `goes_first` is called last: it takes longer than both comparisons.
             dx = between(x0, x1, going_bounds[other, 0, 0], going_bounds[other, 0, 1])
             going = near(dx, between(y0, y1, going_bounds[other, 0, 2], going_bounds[other, 0, 3]), touching)
             dx = between(x0, x1, yielding_bounds[other, 0, 0], yielding_bounds[other, 0, 1])
@@ -183,7 +185,7 @@ def _bounds(x: Floats, y: Floats) -> Floats:
     for i in range(n):
         for j in range(m):
             x0, x1, y0, y1 = x[i, j, 0], x[i, j, 0], y[i, j, 0], y[i, j, 0]
-            # Not min and max, which also check for NaN.
+            # Comparisons are faster than min and max, which also check for NaN.
             for k in range(1, places):
                 at_x, at_y = x[i, j, k], y[i, j, k]
                 x0 = at_x if at_x < x0 else x0

@@ -1,4 +1,4 @@
-"""The first contact of each mode path of a road user with another one."""
+"""The first contact of each mode path of an ego road user with another road user."""
 
 import math
 from typing import NamedTuple
@@ -15,26 +15,26 @@ from slrl_sumo.scene.kernels import apart, clearance, overlap
 from slrl_sumo.scene.levels import Levels
 
 STANDING = 0.2
-"""m/s."""
+"""Speed (m/s) up to which a road user stands."""
 DEEPER = 0.05
-"""m by which vehicles in contact may come closer."""
+"""Distance (m) by which vehicles that are in contact may come closer."""
 PAST_STANDING = 0.3
-"""m by which vehicles may come closer to one that stands, as SUMO's do whose lanes pass each other with less than their
-width."""
+"""Distance (m) by which a vehicle in contact with a standing road user may come closer, as SUMO's vehicles do where
+lanes pass each other with less than the width of the vehicles."""
 STILL = 0.02
-"""m that a person that stands may move and still stands: at less than STANDING they moved by 0.07 m in an interval,
-into contact."""
+"""Distance (m) that a standing pedestrian may move in an interval and still count as standing: below STANDING, they
+moved by up to 0.07 m, into contact."""
 ROOM = 0.02
-"""m more than what would be a contact that pedestrians keep: there they are discs, which turn without coming nearer."""
+"""Room (m) that pedestrians keep beyond contact. Pedestrians are discs here, which turn without coming nearer."""
 START = 0.2
-"""m that a person walks within an interval from a stand. Two that both stood for each other started at once, into
-each other: 5 of 23 contacts in forty crowded networks."""
+"""Distance (m) that a pedestrian walks in the first interval from a stand. Two pedestrians waiting for each other
+started at the same time, into each other: 5 of 23 contacts in forty crowded networks."""
 SLACK = 1e-6
-"""m by which circles are larger than the boxes in them, and by which the room that is left may seem to shrink."""
+"""Tolerance (m): excess of circles over the boxes in them, and greatest decrease of room that counts as no decrease."""
 
 
 class Now(NamedTuple):
-    """Where all road users are, (m,) each."""
+    """Present state of all road users of the world, (m,) each."""
 
     x: Floats
     y: Floats
@@ -46,28 +46,28 @@ class Now(NamedTuple):
     stands: NDArray[np.bool_]
     person: NDArray[np.bool_]
     starts: NDArray[np.bool_]
-    """See Others."""
+    """See collision.Others."""
 
 
 class Blame(NamedTuple):
-    """For what n road users are to blame, (n,) each."""
+    """The collisions for which n ego road users are at fault, (n,) each."""
 
     in_front: NDArray[np.bool_]
-    """Only for a collision with what is in front: not where the other one comes from behind, or is beside the rear."""
+    """Only collisions with road users in front count, not with road users behind or beside the rear."""
     standing: Floats
-    """What a collision counts for one that stands by then, from 0 to 1, if the other one does not stand."""
+    """Weight, from 0 to 1, of a collision in which the ego road user stands by then and the other one moves."""
     walks: NDArray[np.bool_]
-    """Pedestrians with a route: within the margin they may come nearer, but not into contact, nor to where a person is
-    now, which may stop."""
+    """Pedestrians with a route: within the margin they may come nearer, but not into contact, and not into the present
+    position of a walking pedestrian, which may stop."""
 
 
 class First(NamedTuple):
     """The first contact of each mode."""
 
     step: NDArray[np.int64]
-    """Interval; that after the last one where there is none, (n, modes)."""
+    """Interval of the contact, (n, modes); the number of intervals if there is no contact."""
     counts: Floats
-    """What it counts, from 0 to 1, (n, modes)."""
+    """Weight of the contact, from 0 to 1, (n, modes)."""
 
 
 @compiled
@@ -82,10 +82,10 @@ def walk_into(
     levels: Levels,
     first: First,
 ) -> None:
-    """The first contacts of those that walk, in `first`.
+    """Write the first contacts of pedestrians with a route to `first`.
 
-    `pairs`: path, row of its road user, row of the other one, and whether that yields, (p, 4). `bounds`: of all modes
-    in an interval, (n, steps, 4).
+    `pairs`, (p, 4): index of the ego road user in `paths`, its row, the row of the other road user, and whether the
+    other one yields. `bounds`: bounds of all modes in each interval, (n, steps, 4).
     """
     x, y, cos, sin, size = paths.x, paths.y, paths.cos, paths.sin, going.size
     first_step, counts = first
@@ -103,7 +103,7 @@ def walk_into(
         away = _room(there_x - now.x[me], there_y - now.y[me], theirs, person, half)
         keeps = 0.5 * (size[me, 1] - now.width[me] + size[other, 1] - now.width[other])
         nearest = min(away, 0.0) - SLACK if away < keeps else keeps
-        # One that walks may stop, and one that stands may start: the later row leaves the earlier one the way.
+        # A walking pedestrian may stop, and a standing one may start: the later row gives way to the earlier row.
         starts = stood_before and now.starts[other] and other < me
         if person and (starts or not stands):
             ahead = START if starts else 0.0
@@ -115,7 +115,7 @@ def walk_into(
                 if goes and _meets(here_x, here_y, c, s, start_x, start_y, theirs, person, half, least, levels):
                     first_step[i, mode], counts[i, mode] = 0, 1.0
         for step in range(steps):
-            # One that stands not on its path: in a turn a car stands up to 0.3 m beside that.
+            # A standing road user stays at its position, not on its path: a turning car stands up to 0.3 m beside it.
             if not stands:
                 there_x, there_y = expected.x[other, step], expected.y[other, step]
                 there_c, there_s = expected.cos[other, step], expected.sin[other, step]
@@ -148,7 +148,7 @@ def _meets(
     least: float,
     levels: Levels,
 ) -> bool:
-    """Whether a pedestrian at (x, y) has less than the `least` room beside another road user, on its level."""
+    """Whether a pedestrian at (x, y) has less room than `least` (m) to another road user on the same level."""
     if _room(there_x - x, there_y - y, other, person, half) >= least:
         return False
     return not apart(levels, x, y, cos, sin, there_x, there_y, other.cos, other.sin)
@@ -166,7 +166,7 @@ def drive_into(
     levels: Levels,
     first: First,
 ) -> None:
-    """As walk_into, of all others, which are boxes."""
+    """Write the first contacts of all other road users, which are boxes, to `first`; arguments as for `walk_into`."""
     x, y, cos, sin, size = paths.x, paths.y, paths.cos, paths.sin, going.size
     first_step, counts = first
     _, steps, modes = x.shape
@@ -177,7 +177,8 @@ def drive_into(
         expected, standing, in_front = yielding if yields else going, blame.standing[i], blame.in_front[i]
         stands = now.stands[other]
         touching = circle(size[me, 0], size[me, 1]) + circle(size[other, 0], size[other, 1])
-        # In contact, what separates the two, or keeps them as they are, is no collision: else none could go on.
+        # If the two are in contact now, a movement that does not bring them closer is no collision: otherwise neither
+        # of them could drive on.
         now_x, now_y = now.x[other] - now.x[me], now.y[other] - now.y[me]
         mine = Box(now.cos[me], now.sin[me], size[me, 0], size[me, 1])
         theirs = Box(now.cos[other], now.sin[other], size[other, 0], size[other, 1])
@@ -198,9 +199,10 @@ def drive_into(
                 stood = paths.speed[i, step, mode] <= STANDING
                 if stood and standing == 0.0:
                     continue
-                # One that comes from behind cannot be avoided, nor one beside the rear, which swings out in a turn.
+                # A road user behind cannot be avoided; nor can one beside the rear, which swings out in a turn.
                 if in_front and c * dx + s * dy <= 0.0:
-                    # Ahead an interval before, it is driven through: at 12 m/s intervals are 5 m long.
+                    # If the road user was ahead one interval before, the ego drives through it: at 12 m/s, an interval
+                    # is 5 m long.
                     if step == 0:
                         before = now.cos[me] * now_x + now.sin[me] * now_y
                     else:
@@ -220,14 +222,14 @@ def drive_into(
 
 @compiled
 def circle(length: float, width: float) -> float:
-    """Radius of the circle round a box, m."""
+    """Radius (m) of the circle around a box."""
     return 0.5 * math.sqrt(length**2 + width**2) + SLACK
 
 
 @compiled
 def _room(dx: float, dy: float, other: Box, person: bool, half: float) -> float:
-    """m between a pedestrian of this `half` width, a disc, and another road user (dx, dy) m away, below 0 in contact:
-    between two persons by the distance of their centres, else to the box."""
+    """Room (m) between a pedestrian, a disc with the radius `half`, and another road user at (dx, dy) m; below 0 in
+    contact. Between two pedestrians the distance of their centres counts, else the distance to the box."""
     if person:
         return math.sqrt(dx * dx + dy * dy) - COLLISION_DISTANCE - ROOM
     ahead = abs(other.cos * dx + other.sin * dy) - 0.5 * other.length
@@ -243,5 +245,5 @@ def near(dx: float, dy: float, reach: float) -> bool:
 
 @compiled
 def between(low: float, high: float, their_low: float, their_high: float) -> float:
-    """Distance between two intervals; 0 where they overlap."""
+    """Distance between two intervals; 0 if they overlap."""
     return max(low - their_high, their_low - high, 0.0)

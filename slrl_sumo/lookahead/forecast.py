@@ -1,4 +1,4 @@
-"""Where road users are expected in the next seconds: along their paths, or at constant speed and yaw rate."""
+"""Forecast of road users for the next seconds: along their paths, or at constant speed and yaw rate."""
 
 import math
 from typing import NamedTuple
@@ -15,27 +15,28 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 NEAR_PATH, ALONG_PATH = 1.0, 0.35
-"""m and rad: road users farther off their path in both are forecast at constant yaw rate, not along the path."""
+"""Lateral offset (m) and heading error (rad): the forecast of road users beyond both is at constant yaw rate, not along
+the path."""
 
 
 class PathFollowing(NamedTuple):
-    """The paths of n learned road users, and which of them are forecast along their paths."""
+    """The paths of n learned road users, and which of these road users follow their paths in the forecast."""
 
     follows: NDArray[np.bool_]
-    """(n,): vehicles that are on their path, or head back to it."""
+    """Vehicles that are on their path or in its direction, (n,)."""
     lateral_offset: Floats
-    """m to the left of the path now, (n,)."""
+    """Present lateral offset, m to the left of the path, (n,)."""
     stop: Floats
-    """m to the line before which it has to stop, (n,)."""
+    """Distance (m) to the line before which the vehicle must stop, (n,)."""
     x: Floats
     """Points of the paths, (n, POINTS), as in RouteAhead."""
     y: Floats
     spacing: Floats
-    """m between these points, (n,)."""
+    """Spacing (m) of these points, (n,)."""
 
 
 YIELD_BRAKING = 3.0
-"""m/s² with which vehicles that yield are expected to stop."""
+"""Expected deceleration (m/s²) of yielding vehicles."""
 
 
 class Boxes(NamedTuple):
@@ -52,7 +53,7 @@ class Boxes(NamedTuple):
 
 
 def path_following(context: RouteContext | None, world: WorldState) -> PathFollowing:
-    """Which of the first road users of `world`, those of `context`, will be found along their paths."""
+    """The paths of the first road users of `world`, one for each of `context`, and which of them follow their paths."""
     if context is None:
         none = RouteAhead.unknown(0)
         return PathFollowing(none.known, np.zeros(0), none.stop, none.x, none.y, none.spacing)
@@ -80,10 +81,10 @@ def sizes(users: WorldState, margin: Floats) -> Floats:
 
 
 def bring_to_paths(paths: ModePaths, following: PathFollowing, rows: NDArray[np.intp]) -> None:
-    """Lay the mode paths of path-following road users along their routes, in place, because they are large.
+    """Move the mode paths of path-following road users onto their routes, in place, because the arrays are large.
 
-    Each covers the same distance along its route, and its lateral offset shrinks to 0 within STEPS. `rows`: road users
-    of `paths` among those of `following`.
+    Each mode covers the same distance along the route, and the lateral offset shrinks to 0 within STEPS. `rows`: rows
+    in `following` of the road users of `paths`.
     """
     _bring_to_paths(paths, following, rows)
 
@@ -98,7 +99,7 @@ def _bring_to_paths(paths: ModePaths, following: PathFollowing, rows: NDArray[np
         row = rows[i]
         if not following.follows[row]:
             continue
-        # Directions are computed as far along the path as they are needed.
+        # Compute directions only as far along the path as needed.
         found = HERE
         for step in range(steps):
             shift = following.lateral_offset[row] * _remaining(step, steps)
@@ -164,7 +165,7 @@ def _remaining(step: int, steps: int) -> float:
 
 @compiled
 def _piece(distance: float, points: int, spacing: float) -> tuple[int, float]:
-    """The piece of a path `distance` m ahead, and the share of it before that place; the last one goes straight on."""
+    """The segment of a path `distance` m ahead, and the fraction of it before that place; the last segment goes on."""
     place = distance / spacing + HERE
     k = max(min(int(place), points - 2), 0)
     return k, place - k
@@ -172,7 +173,7 @@ def _piece(distance: float, points: int, spacing: float) -> tuple[int, float]:
 
 @compiled
 def _direction(x: Floats, y: Floats, row: int, k: int) -> tuple[float, float]:
-    """Cosine and sine of the direction of piece `k` of one of several paths."""
+    """Cosine and sine of the direction of segment `k` of the path in this row."""
     dx, dy = x[row, k + 1] - x[row, k], y[row, k + 1] - y[row, k]
     length = math.sqrt(dx * dx + dy * dy)
     return (dx / length, dy / length) if length > 0.0 else (1.0, 0.0)

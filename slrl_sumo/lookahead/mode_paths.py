@@ -1,4 +1,4 @@
-"""Paths of road users in the next seconds under each of their modes."""
+"""Mode paths: the positions of road users in the next seconds under each mode."""
 
 import math
 from typing import NamedTuple
@@ -17,8 +17,8 @@ STEPS = 8
 HELD = 5
 """Intervals for which a mode's acceleration and yaw rate are held; speed and heading are constant afterwards."""
 MOST_TURNED = 0.8
-"""rad by which pedestrians on a route turn at most, unless one interval takes them further. They can turn by 4 rad/s:
-held for 2 s, that is a circle in which nothing is met, but they decide anew after 0.4 s."""
+"""Greatest turn (rad) of pedestrians on a route, unless a single interval turns them further. Modes turn by up to
+4 rad/s: held for 2 s, that is a circle without contacts, although pedestrians decide again after 0.4 s."""
 
 
 class ModePaths(NamedTuple):
@@ -33,16 +33,17 @@ class ModePaths(NamedTuple):
     speed: Floats
     """m/s."""
     distance: Floats
-    """m covered by then."""
+    """Distance (m) covered so far."""
 
 
 def mode_paths(
     users: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, *, on_route: bool
 ) -> ModePaths:
-    """Move n road users as `advance` does under each mode.
+    """Move n road users under each mode, as `advance` does.
 
-    `acceleration` (m/s²) and `yaw_rate` (rad/s), (n, modes), are held for HELD intervals, up to the speed `max_speed`,
-    (n,). With `on_route` slow road users stop as in `scene.advance.halting`, and pedestrians turn by MOST_TURNED.
+    `acceleration` (m/s²) and `yaw_rate` (rad/s), (n, modes), are held for HELD intervals, up to the speed `max_speed`
+    (m/s, (n,)). With `on_route`, slow road users stop as in `scene.advance.halting`, and pedestrians turn by at most
+    MOST_TURNED.
     """
     intent = INTENT if on_route else -np.inf
     turning = np.full(yaw_rate.shape, HELD)
@@ -72,8 +73,11 @@ def _mode_paths(
     turning: NDArray[np.int64],
     intent: float,
 ) -> ModePaths:
-    """`tan` (n, modes): tangent of a quarter of the turn of one interval; the first `turning`,
-    (n, modes), have it. Below the acceleration `intent`, road users that would be slower than HALT stop."""
+    """Compiled loop of `mode_paths`.
+
+    `tan`: tangent of a quarter of the turn in an interval, (n, modes). `turning`: number of intervals with this turn,
+    (n, modes). Below the acceleration `intent` (m/s²), road users that would be slower than HALT stop.
+    """
     n, modes = acceleration.shape
     dt = DECISION_INTERVAL
     at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))

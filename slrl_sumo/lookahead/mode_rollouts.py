@@ -1,4 +1,4 @@
-"""All modes of road users, rolled out for the next seconds and judged."""
+"""Mode rollouts: all modes of road users, simulated for the next seconds and rated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -29,35 +29,37 @@ from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 @dataclass(frozen=True, eq=False)
 class ModeRollouts:
-    """What each mode of n road users leads to, (n, modes) each."""
+    """Consequences of each mode of n road users, (n, modes) each."""
 
     acceleration: Floats
-    """m/s² of the mode's displacement model now."""
+    """Present acceleration (m/s²) of the mode's displacement model, with `braking_residual`."""
     yaw_rate: Floats
-    """rad/s, likewise."""
+    """Present yaw rate (rad/s) of the mode's displacement model, with `steering_residual`."""
     collision: Floats
-    """0 where the mode collides with no road user within STEPS, up to 1 where it does at once; along the route for
-    vehicles that follow one."""
+    """Collision score: 0 without a collision within STEPS, 1 for an immediate collision. Vehicles that follow a route
+    are rated along their route."""
     off_surface: Floats
-    """Share of the STEPS off the own surface; of the first NEAR steps for road users with a route, each counted by how
-    far off it is (see lookahead.off_surface)."""
+    """Share of the STEPS intervals off the own surfaces; for road users with a route of the first NEAR intervals,
+    weighted by distance (see lookahead.off_surface)."""
     speed: Floats
-    """m/s after HELD intervals."""
+    """Speed (m/s) after HELD intervals."""
     turn: Floats
-    """rad turned after HELD intervals."""
+    """Turn (rad) after HELD intervals."""
     route: RouteFit | None = None
-    """How it fits the route; None without routes."""
+    """Fit of the mode to the route; None without routes."""
     collision_off_route: Floats | None = None
-    """As `collision`, on the path of the mode itself also for vehicles that follow a route; None unless asked for."""
+    """Collision score on the path of the mode itself, also for vehicles that follow a route; None unless requested."""
 
     steering_residual: Floats | None = None
-    """rad/s by which `yaw_rate` is more than that of the mode; None without the constraint."""
+    """Difference (rad/s) of `yaw_rate` to the yaw rate of the mode; None without the constraint."""
     braking_residual: Floats | None = None
-    """m/s² by which `acceleration` is more than that of the mode; None without the constraint."""
+    """Difference (m/s²) of `acceleration` to the acceleration of the mode; None without the constraint."""
 
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
-        """Fields of this class and of RouteFit by name, for a network, (n, modes, len(names)); those of RouteFit are 0
-        without routes."""
+        """Fields of this class and of RouteFit by name, as input of a network, (n, modes, len(names)).
+
+        Fields of RouteFit are 0 without routes.
+        """
         result = np.zeros((*self.collision.shape, len(names)), np.float32)
         for column, name in enumerate(names):
             if name not in RouteFit._fields:
@@ -79,13 +81,13 @@ def mode_rollouts(
     braking: bool = False,
     threads: RowThreads = ONE,
 ) -> ModeRollouts:
-    """Roll out all modes of the deciding road users of `scene`, which made the `observation`.
+    """Roll out all modes of the deciding road users of `scene`, which have the `observation`.
 
-    Each road user alone follows a mode as `advance` would move it; all others keep speed and yaw rate. With `context`
-    (and what the models can do, `capability`) vehicles that have a route follow it at the speeds of the mode, so that
-    a collision does not depend on how they turn in the next moment. `off_route` also gives `collision_off_route`.
-    With `steering` and `braking`, modes are corrected by the modules of these names. The road users are distributed
-    over `threads`.
+    In each rollout, one road user follows a mode as `advance` would move it; all others keep speed and yaw rate. With
+    `context` and `capability` (of the models), vehicles with a route follow the route at the speeds of the mode, so
+    that a collision does not depend on their present yaw rate. `off_route` also computes `collision_off_route`. With
+    `steering` and `braking`, the modules of these names correct the modes. The road users are distributed over
+    `threads`.
     """
     if scene.group is not None:
         acceleration, yaw_rate = bundle.motions(observation.vector, observation.type)
@@ -109,7 +111,7 @@ def mode_rollouts(
 
 
 def joined(parts: list[ModeRollouts]) -> ModeRollouts:
-    """The rollouts of road users of which each of the `parts` has some, in this order."""
+    """Concatenate the rollouts of the `parts`, in this order."""
     if len(parts) == 1:
         return parts[0]
     together: dict[str, Any] = {}
@@ -123,16 +125,16 @@ def joined(parts: list[ModeRollouts]) -> ModeRollouts:
 
 
 class _Expected(NamedTuple):
-    """What is expected of all road users of a world, whatever is judged."""
+    """Forecast of all road users of a world, common to all rollouts."""
 
     world: WorldState
     following: PathFollowing
     others: Others
     on_foot: "_Expected | None" = None
-    """What pedestrians expect, where that is something else."""
+    """Forecast that pedestrians use, if it is a different one."""
 
     def collisions(self, paths: ModePaths, blame: Blame, users: WorldState, scene: Scene) -> Floats:
-        """How soon each mode of the deciding road users of a scene collides, (n, modes)."""
+        """Collision scores of all modes of the deciding road users of a scene, (n, modes)."""
         rows, levels = scene.rows, scene.road_map.shapes.levels
         if self.on_foot is None:
             return collision_scores(paths, blame, self.others, self.world, rows, levels)
@@ -148,19 +150,19 @@ def _expected(world: WorldState, context: RouteContext | None) -> _Expected:
     if context is None:
         margin = np.full(len(world), MARGIN.max())
     else:
-        # What stands does not sway: else vehicles stand for ever before others that wait where SUMO's lanes pass each
-        # other with less than the margin.
+        # Standing road users need no margin: otherwise vehicles stand for ever before waiting vehicles where SUMO's
+        # lanes pass each other with less than the margin.
         margin = np.where(world.speed < STANDING, 0.0, MARGIN[world.type])
         world = _with_persons_as_expected(world)
     going = forecast_boxes(world, following, margin)
-    # Without routes there is no order, and none waits.
+    # Without routes there is no precedence, and no road user waits.
     yielding = going if context is None else forecast_boxes(world, following, margin, yielding=True)
     order = precedence(context, following, len(world))
     return _Expected(world, following, Others(going, yielding, order, _starting(world, context)))
 
 
 def _starting(world: WorldState, context: RouteContext | None) -> NDArray[np.bool_]:
-    """The learned persons of a world that stand, and that no red light keeps from walking on, (m,)."""
+    """The standing learned pedestrians of a world that need not stop, such as at a red signal, (m,)."""
     starts = np.zeros(len(world), np.bool_)
     if context is not None:
         n = len(context)
@@ -170,10 +172,10 @@ def _starting(world: WorldState, context: RouteContext | None) -> NDArray[np.boo
 
 
 def _with_persons_as_expected(world: WorldState) -> WorldState:
-    """The same with pedestrians that do not turn, and are as long as they are wide.
+    """The same world with pedestrians that do not turn and are as long as they are wide.
 
-    They turn by up to 4 rad/s from decision to decision, not in circles; and shoulders that are across the way in one
-    decision are along it in the next one.
+    Pedestrians turn by up to 4 rad/s from decision to decision, but not in circles; and shoulders across the way at one
+    decision may be along it at the next.
     """
     walks = world.type == RoadUserType.PEDESTRIAN
     length = np.where(walks, np.maximum(world.length, world.width), world.length)

@@ -1,4 +1,4 @@
-"""Which mode paths leave the ground that belongs to a road user, and how far."""
+"""Mode paths that leave the surfaces that belong to a road user, and how far they leave them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,29 +13,30 @@ from slrl_sumo.scene.route import HERE, RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 
 NEAR = 3
-"""Intervals, 1.2 s, in which a road user with a route must not leave its surface: later it turns with its path."""
+"""Number of intervals (1.2 s) in which a road user with a route must not leave its surfaces; later it follows its
+path."""
 WALK = len(OWN_SURFACE)
 """Row of OWN for pedestrians with a route: roads, cycleways and crossings belong to them only where their path leads
-over them. Otherwise they would pass a crowd on the carriageway, or on a crossing whose signal is red."""
+over these. Otherwise they would pass a crowd on the carriageway, or on a crossing with a red signal."""
 OWN = np.append(OWN_SURFACE, OWN_SURFACE[[RoadUserType.PEDESTRIAN]], axis=0)
 OWN[WALK, [Surface.ROAD, Surface.CYCLEWAY, Surface.CROSSING]] = False
 JUST_OFF, FOREIGN = 0.25, 0.1
-"""What a place just off the own surface counts for road users with a route, and such ground for them. Farther off, a
-place counts a quarter more at each of DISTANCES, and in full from 1 m on, which no clean trip may reach: while all
-places counted alike, nothing led those back that a crowd had pushed off the ground."""
+"""Weights, for road users with a route, of a place just off their own surfaces, and of foreign surface under their
+path. The weight of a place grows by a quarter at each of DISTANCES, to 1; from 1 m off the surface, a trip is not
+clean. With equal weights for all places, nothing led road users back that a crowd had pushed off their surfaces."""
 DISTANCES = 0.25, 0.5, 0.75
-"""m."""
+"""Distances (m) from the own surfaces at which the weight of a place grows."""
 AROUND = CIRCLE[::2]
-"""rad: directions in which the own surface is looked for; a place is looked at for each mode."""
+"""Directions (rad) in which the own surfaces are searched; every second one, because each mode needs the search."""
 
 
 def off_surface(
     paths: ModePaths, kind: NDArray[np.int8], road_map: RoadMap, rows: NDArray[np.intp], route: RouteAhead | None
 ) -> Floats:
-    """Share of the intervals in which each mode is off the own surface, (n, modes); of the first NEAR intervals for
-    road users with a route, for which places count by how far off they are (`distance_off`).
+    """Share of the intervals in which each mode is off the road user's own surfaces, (n, modes).
 
-    `paths`: of n road users of the types `kind`, the `rows` of those of `route`.
+    For road users with a route only the first NEAR intervals count, weighted by distance (`distance_off`). `paths`:
+    mode paths of n road users of the types `kind`. `rows`: their rows in `route`.
     """
     checked = np.full(len(kind), STEPS) if route is None else np.where(route.known[rows], NEAR, STEPS)
     ground = kind
@@ -46,8 +47,8 @@ def off_surface(
     outside = _outside(surface, checked, ground, paths.x.shape[2])
     if route is None:
         return _share(outside.astype(np.float64), checked, paths.x.shape[2])
-    # Paths lead off the ground where the network ends, and over ground that is not the own: a road user that follows
-    # its path there is right. A path over the carriageway leads off no ground.
+    # Paths leave the ground where the network ends, and lead over foreign surfaces: a road user that follows its path
+    # there is right. The carriageway on a pedestrian's path belongs to the pedestrian.
     place, user, path_x, path_y = _on_route(
         outside, checked, paths.distance, route.known, rows, route.x, route.y, route.spacing
     )
@@ -65,7 +66,7 @@ def off_surface(
 
 
 def distance_off(road_map: RoadMap, kind: NDArray[np.int8], x: Floats, y: Floats) -> Floats:
-    """What places (m) off the own surfaces of road users of the types `kind` count, from JUST_OFF to 1, all (n,)."""
+    """Weights, from JUST_OFF to 1, of places (m) off the own surfaces of road users of the types `kind`, all (n,)."""
     counts = np.full(len(kind), JUST_OFF)
     far = np.arange(len(kind))
     for distance in DISTANCES:
@@ -76,7 +77,7 @@ def distance_off(road_map: RoadMap, kind: NDArray[np.int8], x: Floats, y: Floats
 
 @compiled
 def _places(x: Floats, y: Floats, checked: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """The first `checked` (n,) of `x` and `y` (n, STEPS, modes), laid end to end."""
+    """The first `checked` (n,) intervals of `x` and `y` (n, STEPS, modes), concatenated."""
     modes, k = x.shape[2], 0
     many = 0
     for steps in checked:
@@ -112,8 +113,8 @@ def _on_route(
     path_y: Floats,
     spacing: Floats,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats, Floats]:
-    """For the places that are `outside`, of road users with a path: which place, which road user, and the point of its
-    path after the same distance."""
+    """For each place that is `outside`, of road users with a path: index of the place, index of the road user, and the
+    point (x, y) of its path at the same distance."""
     most, last, modes = 0, path_x.shape[1] - 1, distance.shape[2]
     for one in outside:  # numba takes 1 s to compile np.count_nonzero
         most += one
@@ -125,7 +126,7 @@ def _on_route(
             for mode in range(modes):
                 if outside[k] and known[row]:
                     on = distance[i, step, mode] / spacing[row]
-                    # Distances that are NaN end there as well.
+                    # NaN distances select the last point, too.
                     there = HERE + int(np.rint(on)) if 0.0 <= on < last - HERE else last
                     place[found], user[found], x[found], y[found] = k, i, path_x[row, there], path_y[row, there]
                     found += 1

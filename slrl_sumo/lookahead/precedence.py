@@ -1,4 +1,4 @@
-"""Which of two vehicles with routes goes first where their paths meet."""
+"""Precedence of vehicles with routes: which of two vehicles goes first where their paths meet."""
 
 from typing import NamedTuple
 
@@ -13,21 +13,20 @@ from slrl_sumo.scene.geometry import Floats
 
 
 class Precedence(NamedTuple):
-    """An order of vehicles in which each waits only for earlier ones, so that they cannot all wait for each other."""
+    """An order in which each vehicle waits only for earlier vehicles, so that no circle of waiting vehicles forms."""
 
     entered: Floats
-    """s: when each of n learned road users entered the junction that it is in; inf outside, and for those that do not
-    follow their paths, (n,)."""
+    """Time (s) at which each of n learned road users entered its junction; inf outside and if unknown, (n,)."""
     follows: NDArray[np.bool_]
-    """Which of them follow their paths, (n,)."""
+    """Whether the road user follows its path, (n,)."""
     in_way: NDArray[np.int64]
     """See perception.leaders.Leaders."""
     users: int
-    """Of the world."""
+    """Number of road users of the world."""
 
 
 def precedence(context: RouteContext | None, following: PathFollowing, users: int) -> Precedence:
-    """The precedence among the road users of `context`, the first ones of a world of so many `users`."""
+    """Precedence among the road users of `context`, the first road users of a world with `users` road users."""
     if context is None:
         return Precedence(np.zeros(0), following.follows, np.zeros(0, np.int64), users)
     return Precedence(context.route.junction_entry_time, following.follows, context.in_way, users)
@@ -37,9 +36,9 @@ def precedence(context: RouteContext | None, following: PathFollowing, users: in
 def goes_first(ego: int, other: int, order: Precedence) -> bool:
     """Whether road user `other` waits for `ego`.
 
-    One that is in the other's way has to clear it, whatever the order; else the one that entered its junction first
-    goes first. Outside of junctions, and for road users without a path, there is no order, and neither is expected
-    to wait.
+    A road user that is in the way of the other one must clear it first, whatever the order; else the road user that
+    entered its junction first goes first. Outside junctions, and for road users without a path, there is no order, and
+    neither road user is expected to wait.
     """
     if max(ego, other) >= len(order.follows) or not (order.follows[ego] and order.follows[other]):
         return False

@@ -1,4 +1,4 @@
-"""How the modes of road users fit their routes."""
+"""Fit of modes to routes: heading error, lateral offset, speed error, and ratios of stopping distance to distance."""
 
 import math
 from typing import NamedTuple
@@ -18,44 +18,46 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 
 STEERED, PACED = 1, 2
-"""Intervals after which the heading of a mode, and its speed, are compared with those of the path. With a heading after
-2, cars cut tight turns by 0.4 m; with a speed after 1, they are twice as jerky."""
+"""Intervals after which the heading of a mode, and its speed, are compared with those of the path. With the heading
+after 2 intervals, cars cut tight turns by 0.4 m; with the speed after 1 interval, their motion is twice as jerky."""
 TURNING = 1.0
-"""m/s from which a heading error counts in full: one that stops is not on a wrong way."""
+"""Speed (m/s) from which a heading error counts in full: a stopping road user is not on a wrong way."""
 RETURN = 1.0
-"""1/s, and m/s, rad: beside its path a road user aims back to it with atan(RETURN * offset / (speed + SLOW)), at most
-AIM (as in S. Thrun et al. 2006, Stanley, https://doi.org/10.1002/rob.20147)."""
+"""Gain (1/s) of the return to the path: beside its path, a road user aims back to it at the angle
+atan(RETURN * offset / (speed + SLOW)), SLOW in m/s, at most AIM in rad (as in S. Thrun et al. 2006, Stanley,
+https://doi.org/10.1002/rob.20147)."""
 SLOW, AIM = 1.5, 0.4
 COMFORT_SHARE = 0.5
 """Share of the distance to a stop within which a road user wants to be able to stop."""
 AT = 0.3
-"""m: smallest distance to a stop in a ratio."""
+"""Least distance (m) to a stop in a ratio."""
 MAX_RATIO = 8.0
-"""Largest ratio of stopping distance to distance."""
+"""Greatest ratio of stopping distance to distance."""
 HEADWAY = np.array([1.1, 1.1, 0.5])
-"""s that each type keeps behind a leader."""
+"""Headway (s) behind a leader, by type."""
 MAX_OFFSET = 5.0
-"""m: largest lateral offset that is told apart."""
+"""Greatest lateral offset (m); larger offsets are clipped."""
 
 
 class RouteFit(NamedTuple):
-    """How the modes of n road users fit their routes, (n, modes) each; zeros for road users without a route."""
+    """Fit of the modes of n road users to their routes, (n, modes) each; zeros for road users without a route."""
 
     heading_error: Floats
-    """rad between the heading after STEERED intervals and the heading that leads back to the path, not negative; less
-    below TURNING, 0 at a stand."""
+    """Angle (rad, not negative) between the heading after STEERED intervals and the heading that leads back to the
+    path; scaled down below the speed TURNING, 0 at a stand."""
     lateral_offset: Floats
-    """m to the left of the path then, within +-MAX_OFFSET."""
+    """Lateral offset after STEERED intervals, m to the left of the path, within +-MAX_OFFSET."""
     speed_error: Floats
-    """Speed after PACED intervals relative to the desired speed, or to the speed from which the road user still stops
-    where it must, if that is lower: -1 at a stand, 1 at twice that speed or more."""
+    """Relative difference of the speed after PACED intervals to the allowed speed: -1 at a stand, 1 at twice the
+    allowed speed or more. Allowed is the desired speed, or the speed from which the road user can still stop, if that
+    is lower."""
     stop_ratio: Floats
-    """After one interval, stopping distance over distance to where it must stop: from 1 on it is too late. At most
-    MAX_RATIO."""
+    """Stopping distance after one interval over the distance to the stop position; from 1 on, the road user cannot stop
+    in time. At most MAX_RATIO."""
     follow_ratio: Floats
     """The same for stopping behind the leader."""
     leader_ratio: Floats
-    """How much of that is the distance in which the leader stops."""
+    """Share of `follow_ratio` that the stopping distance of the leader makes up: it over the same distance."""
 
 
 def route_fit(
@@ -66,10 +68,10 @@ def route_fit(
     paths: ModePaths,
     yaw_rate: Floats,
 ) -> RouteFit:
-    """How the modes of n road users fit their routes.
+    """Fit of the modes of n road users to their routes.
 
-    `rows`: the road users among those of `context`; `users`: their states; `paths`: of their modes, not laid along the
-    routes; `yaw_rate`: of the modes, rad/s, (n, modes).
+    `rows`: rows of the road users in `context`. `users`: their states. `paths`: paths of their modes, before
+    `bring_to_paths`. `yaw_rate`: yaw rates of the modes, rad/s, (n, modes).
     """
     route, then = context.route, STEERED - 1
     # Contiguous, so that on_path is compiled for one layout only.
@@ -88,8 +90,10 @@ def route_fit(
 
 
 def allowed_speed(context: RouteContext, capability: Capability, users: WorldState) -> Floats:
-    """m/s at which each of the n road users of `context`, with states `users`, may go on, (n,): the desired speed, or
-    the speed from which it stops comfortably where it must."""
+    """Allowed speed (m/s) of each of the n road users of `context`, with the states `users`, (n,).
+
+    The desired speed, or the speed from which the road user stops comfortably where it must, if that is lower.
+    """
     here = _Here(
         users.type,
         context.route.known,
@@ -114,18 +118,19 @@ class _Here(NamedTuple):
 
 @compiled
 def aim(offset: float, speed: float) -> float:
-    """rad by which a road user beside its path, `offset` m to the left of it, aims to the right of its direction."""
+    """Angle (rad) to the right of the path's direction at which a road user `offset` m to the left of the path aims."""
     return min(max(math.atan(RETURN * offset / (speed + SLOW)), -AIM), AIM)
 
 
 @compiled
 def _within(stop: float, room: float, leading: float, alike: float, headway: float) -> float:
-    """m within which a road user wants to be able to stop as hard as it can; its `headway` in m.
+    """Distance (m) within which a road user wants to be able to stop with its hardest braking.
 
-    Both it and its leader brake less hard in comfort, so that the part of its `room` (m) that the leader's braking
-    gives is not shortened. `alike`: m that itself would need to stop from the leader's speed, `leading` (m/s). The
-    leader counts as braking at least as hard: otherwise cars, which stop from 14 m/s in 21 m, would follow one that is
-    expected to need 24 m at 0.7 s instead of their headway of 1.1 s.
+    `stop`: distance (m) to the stop position. `room`: distance (m) to the position where the leader stops, from its
+    speed `leading` (m/s). `headway`: in m. `alike`: distance (m) in which the ego road user would stop from the
+    leader's speed. COMFORT_SHARE does not apply to the leader's stopping distance, because the leader also brakes less
+    hard in comfort. The leader counts as braking at least as hard as the ego: otherwise cars, which stop from 14 m/s in
+    21 m, would follow a leader with an expected stopping distance of 24 m at 0.7 s instead of their headway of 1.1 s.
     """
     braking = leading * leading / (2.0 * BRAKES)
     return min(COMFORT_SHARE * stop, COMFORT_SHARE * (room - braking - headway) + min(braking, alike))
@@ -160,8 +165,8 @@ def _route_fit(
             lateral_offset[i, mode] = min(max(offset[i, mode], -MAX_OFFSET), MAX_OFFSET)
             needed, fast = _interpolated(first, STOPPING, ways, fast)
             left = here.stop[i] - first * dt
-            # Beyond a stop going on is too late at any speed, else road users creep over red lights; the faster, the
-            # worse, else those that cannot stop at once need not brake.
+            # Past a stop position, any speed is too high: otherwise road users creep over the line at red. The ratio
+            # grows with the speed: otherwise a road user that cannot stop at once would not brake.
             creeps = left < -STOP_MARGIN[here.kind[i]] and first > STANDING_SPEED
             late = 0.5 * MAX_RATIO if creeps else 0.0
             stop_ratio[i, mode] = min(late + _ratio(needed, left), MAX_RATIO)
@@ -194,7 +199,7 @@ def _allowed_speed(here: _Here, speed: Floats, stopping: Floats) -> Floats:
 
 @compiled
 def _interpolated(value: float, x: Floats, y: Floats, k: int) -> tuple[float, int]:
-    """np.interp that searches from piece `k` on; also returns the piece in which it found the value."""
+    """Like np.interp, but searches from segment `k` on; also returns the segment in which it found the value."""
     last = len(x) - 1
     if not value < x[last]:
         return y[last], k

@@ -1,8 +1,8 @@
-"""Constraint `steering_residual`: inside a mode, road users correct their direction towards their path, within bounds.
+"""Constraint `steering_residual`: a bounded correction of the yaw rate within a mode, towards the path.
 
-The regressed mean of a mode steers by one amount at a speed; with 20 modes, neighbouring ones are some 0.1 rad/s apart
-at 13 m/s. A lane is kept with finer steering than that. Where pedestrians were recorded on a straight street, no mode
-turns them around a corner, or past a car: theirs turn farther.
+The regressed mean of a mode has one yaw rate at each speed; of 20 modes, neighbouring modes are about 0.1 rad/s apart
+at 13 m/s. Lane keeping needs finer steering. If pedestrians were recorded on a straight street, no mode turns them
+around a corner, or past a car: the correction then enlarges the turns of pedestrian modes.
 """
 
 import math
@@ -23,25 +23,26 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 CORRECTED = 1
-"""Intervals after which the corrected heading is that of the path there. With 2, vehicles turned as early as they
-needed to have the heading of the path 0.8 s ahead: cars cut tight turns by 0.4 m, over the corners where persons wait,
-and the lookahead, which judges collisions along the path, did not know."""
+"""Intervals after which the corrected heading equals the direction of the path at that place. With 2, vehicles turned
+towards the direction of the path 0.8 s ahead: cars cut tight turns by 0.4 m, over the corners where persons wait, and
+the lookahead, which checks collisions along the path, did not show it."""
 LATERAL = 1.0
-"""m/s²: largest lateral acceleration of the correction."""
+"""Greatest lateral acceleration (m/s²) of the correction."""
 MOST = 0.15
-"""rad/s: largest correction."""
+"""Greatest correction (rad/s)."""
 SHARE, TURNING = 0.5, 5.0
-"""Share of the correction that counts as what the modes can do, and m/s below which it counts as there: slower, they
-would turn so sharply that the paths through junctions needed a crawl."""
+"""Share of the correction that counts towards the capability of the modes, and speed (m/s) below which the correction
+counts as at this speed: at lower speeds, paths through junctions would contain turns so sharp that vehicles would have
+to crawl."""
 TIGHTER = 0.2
-"""Share by which steering may exceed the curvature of a tight turn, to return to the path in it."""
+"""Share by which steering may exceed the curvature of a tight turn, to return to the path within the turn."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 SHARP, TURNS = 0.4, 1.0
-"""rad/s: pedestrians none of whose modes turns by SHARP, to either side, turn by TURNS in the sharpest one, and in the
-others in proportion, standing ones included. Otherwise those before a car could not step aside, and both waited for
-minutes."""
+"""Yaw rates (rad/s): if no mode of a pedestrian turns by SHARP to a side, its sharpest mode to that side turns by TURNS
+and its other modes in proportion, also at a stand. Otherwise a pedestrian before a car could not step aside, and both
+waited for minutes."""
 TURNED = 0.01
-"""rad/s below which a mode does not turn."""
+"""Yaw rate (rad/s) below which a mode does not turn."""
 
 
 def steering_residual(
@@ -52,11 +53,11 @@ def steering_residual(
     yaw_rate: Floats,
     max_curvature: Floats,
 ) -> Floats:
-    """What each mode's yaw rate is corrected by, rad/s, (n, modes): zeros without a route.
+    """Correction of the yaw rate of each mode, rad/s, (n, modes): zeros without a route.
 
-    `rows`: the n road users among those of `context`; `users`: their states; `paths`: of their modes with `yaw_rate`,
-    rad/s, (n, modes); `max_curvature`: 1/m per type, (3,), which the corrected modes of vehicles do not
-    exceed either.
+    `rows`: rows of the n road users in `context`. `users`: their states. `paths`: paths of their modes with the yaw
+    rates `yaw_rate`, rad/s, (n, modes). `max_curvature`: greatest curvature by type, 1/m, (3,); it also bounds the
+    corrected modes of vehicles.
     """
     route, then = context.route, CORRECTED - 1
     x, y = np.ascontiguousarray(paths.x[:, then]), np.ascontiguousarray(paths.y[:, then])
@@ -70,8 +71,8 @@ def steering_residual(
 
 
 def with_steering(capability: Capability, bundle: ModelBundle) -> Capability:
-    """What the modes can do with that residual: SHARE of it turns them further, the rest is for the way back to the
-    path."""
+    """Capability of the modes with the steering residual: SHARE of it adds to the yaw rates, the rest serves the return
+    to the path."""
     further = SHARE * np.minimum(MOST, LATERAL / SPEEDS) / np.maximum(SPEEDS, TURNING)
     sharpest = capability.sharpest.copy()
     for kind in (RoadUserType.CAR, RoadUserType.BICYCLE):
@@ -113,7 +114,7 @@ def _residual(
             off = wrapped(heading[i] + time * yaw_rate[i, mode] - direction[i, mode] + aim(offset[i, mode], now))
             bound = min(MOST, LATERAL / max(now, 1.0)) + tight[i] * now
             corrected = yaw_rate[i, mode] + min(max(-off / time, -bound), bound)
-            # All turn by the metre: not at all while they stand.
+            # The yaw rate is proportional to the speed: 0 at a stand.
             most = curvature[i] * now
             residual[i, mode] = min(max(corrected, -most), most) - yaw_rate[i, mode]
             if math.fabs(yaw_rate[i, mode]) > most:

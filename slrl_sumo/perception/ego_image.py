@@ -16,7 +16,7 @@ from slrl_sumo.scene.types import RoadUserType
 EGO_ROWS = 20
 EGO_COLS = 40
 BEHIND, AHEAD, SIDE = 8.0, 32.0, 10.0
-"""m behind, ahead and to each side that the image shows; one pixel is one metre."""
+"""Extent (m) of the image behind, ahead of and to each side of the ego; one pixel is one metre."""
 
 FINE = 2
 """Pixels per metre while drawing; the final mean of 2 x 2 pixels smooths the edges."""
@@ -27,13 +27,13 @@ DRAWN_WIDTH = np.array([2.9, 4.7, 6.6, 8.3])
 WIDTH_BOUNDS = (DRAWN_WIDTH[1:] + DRAWN_WIDTH[:-1]) / 2
 """Widths of boxes (px) above which the next thickness is nearer."""
 WIDEST = float(DRAWN_WIDTH[-1]) / FINE
-"""The same of the thickest one, in m."""
+"""Drawn width (m) of the thickest line."""
 CUT = 4.5
-"""Lines are cut this many rows outside their view, where the thickest one just does not show."""
+"""Number of rows outside the view at which lines are cut, where even the thickest line is invisible."""
 MIN_LENGTH = 1.0
-"""Boxes are drawn at least this long (m), so that pedestrians are seen."""
+"""Least drawn length (m) of boxes, so that pedestrians are visible."""
 VIEWS_AT_ONCE = 128
-"""Views that are drawn together: as many as the cache of the processor holds."""
+"""Number of views that are drawn together; these fit into the processor cache."""
 
 PAINT = 8
 """Value of road user type 0 in a view; the values below are those of Surface."""
@@ -47,21 +47,21 @@ PAPER_PALETTE[PAINT + RoadUserType.PEDESTRIAN] = 0, 255, 0
 PATH = 7
 """Value of the path ahead."""
 EXTENDED_PALETTE = PAPER_PALETTE.copy()
-"""The same, with colours for crossings (grey), cycle lanes (cyan) and the path (magenta)."""
+"""RGB of each value, with colours for crossings (grey), cycle lanes (cyan) and the path (magenta)."""
 EXTENDED_PALETTE[3] = 160, 160, 160
 EXTENDED_PALETTE[4] = 0, 255, 255
 EXTENDED_PALETTE[PATH] = 255, 0, 255
 PATH_THICKNESS = 2
-"""px: a metre."""
+"""Thickness (px) of the path: one metre."""
 VALUES = PAINT + len(RoadUserType)
 CHANNEL = 10
-"""Bits of a colour channel where four of them are added up."""
+"""Bits of a colour channel in the sum of four pixels."""
 LINES = 256
-"""Lines that are drawn at once: numba counts references to the canvas in every function that takes it."""
+"""Number of lines that are drawn in one call: numba counts references to the canvas in every function that takes it."""
 
 
 def _channels(palette: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """The colours of all VALUES, one number each."""
+    """The colours of all VALUES, packed into one number each."""
     return np.asarray(palette[:VALUES, 0].astype(np.uint32) @ (1 << CHANNEL * np.arange(3, dtype=np.uint32)), np.uint32)
 
 
@@ -81,16 +81,16 @@ class _Users(NamedTuple):
 
 
 class _Sorting(NamedTuple):
-    """The order in which road users are searched and drawn: by group, later ones on top, then by x or y."""
+    """The order in which road users are searched and drawn: by group, later groups on top, then by x or y."""
 
     order: NDArray[np.intp]
     groups: NDArray[np.intp]
-    """Where each group begins in `order`, and the end."""
+    """Index in `order` of the begin of each group, and the end."""
     by_x: bool
 
 
 class _Paths(NamedTuple):
-    """Paths ahead: which road users have one, (n,), and its points, (n, POINTS)."""
+    """Paths ahead: which road users have a path, (n,), and its points, (n, POINTS)."""
 
     known: NDArray[np.bool_]
     x: Floats
@@ -102,10 +102,11 @@ def ego_images(
 ) -> NDArray[np.uint8]:
     """The images of the road users `rows` of `world`, (len(rows), EGO_ROWS, EGO_COLS, 3) RGB.
 
-    The ego is 8 m from the left border, half-way up, and faces right; row 0 is the far left. The ground has its
-    colours, outside is black. Each road user is a line along its heading, as long and about as wide as its box (at
-    least 1 m): cars red, cyclists blue, pedestrians green, later ones on top. The ego itself is drawn too. With their
-    `route` the path ahead lies under the road users, and crossings and cycle lanes have their own colours.
+    The ego is 8 m from the left border, half-way up, and faces right; row 0 is farthest to its left. The ground has the
+    colours of its surfaces; places without ground are black. Each road user, including the ego, is a line along its
+    heading, as long (at least 1 m) and about as wide as its box: cars red, cyclists blue, pedestrians green, later
+    types on top. With `route`, the path ahead lies under the road users, and crossings and cycle lanes have their own
+    colours.
     """
     images = np.empty((len(rows), EGO_ROWS, EGO_COLS, 3), np.uint8)
     if len(rows) == 0:
@@ -114,8 +115,8 @@ def ego_images(
     columns = (world.x, world.y, *cos_sin(world.heading), world.length, world.width)
     users = _Users(*(np.ascontiguousarray(column, np.float64) for column in columns))
     x, y = users.x, users.y
-    # Cars first, so that vulnerable road users are never hidden. Within a type sorted along the longer side of the
-    # scene, so that a view has few candidates.
+    # Cars are drawn first, so that vulnerable road users are never hidden. Within a type, road users are sorted along
+    # the longer side of the scene, so that a view has few candidates.
     by_x = bool(np.ptp(x) >= np.ptp(y))
     order = np.lexsort((x if by_x else y, world.type))
     groups = np.searchsorted(world.type[order], np.arange(len(RoadUserType) + 1))
@@ -149,11 +150,11 @@ def _draw_views(
     paths: _Paths,
     colours: NDArray[np.uint32],
 ) -> None:
-    """Draw paths and road users on the ground of `views` (n, rows, cols), and put them into `images` (n, rows / 2,
-    cols / 2, 3): the mean colour of every four pixels.
+    """Draw paths and road users on the ground of `views` (n, rows, cols), and write `images` (n, rows / 2, cols / 2,
+    3).
 
-    The views are those of the road users `rows` (n,) of `users`; `paths` are theirs. `colours`: (VALUES,), channels of
-    CHANNEL bits each, the first lowest.
+    Each pixel of an image is the mean colour of four pixels. View i belongs to the road user `rows[i]` of `users`, with
+    path i of `paths`. `colours`: (VALUES,), channels of CHANNEL bits each, the first channel lowest.
     """
     height = views.shape[1]
     lines = np.empty((paths.x.shape[1] + LINES, 7), np.int64)
@@ -193,7 +194,7 @@ def _draw_views(
         centre = x + middle * c if sorting.by_x else y + middle * s
         for group in range(len(sorting.groups) - 1):
             low, high = sorting.groups[group], sorting.groups[group + 1]
-            while low < high:  # the first one that may be visible
+            while low < high:  # find the first road user that may be visible
                 half_way = (low + high) // 2
                 if along[half_way] < centre - sight:
                     low = half_way + 1
@@ -216,7 +217,7 @@ def _draw_views(
                 col, row = (front + BEHIND) * FINE - 0.5, (SIDE - left) * FINE - 0.5
                 step_col = half * (users.cos[i] * c + users.sin[i] * s)
                 step_row = -half * (users.sin[i] * c - users.cos[i] * s)
-                # Where, from -1 to 1 along itself, a line enters and leaves the rows within which it is drawn.
+                # Positions, from -1 to 1 along the line, where it enters and leaves the rows within which it is drawn.
                 slope = 1e-9 if abs(step_row) < 1e-9 else step_row
                 enter, leave = (-0.5 - CUT - row) / slope, (height - 0.5 + CUT - row) / slope
                 first = min(max(min(enter, leave), -1.0), 1.0)

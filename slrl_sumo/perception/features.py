@@ -1,6 +1,7 @@
 """The feature vector: own motion, and road users nearby.
 
-Preset `paper` is that of the paper, section 3.1; `history` adds the motion of the last 2 s and the nearest road users.
+The preset `paper` is the vector of the paper, section 3.1. The preset `history` adds the motion of the last 2 s and the
+nearest road users.
 """
 
 import math
@@ -16,7 +17,7 @@ from slrl_sumo.scene.types import RoadUserType
 
 CAR = int(RoadUserType.CAR)
 RADII = (5.0, 10.0, 20.0)
-"""Distances in m within which others are counted, from centre to centre, inclusive."""
+"""Distances (m) within which other road users are counted, from centre to centre, inclusive."""
 
 FEATURES: tuple[str, ...] = (
     "speed",
@@ -32,24 +33,24 @@ FEATURES: tuple[str, ...] = (
     "other_10",
     "other_20",
 )
-"""Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of all others within each radius."""
+"""Columns of `features`: m/s, m/s², one-hot type, rad, then counts of VRUs and of other road users in each radius."""
 COUNTS = FEATURES.index("vru_5")
-"""First of the columns that count neighbours; they are the last ones."""
+"""First of the columns that count neighbours; these columns are the last ones."""
 WITHIN_20 = [FEATURES.index("vru_20"), FEATURES.index("other_20")]
-"""Columns whose sum is the number of road users within the largest of RADII: how dense the traffic is there."""
+"""Columns whose sum is the number of road users within the largest of RADII, a measure of traffic density."""
 COMPANY = ("vru_", "other_", "near_")
-"""Beginnings of the names of columns about other road users."""
+"""Prefixes of the names of columns about other road users."""
 
 NEAREST = 3
-"""Number of nearest road users that the preset `history` perceives singly."""
+"""Number of nearest road users with columns of their own in the preset `history`."""
 NEAR = 15.0
-"""m beyond which a road user is not perceived singly."""
+"""Distance (m) beyond which a road user has no columns of its own."""
 CLOSENESS = 5.0
-"""m; at distance d the columns of a near road user have the weight exp(-d / CLOSENESS), so that one that comes into
-reach does not change them at once, and a missing one has zeros."""
+"""Length scale (m): the columns of a road user at distance d have the weight exp(-d / CLOSENESS). A road user that
+comes into reach thus changes them gradually, and a missing road user has zeros."""
 
 YAW_RATE = len(FEATURES)
-"""First column of the preset `history` that `paper` has not."""
+"""First column of the preset `history` that the preset `paper` lacks."""
 PAST_SPEED, PAST_YAW_RATE = YAW_RATE + 1, YAW_RATE + 1 + PAST
 NEAR_FIRST = YAW_RATE + 1 + 2 * PAST
 NEAR_COLUMNS = ("ahead", "left", "ahead_mps", "left_mps")
@@ -73,8 +74,8 @@ def state(
 ) -> NDArray[np.float32]:
     """The vector of the road users `rows`, (len(rows), columns), columns as in STATES[preset], not normalised.
 
-    `past` (n, PAST, 2): of at least the first n road users, `rows` among them; see slrl_sumo.perception.past_motion.
-    None: they moved straight ahead at their speed. Other arguments as those of `features`.
+    `past` (n, PAST, 2): past motion of the first n road users, which include `rows`; see
+    slrl_sumo.perception.past_motion. None: they moved straight ahead at their speed. Other arguments: see `features`.
     """
     paper = features(world, rows, scene)
     if preset == "paper":
@@ -88,8 +89,8 @@ def state(
 def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
     """The vector of the road users `rows` of `world`, (len(rows), 12), columns as in FEATURES, not normalised.
 
-    All road users of the world count, learned or background, except the road user itself. Where `world` holds several
-    separate scenes, `scene` (n,) is the scene of each road user.
+    All other road users of the world count, learned or background. If `world` contains several separate scenes,
+    `scene` (n,) is the scene of each road user.
     """
     x, y, group, rows, order = _in_order(world, rows, scene)
     own = np.column_stack([world.speed[rows], world.acceleration[rows], world.heading[rows]])
@@ -99,7 +100,10 @@ def features(world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64]
 def _in_order(
     world: WorldState, rows: NDArray[np.intp], scene: NDArray[np.int64] | None
 ) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.intp], NDArray[np.intp]]:
-    """Positions, scenes, `rows`, and all road users by scene, then from west to east: near ones are neighbours."""
+    """Positions, scenes, `rows`, and the order of all road users by scene, then from west to east.
+
+    Road users near each other are close in this order.
+    """
     scene = np.zeros(len(world), np.int64) if scene is None else scene
     return world.x, world.y, scene, rows, np.lexsort((world.x, scene))
 
@@ -114,7 +118,10 @@ def _table(
     rows: NDArray[np.intp],
     order: NDArray[np.intp],
 ) -> NDArray[np.float32]:
-    """`own`: speed, acceleration and heading of `rows`, (len(rows), 3); `order`: all road users by scene, then by x."""
+    """The table of `features`.
+
+    `own`: speed, acceleration and heading of `rows`, (len(rows), 3). `order`: all road users by scene, then by x.
+    """
     table = np.zeros((len(rows), 2 + 3 + 1 + 2 * len(RADII)), np.float32)
     place = np.empty(len(order), np.intp)
     for k in range(len(order)):  # not place[order]: see scene.compiled
@@ -148,7 +155,8 @@ def _nearest(
     heading: Floats,
     speed: Floats,
 ) -> Floats:
-    """Columns of the NEAREST road users within NEAR of each of `rows`, (len(rows), 4 * NEAREST); `order` as above."""
+    """Columns of the NEAREST road users within NEAR of each of `rows`, (len(rows), 4 * NEAREST); `order`: see
+    `_table`."""
     table = np.zeros((len(rows), 4 * NEAREST))
     place = np.empty(len(order), np.intp)
     for k in range(len(order)):

@@ -1,4 +1,4 @@
-"""The leader of each road user: the next one on its own path."""
+"""Leaders: the next road user on the path of each ego road user."""
 
 import math
 from typing import NamedTuple
@@ -16,25 +16,27 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 SIDE_GAP = np.array([0.25, 0.25, 0.1])
-"""m of clearance beside a box from which another road user is no leader, by the type of the follower; 0 for vehicles
-beside one that stands."""
+"""Lateral clearance (m) from which another road user is no leader, by the type of the follower; 0 for vehicles beside a
+standing road user."""
 NEAREST = np.array([0.5, 0.5, 0.25])
-"""m ahead from which a road user can be a leader: one beside the follower is none."""
+"""Least distance (m) ahead of a leader, by the type of the follower: a road user beside the follower is no leader."""
 ALIKE = 1.1
-"""rad between the directions of a path and of a road user on it, beyond which it crosses the path and does not lead."""
+"""Angle (rad) between the directions of a path and of a road user on it beyond which the road user crosses the path and
+is no leader."""
 BESIDE = 0.3
-"""m by which a road user beside the follower may reach into its way."""
+"""Distance (m) by which a road user beside the follower may reach into its way without being its leader."""
 IN_WAY = 10.0
-"""m ahead within which a road user is in the way, so that its path has to be cleared first."""
+"""Distance (m) ahead within which a road user is in the way: it must clear the path first."""
 APPROACH = 3.0
-"""m along its path in which a vehicle beside it comes 1 m nearer to it, as in a lane change at 3 to 5 m/s. Until then
-it needs the room between: else one that leaves a queue meets the last vehicle of the queue with its corner."""
+"""Distance (m) along its path in which a vehicle beside the path comes 1 m nearer to it, as in a lane change at 3 to
+5 m/s. Until then the vehicle needs the room between: otherwise a vehicle that leaves a queue hits the last vehicle of
+the queue with its corner."""
 FARTHEST = 5.0
-"""m beside its path from which a vehicle needs no more room."""
+"""Greatest lateral offset (m) for which a vehicle needs room to return to its path."""
 STANDING = 0.5
-"""m/s below which any road user on the path counts, whatever its direction."""
+"""Speed (m/s) below which any road user on the path of a vehicle counts as leader, whatever its direction."""
 BRAKES = 4.0
-"""m/s² with which a leader is expected to brake at most."""
+"""Greatest expected deceleration (m/s²) of a leader."""
 COS_ALIKE = math.cos(ALIKE)
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
@@ -52,48 +54,51 @@ class _Users(NamedTuple):
 
 
 class _Pairs(NamedTuple):
-    """Followers and road users beside their paths, (p,), and where these are on the path, (p, 1) each."""
+    """Pairs of a follower and a road user near its path, (p,), and the positions of the latter on the path, (p, 1)."""
 
     follower: NDArray[np.intp]
     other: NDArray[np.intp]
     along: Floats
-    """m."""
+    """Distance along the path, m."""
     lateral_offset: Floats
-    """m."""
+    """Lateral offset from the path, m."""
     direction: Floats
-    """rad, of the path."""
+    """Direction of the path, rad."""
 
 
 class Leaders(NamedTuple):
-    """Leaders of n road users, and which road users are in the way of vehicles."""
+    """Leaders of n road users, and the road users that are in the way of vehicles."""
 
     gap: Floats
-    """m between boxes along the path, inf where there is no leader within sight, (n,)."""
+    """Gap (m) between the boxes along the path, (n,); inf without a leader within sight."""
     speed: Floats
-    """m/s of the leader along the path, (n,)."""
+    """Speed (m/s) of the leader along the path, (n,)."""
     row: NDArray[np.int64]
-    """The leader's row in the world, -1 where there is none, (n,)."""
+    """Row of the leader in the world, (n,); -1 without a leader."""
     stop: Floats
-    """m from the own box to where the first one on the path could stop, (n,), inf where there is none: of one that
-    stands farther on, too, which the leader would hide until it leaves the path."""
+    """Distance (m) to the nearest position where a road user on the path could come to a stop, (n,); inf without one.
+    It need not be the leader: a road user that stands farther ahead counts, too, before the leader leaves the path."""
     stop_speed: Floats
-    """m/s of that one along the path, (n,)."""
+    """Speed (m/s) of that road user along the path, (n,)."""
     in_way: NDArray[np.int64]
-    """`way_code` of each vehicle and each road user whose box is now on the vehicle's path, within IN_WAY m ahead of
-    its front, whatever its direction, (p,), sorted."""
+    """Sorted `way_code` of each pair of a vehicle and a road user in its way, (p,): the box of the latter is on the
+    path of the vehicle, within IN_WAY m ahead of its front, whatever the direction."""
 
 
 @compiled
 def way_code(ego: int, other: int, users: int) -> int:
-    """One number for a pair of rows of a world of so many `users`."""
+    """One number for the pair of rows `ego` and `other` of a world with `users` road users."""
     return ego * users + other
 
 
 def leaders(
     route: RouteAhead, world: WorldState, lateral_offset: Floats, threads: RowThreads = ONE, levels: Levels = FLAT
 ) -> Leaders:
-    """The nearest road user on the path of each of the n road users of `route`, the first ones of `world`, and on the
-    same one of `levels`; `lateral_offset`: m to the left of their paths, (n,)."""
+    """The leaders of the n road users of `route`, the first road users of `world`.
+
+    A leader is the nearest road user on the path and on the same level (`levels`). `lateral_offset`: m to the left of
+    the own path, (n,).
+    """
     n = len(route)
     if len(world) < 2:
         return Leaders(
@@ -131,7 +136,7 @@ def _leaders(
         same, across = math.cos(turn), abs(math.sin(turn))
         ahead, wide = abs(same) * length + across * width, across * length + abs(same) * width
         between = along - 0.5 * ahead - 0.5 * users.length[ego]
-        # The nearest part of the way to the path.
+        # Lateral range that the follower sweeps on its return to the path.
         span = aside[ego] * max(1.0 - max(between, 0.0) / (APPROACH * abs(aside[ego])), 0.0) if aside[ego] else 0.0
         off = pairs.lateral_offset[pair, 0]
         clear = abs(off - min(max(off, min(span, 0.0)), max(span, 0.0))) - 0.5 * wide - 0.5 * users.width[ego]
@@ -141,11 +146,11 @@ def _leaders(
         if kind != PEDESTRIAN and between < IN_WAY:
             in_way[found] = way_code(ego, other, len(users.type))
             found += 1
-        # Pedestrians walk around a road user in their way, unless it waits where they want to wait.
+        # Pedestrians walk around a moving road user in their way; a standing one may wait where they want to wait.
         walks = kind == PEDESTRIAN and users.speed[other] >= STANDING
         if walks or not (same > COS_ALIKE or stands):
             continue
-        # One that is already beside the follower does not lead, unless the follower would drive into it.
+        # A road user beside the follower is no leader, unless the follower would drive into it.
         if between < 0.0 and clear > -BESIDE:
             continue
         theirs = max(users.speed[other] * same, 0.0)
@@ -158,7 +163,7 @@ def _leaders(
 
 @compiled
 def _on_another_level(levels: Levels, users: _Users, other: int, pairs: _Pairs, pair: int) -> bool:
-    """Whether a road user is not on the level of the path beside it."""
+    """Whether a road user is above or below the path beside it."""
     if len(levels.x) == 0:
         return False
     x, y, aside = users.x[other], users.y[other], pairs.lateral_offset[pair, 0]

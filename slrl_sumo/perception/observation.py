@@ -1,4 +1,4 @@
-"""What learned road users perceive."""
+"""Observations of learned road users."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,18 @@ from slrl_sumo.perception.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What n road users perceive at one time."""
+    """The observations of n road users at one time."""
 
     vector: NDArray[np.float32]
-    """(n, columns) as in `features.STATES`, the first 12 those of `features.FEATURES`; not normalised."""
+    """Feature vectors, (n, columns) as in `features.STATES`; the first 12 columns are `features.FEATURES`. Not
+    normalised."""
     image: NDArray[np.uint8] | None
-    """(n, EGO_ROWS, EGO_COLS, 3) RGB as in `ego_image.ego_images`; None where it was not asked for."""
+    """Ego images, RGB, (n, EGO_ROWS, EGO_COLS, 3), see `ego_image.ego_images`; None unless requested."""
     type: NDArray[np.int8]
-    """RoadUserType of each, (n,)."""
+    """RoadUserType of each road user, (n,)."""
     route: NDArray[np.float32] | None = None
-    """(n, 14), columns as in `route_features.ROUTE_FEATURES`, in the preset `image` (n, 30), with those of
-    PATH_FEATURES; None in the preset `paper` and without routes."""
+    """Route features, (n, 14), columns as in `route_features.ROUTE_FEATURES`; in the preset `image` (n, 30), with the
+    columns of PATH_FEATURES. None in the preset `paper` and without routes."""
 
     def __len__(self) -> int:
         return len(self.type)
@@ -38,12 +39,12 @@ def observe(
     state: str = "paper",
     path: bool = False,
 ) -> Observation:
-    """What the deciding road users of `scene` perceive: the only way to an observation, live and in recordings.
+    """Observations of the deciding road users of `scene`; all observations, live and from recordings, are made here.
 
-    With the `context` of the learned road users of the scene this is the preset `extended`: the route as numbers and as
-    a line in the image, crossings and cycle lanes in their own colours; without it `paper`. With `path` the route also
-    has the points of the path ahead, as in the preset `image`.
-    `state`: the vector, as models and selector need it (see `presets.vector_for`).
+    With the `context` of the learned road users of the scene, this is the preset `extended`: the route as numbers and
+    as a line in the image, crossings and cycle lanes in their own colours. Without it, this is the preset `paper`. With
+    `path`, the route also has the points of the path ahead, as in the preset `image`.
+    `state`: the vector that models and selector need (see `presets.vector_for`).
     """
     world, rows = scene.world, scene.rows
     mine = None if context is None else context.take(rows)

@@ -1,4 +1,4 @@
-"""The motion of road users in the last 2 s: kept in a simulation, looked up in a recording."""
+"""The motion of road users in the last 2 s: stored during a simulation, or read from a recording."""
 
 import numpy as np
 
@@ -7,30 +7,30 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 
 PAST = 4
-"""Earlier intervals whose motion is known, besides the last one: 2 s in all."""
+"""Number of known intervals before the last one: 2 s in all."""
 
 
 def recorded_past(recording: Trajectories, rows: Integers) -> Floats:
     """Speed (m/s) and yaw rate (rad/s) at the PAST rows before each of the `rows`, the latest first, (n, PAST, 2).
 
-    Before the first row of a track the road user counts as moving as in that row.
+    Before the first row of a track, the motion is assumed to be that of the first row.
     """
     before = np.maximum(rows[:, None] - np.arange(1, PAST + 1), recording.starts[recording.track[rows]][:, None])
     return np.stack([recording.speed[before], recording.yaw_rate[before]], -1)
 
 
 def steady_past(speed: Floats) -> Floats:
-    """The past of road users that were never seen before, (n, PAST, 2): straight ahead at their `speed` (n,), m/s."""
+    """The assumed past of new road users, (n, PAST, 2): straight ahead at their `speed` (m/s, (n,))."""
     return np.repeat(np.stack([speed, np.zeros_like(speed)], -1)[:, None], PAST, 1)
 
 
 def later(past: Floats, speed: Floats, yaw_rate: Floats) -> Floats:
-    """`past` (n, PAST, 2) one interval later, at whose beginning road users moved at `speed` and `yaw_rate`, (n,)."""
+    """Shift `past` (n, PAST, 2) by one interval, which began with `speed` (m/s) and `yaw_rate` (rad/s), (n,) each."""
     return np.concatenate([np.stack([speed, yaw_rate], -1)[:, None], past[:, :-1]], 1)
 
 
 class PastMotion:
-    """Remembers the motion of road users from decision to decision."""
+    """Stores the motion of road users from decision to decision."""
 
     def __init__(self) -> None:
         self._time = -np.inf
@@ -39,7 +39,8 @@ class PastMotion:
         self._now: tuple[Floats, Floats] = np.zeros(0), np.zeros(0)
 
     def of(self, world: WorldState, n: int) -> Floats:
-        """The past of the first `n` road users of `world`, (n, PAST, 2); asked again at the same time, the same one."""
+        """The past of the first `n` road users of `world`, (n, PAST, 2); unchanged by further calls at the same
+        time."""
         new_time = world.time > self._time + 1e-6
         if world.time < self._time - 1e-6:  # a simulation that was set back
             self._rows, new_time = {}, True

@@ -1,4 +1,4 @@
-"""Where learned road users are on their routes, and what limits them there."""
+"""Positions of learned road users on their routes, and the leaders and stops that limit them there."""
 
 from dataclasses import dataclass, fields
 
@@ -14,17 +14,18 @@ from slrl_sumo.scene.route import RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState
 
 STOP_MARGIN = np.array([1.5, 1.5, 0.2])
-"""m before a stop line, for road users that do not stop to the centimetre, by type."""
+"""Distance (m) kept before a stop position, by type: road users do not stop to the centimetre."""
 GAP = np.array([1.5, 1.5, 0.4])
-"""m that each type keeps behind a leader."""
+"""Gap (m) kept behind a leader, by type."""
 SAME_WAY = 0.7
-"""Cosine of 45 degrees, between the directions of a vehicle and of its leader in a queue."""
+"""Least cosine (45 degrees) between the directions of a vehicle and of its leader in a queue."""
 QUEUE = 8
-"""Road users that stop one behind the other, of which each is foreseen to stop."""
+"""Number of road users, one behind the other, whose stops are predicted."""
 NEAR, LONGEST = 5.0, 200
-"""m to a stop within which a road user may be in a circle of such that wait for each other, and most of these."""
+"""Distance (m) to a stop within which a road user may be part of a circle of waiting road users, and the greatest
+number of road users in such a circle."""
 BEFORE = 1.0
-"""m before its line at which a vehicle keeps a junction clear."""
+"""Distance (m) before its line at which a vehicle keeps a junction clear."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,25 +34,27 @@ class RouteContext:
 
     route: RouteAhead
     along: Floats
-    """m along the own path of the place nearest to the road user: inside of a corner that need not be its begin."""
+    """Position (m along the own path) of the place nearest to the road user; inside a corner it may differ from 0."""
     lateral_offset: Floats
-    """m to the left of the own path."""
+    """Lateral offset, m to the left of the own path."""
     direction: Floats
-    """rad: direction of the own path beside the road user."""
+    """Direction (rad) of the own path beside the road user."""
     leader_gap: Floats
-    """m along the path between the own box and the next one, inf where there is no leader within sight."""
+    """Gap (m) to the leader along the path; inf without a leader within sight."""
     leader_speed: Floats
-    """m/s along the path."""
+    """Speed (m/s) of the leader along the path."""
     queues: NDArray[np.bool_]
-    """Its leader goes its way and does not wait for it in turn: nothing but its leader's start can help a vehicle."""
+    """The leader has the same direction and does not wait for the road user in turn: a queue, which only the leader's
+    start can dissolve."""
     stop_distance: Floats
-    """m to where it must stop: a stop line, or a junction whose exit is taken."""
+    """Distance (m) to where the road user must stop: a stop line, or a junction whose exit is taken."""
     follow_distance: Floats
-    """m within which it must be able to stop behind others on its path ..."""
+    """Distance (m) within which the road user must be able to stop behind road users on its path."""
     follow_speed: Floats
-    """... and m/s of the one for which it must, which need not be its leader (see perception.leaders.Leaders)."""
+    """Speed (m/s) of the road user that sets `follow_distance`; it need not be the leader (see
+    perception.leaders.Leaders)."""
     in_way: NDArray[np.int64]
-    """Which road users of the world are in the way of which (see perception.leaders.Leaders), (p,)."""
+    """Pairs of vehicles and road users in their way (see perception.leaders.Leaders), (p,)."""
 
     def __len__(self) -> int:
         return len(self.route)
@@ -65,7 +68,7 @@ class RouteContext:
 def route_context(
     route: RouteAhead, world: WorldState, threads: RowThreads = ONE, levels: Levels = FLAT
 ) -> RouteContext:
-    """Project the first road users of `world`, those of `route`, onto their paths, and find their leaders."""
+    """Project the first road users of `world`, one for each row of `route`, onto their paths; find their leaders."""
     n = len(route)
     along, lateral_offset, direction = on_path(route, world.x[:n, None], world.y[:n, None])
     found = leaders(route, world, lateral_offset[:, 0], threads, levels)
@@ -78,7 +81,7 @@ def route_context(
 
 
 def _queues(leader: NDArray[np.int64], heading: Floats, direction: Floats) -> NDArray[np.bool_]:
-    """`queues` (see RouteContext) of n road users with leaders in these rows, -1: none, on paths in a `direction`."""
+    """`RouteContext.queues` of n road users; `leader`: row of each leader (-1: none), `direction`: of each path."""
     n = len(leader)
     theirs = np.append(leader, np.full(len(heading) - n, -1))[leader]
     same_way = np.cos(heading[leader] - direction) > SAME_WAY
@@ -86,8 +89,10 @@ def _queues(leader: NDArray[np.int64], heading: Floats, direction: Floats) -> ND
 
 
 def stop_distances(route: RouteAhead, world: WorldState, ahead: Leaders) -> tuple[Floats, Floats]:
-    """`stop_distance` and `follow_distance` (see RouteContext) of the first road users of `world`, those of `route`,
-    with these leaders, (n,) each."""
+    """`RouteContext.stop_distance` and `follow_distance`, (n,) each, of the first road users of `world`.
+
+    These are the road users of `route`; `ahead`: their leaders.
+    """
     n = len(route)
     lines = route.stop, route.keep_clear_line, route.keep_clear_exit, route.waiting_position
     return _stop_distances(world.type[:n], world.length[:n], *lines, ahead.gap, ahead.speed, ahead.row, ahead.stop)
@@ -108,8 +113,8 @@ def _stop_distances(
 ) -> tuple[Floats, Floats]:
     n = len(kind)
     must, room, stand, waits = np.empty(n), np.empty(n), stop.copy(), np.zeros(n, np.bool_)
-    # Where each will stand at last: at its line, behind a leader that stands, or will stand, or before a junction whose
-    # exit is taken by then.
+    # Predict where each road user will come to a stop: at its line, behind a leader that stands or will stand, or
+    # before a junction whose exit is then taken.
     for _ in range(QUEUE):
         for i in range(n):
             if leader[i] < 0:
@@ -128,8 +133,10 @@ def _stop_distances(
 
 @compiled
 def _in_circle(first: int, leader: NDArray[np.int64], leading: Floats) -> bool:
-    """Whether a road user stands behind others of which each is the leader of the one before, and it that of the last:
-    then none can go on unless each goes as far as there is room."""
+    """Whether the chain of leaders from a road user leads back to it, with all leaders slower than 1 m/s.
+
+    In such a circle, no road user can move unless each one uses the room before it.
+    """
     row = first
     for _ in range(LONGEST):
         if leader[row] < 0 or leader[row] >= len(leader) or leading[row] >= 1.0:
@@ -142,9 +149,11 @@ def _in_circle(first: int, leader: NDArray[np.int64], leading: Floats) -> bool:
 
 @compiled
 def _exit_taken(stand: float, stop: float, keep: float, out: float, wait: float, length: float) -> bool:
-    """Whether a vehicle that will stand `stand` m ahead would do so in a junction that it has to keep clear, at least
-    with its rear; further arguments as in RouteAhead."""
+    """Whether a vehicle that will stop `stand` m ahead would stand in a junction that it must keep clear.
+
+    This includes standing in it with the rear only. Other arguments: see RouteAhead.
+    """
     taken = keep < stand < min(out + length, stop)
-    # Behind another one that waits for its turn inside there is room for the whole vehicle.
+    # Before a waiting position inside the junction, there may be room for the whole vehicle.
     taken &= not keep + length <= stand <= wait
     return bool(taken and BEFORE < keep < np.inf and out < np.inf)

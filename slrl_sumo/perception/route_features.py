@@ -11,15 +11,15 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.route import HERE, RouteAhead
 
 FAR = 60.0
-"""m at which distances to lines and leaders are cut off."""
+"""Greatest distance (m) to lines and leaders; larger distances are clipped."""
 MOST_PATH = 10.0
-"""Tens of m at which points of the path are cut off."""
+"""Greatest coordinate (tens of m) of points of the path; larger coordinates are clipped."""
 TURN = 0.3
-"""rad; a path that deviates by more than this turns."""
+"""Deviation (rad) of a path from which it turns."""
 SHARP = math.sin(TURN) / (math.sin(TURN) + math.cos(TURN))
-"""The same as a ratio: lateral over lateral plus longitudinal."""
+"""TURN as a ratio: lateral over lateral plus longitudinal."""
 BACK = 2.0 - 1e-9
-"""A turn straight back on that scale."""
+"""A turn straight back on the scale of SHARP."""
 
 ROUTE_FEATURES: tuple[str, ...] = (
     "known",
@@ -44,14 +44,16 @@ leader on the path, and its speed. Distances are in tens of metres, speeds in te
 
 
 PATH_POINTS = (2, 4, 7, 11, 16, 22, 30, 40)
-"""Points of the path ahead, by their number from HERE on: at 40 m or, of fast vehicles, as far as they see."""
+"""Indices, from HERE on, of the points of the path ahead: up to 40 m, for fast vehicles up to their sight."""
 PATH_FEATURES: tuple[str, ...] = tuple(f"path_{k}_{column}" for k in PATH_POINTS for column in ("ahead", "left"))
-"""Columns of `path_features`: those points in the ego frame, tens of m."""
+"""Columns of `path_features`: the PATH_POINTS in the ego frame, tens of m."""
 
 
 def path_features(route: RouteAhead, x: Floats, y: Floats, heading: Floats) -> NDArray[np.float32]:
-    """The paths ahead of n road users as PATH_FEATURES, (n, 16); 0 without a route. `x`, `y` (m) and `heading` (rad)
-    are theirs, (n,)."""
+    """The paths ahead of n road users as PATH_FEATURES, (n, 16); 0 without a route.
+
+    `x`, `y` (m) and `heading` (rad): positions and headings of the road users, (n,).
+    """
     chosen = HERE + np.array(PATH_POINTS)
     dx, dy = route.x[:, chosen] - x[:, None], route.y[:, chosen] - y[:, None]
     c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
@@ -64,7 +66,7 @@ def route_features(heading: Floats, context: RouteContext) -> NDArray[np.float32
     """The routes of n road users with these headings (rad, (n,)), (n, 14), columns as in ROUTE_FEATURES."""
     route = context.route
     heading_error = wrap_angle(heading - context.direction)
-    # m and m/s that are cut off at FAR, in the order of their columns.
+    # Distances (m) and speeds (m/s) that are clipped at FAR, in the order of their columns.
     far = np.column_stack(
         [
             route.stop,
@@ -108,19 +110,21 @@ def _table(
 
 @compiled
 def _turns(x: Floats, y: Floats, direction: float) -> tuple[int, float]:
-    """Number of pieces of a path from HERE to the first that turns by more than TURN from a direction (rad), or to the
-    end of the path, and the largest turn of a piece in rad."""
+    """Number of segments from HERE to the first segment that turns by more than TURN, and the largest turn (rad).
+
+    Turns are relative to `direction` (rad). Without a turn, the number is that of the segments up to the end.
+    """
     c, s = math.cos(direction), math.sin(direction)
     until, most, most_ahead, most_aside = len(x) - 1 - HERE, -1.0, 1.0, 0.0
     for k in range(HERE, len(x) - 1):
         dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
         ahead, aside = c * dx + s * dy, c * dy - s * dx
-        # Grows with the angle, from 0 straight on to 2 straight back, without libm.
+        # This measure grows with the angle, from 0 (straight on) to 2 (straight back), without libm.
         sharp = abs(aside) / (abs(ahead) + abs(aside))
         sharp = sharp if ahead >= 0.0 else 2.0 - sharp
         if sharp > most:
             most, most_ahead, most_aside = sharp, ahead, aside
         if sharp > SHARP:
             until = min(until, k - HERE)
-    # Straight back is to the left, whatever the last bits say.
+    # Straight back counts as to the left, whatever the last bits of the coordinates.
     return until, math.pi if most > BACK else math.atan2(most_aside, most_ahead)

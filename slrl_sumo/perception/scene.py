@@ -1,4 +1,4 @@
-"""The scene that decisions are taken from."""
+"""The scene on which decisions are based."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -14,34 +14,34 @@ from slrl_sumo.scene.state import WorldState
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """One moment of all road users, the ground under them, and the routes of the learned ones.
+    """The state of all road users at one time, the ground under them, and the routes of the learned road users.
 
-    Everything that a decision depends on is in here: nothing behind it asks SUMO again.
+    It contains everything on which a decision depends: no later part of a decision reads from SUMO.
     """
 
     world: WorldState
     rows: NDArray[np.intp]
-    """Rows of `world` that decide, (n,)."""
+    """Rows in `world` of the deciding road users, (n,)."""
     road_map: RoadMap
     route: RouteAhead | None = None
-    """Routes of the first len(route) road users of `world`, `rows` among them; None where no routes are known."""
+    """Routes of the first len(route) road users of `world`, which include `rows`; None if no routes are known."""
     group: NDArray[np.int64] | None = None
     """Group of each road user of `world`; road users of different groups do not perceive each other. None: one group.
-    Recordings are simulated from many start frames at once, each a group of its own."""
+    Simulations of recordings start from many frames at once, each of which is a group."""
 
     past: Floats | None = None
-    """Motion of the first len(past) road users of `world`, `rows` among them, in the last 2 s, (n, PAST, 2) (see
-    slrl_sumo.perception.past_motion); None where the models do not read it."""
+    """Motion in the last 2 s of the first len(past) road users of `world`, which include `rows`, (n, PAST, 2) (see
+    slrl_sumo.perception.past_motion); None if the models do not read it."""
 
     places: tuple[Floats, Floats] | None = None
-    """Where the m road users of `world` are, m, (m,) each, if not all are where vehicles expect them: persons that wait
-    at a kerb (see slrl_sumo.routing.waiting_persons). Pedestrians avoid them here."""
+    """Actual positions (m, (m,) each) of the road users of `world`, if `world` has persons moved to the kerb for
+    vehicles (see slrl_sumo.routing.waiting_persons); pedestrians avoid persons at their actual positions."""
 
     def __len__(self) -> int:
         return len(self.rows)
 
     def groups(self) -> Iterator[tuple["Scene", NDArray[np.intp]]]:
-        """Each group as a scene of its own, with the places (k,) that its deciding road users have among `rows`."""
+        """Each group as a separate scene, with the indices (k,) of its deciding road users in `rows`."""
         if self.group is None:
             yield self, np.arange(len(self))
             return

@@ -10,11 +10,11 @@ from slrl_sumo.scene.geometry import from_ego
 from slrl_sumo.scene.state import WorldState
 
 REACH = 32.0
-"""m shown to each side."""
+"""Extent (m) to each side."""
 SCALE = 8
 """Pixels per metre."""
 SMALLEST = 1.0
-"""m; boxes are drawn at least this long and wide, so that pedestrians are visible."""
+"""Least drawn length and width (m) of boxes, so that pedestrians are visible."""
 SHIFT = 4
 """Fractional bits of the coordinates given to OpenCV."""
 
@@ -26,8 +26,8 @@ EDGE, RING = (70, 70, 70), (0, 0, 0)
 def top_view(world: WorldState, row: int, roadmap: RoadMap) -> NDArray[np.uint8]:
     """The surroundings of road user `row` of `world`, (512, 512, 3) RGB, north up.
 
-    Ground and types have the colours of the report of a run: learned road users full, SUMO's paler, the one in the
-    middle with a ring around it. Boxes have a pointed front.
+    Ground and types have the colours of the report of a run: learned road users in full colour, background road users
+    paler. A ring marks the road user in the middle. Boxes have a pointed front.
     """
     x, y = world.x[row], world.y[row]
     middle, straight = np.array([x]), np.zeros(1)
