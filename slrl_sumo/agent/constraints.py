@@ -1,4 +1,4 @@
-"""Rules that are not learned, by name: which ones are on, and what they do to a motion."""
+"""Constraints: named rules that are not learned, the switches for them, and their effect on a motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -12,35 +12,37 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 EASING = 3.0
-"""m/s²: deceleration of road users above their models' top speed."""
+"""Deceleration (m/s²) of road users above the top speed of their models."""
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """Which rules apply beside the policy; the fields are their names, in the order in which they apply.
+    """The rules that apply in addition to the policy; the fields are their names, in the order of application.
 
-    All but `speed_cap` need routes, and do nothing without them.
+    All rules except `speed_cap` need routes, and have no effect without routes.
     """
 
     path_smoothing: bool = True
-    """Paths are as round, and speeds in curves as low, as the models need (agent.path_smoothing)."""
+    """Smooth paths, and lower speeds before curves, so that the models can follow (agent.path_smoothing)."""
     steering_residual: bool = True
-    """Inside a mode, vehicles correct their steering towards their path, within bounds (lookahead.steering)."""
+    """Correct the yaw rate within a mode towards the path, within bounds (lookahead.steering)."""
     braking_residual: bool = True
-    """Inside the mode that brakes hardest, road users brake as hard as recorded ones did (lookahead.braking)."""
+    """Brake as hard as recorded road users in the mode that brakes hardest (lookahead.braking)."""
     guard: bool = False
-    """No modes that lead into a conflict (agent.guard)."""
+    """Exclude modes that lead into a conflict (agent.guard)."""
     deadlock_release: bool = True
-    """Road users that stand for no reason, or for each other, go on (agent.deadlock)."""
+    """Force road users to move that stand without a reason, or block each other (agent.deadlock)."""
     standing_still: bool = True
-    """Road users that crawl and do not speed up stop: models of mean motion approach a stand for ever."""
+    """Stop road users that crawl and do not accelerate: models of mean motion approach a standstill for ever."""
     speed_cap: bool = True
-    """No road user accelerates beyond its models' top speed; faster ones decelerate at EASING to it."""
+    """Limit acceleration to the top speed of the models; faster road users decelerate to it at EASING."""
 
 
 def constraints_of(guard: bool, without: Sequence[str]) -> Constraints:
-    """The usual constraints, with the guard or not, and those named in `without` switched off. Raises InputError for
-    unknown names."""
+    """The default constraints, with or without the guard; the constraints named in `without` are switched off.
+
+    Raises InputError for unknown names.
+    """
     names = [field.name for field in fields(Constraints) if field.name != "guard"]
     for name in without:
         if name not in names:
@@ -51,9 +53,9 @@ def constraints_of(guard: bool, without: Sequence[str]) -> Constraints:
 
 
 def stand_still(speed: Floats, acceleration: Floats, max_speed: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Acceleration (m/s², (n,)) under `standing_still`, and for which road users it ends in another speed, (n,).
+    """Acceleration (m/s², (n,)) under `standing_still`, and whether it changes the speed of each road user, (n,).
 
-    `speed` (m/s) now; `max_speed` (m/s) of the next interval.
+    `speed` (m/s): now. `max_speed` (m/s): of the next interval.
     """
     constrained = halting(speed, acceleration, DECISION_INTERVAL)
     reached, free = (np.clip(speed + a * DECISION_INTERVAL, 0.0, max_speed) for a in (constrained, acceleration))
@@ -61,9 +63,9 @@ def stand_still(speed: Floats, acceleration: Floats, max_speed: Floats) -> tuple
 
 
 def cap_speed(speed: Floats, acceleration: Floats, top_speed: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Highest speed (m/s, (n,)) of the next interval under `speed_cap`, and which road users it slows down, (n,).
+    """Highest speed (m/s, (n,)) of the next interval under `speed_cap`, and whether it slows each road user down, (n,).
 
-    `top_speed`: of their models, m/s, (n,).
+    `top_speed`: top speeds of their models, m/s, (n,).
     """
     cap = np.maximum(top_speed, speed - EASING * DECISION_INTERVAL)
     return cap, speed + acceleration * DECISION_INTERVAL > cap

@@ -1,4 +1,4 @@
-"""Constraint `deadlock_release`: road users that stand for no reason, or for each other, go on."""
+"""Constraint `deadlock_release`: road users that stand without a reason, or block each other, are forced to move."""
 
 import math
 import random
@@ -15,55 +15,57 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 STANDING = 0.1
-"""m/s: slower is standing."""
+"""Speed (m/s) below which a road user stands."""
 FREE = 1.0
-"""m/s: a road user that may go faster than this has no reason to stand."""
+"""Allowed speed (m/s) above which a road user has no reason to stand."""
 IDLE = 2.0
-"""s for which a road user may stand without a reason."""
+"""Time (s) for which a road user may stand without a reason."""
 BLOCKED, SPREAD = 12.0, 8.0
-"""s for which a road user that is blocked by others stands at least, and a spread by its id, so that of road users that
-block each other one goes first."""
+"""Least time (s) for which a blocked road user stands, and the range (s) of an addition that depends on its id, so that
+one of several road users that block each other goes first."""
 FORCED = 2.0
-"""s for which a road user is forced to go on."""
+"""Time (s) for which a road user is forced to move."""
 WAITING = 5.0
-"""m within which a stop line is the reason to stand."""
+"""Distance (m) within which a stop line is a reason to stand."""
 BEYOND = 1.0
-"""m beyond a stop line from which it is no reason: there a road user is in the way of those that cross, who wait for
-it."""
+"""Distance (m) past a stop line from which the line is no reason to stand: there a road user blocks crossing road
+users, which wait for it."""
 LONG = 45.0
-"""s after which any mode counts that does not collide at once."""
+"""Standing time (s) after which each mode without an immediate collision is tolerated."""
 SOON = 0.6
 """Collision score of a collision after 1.6 s."""
 MOVING = 0.5
-"""m/s: modes whose rollout is faster (ModeRollouts.speed) go on."""
+"""Speed (m/s) above which a mode moves (ModeRollouts.speed)."""
 
 
 class DeadlockTimer:
-    """How long road users have stood, by id."""
+    """Standing times of road users, by id, and the road users that are forced to move."""
 
     def __init__(self) -> None:
         self._stood: dict[str, float] = {}
         self._forced: dict[str, tuple[float, float]] = {}
 
     def tolerance(self, users: WorldState, context: RouteContext, allowed_speed: Floats) -> Floats:
-        """Highest collision score tolerated by each of n road users that is forced to go on, (n,); 0: not forced.
+        """Highest collision score tolerated by each of n road users that is forced to move, (n,); 0: not forced.
 
-        `users` and `context`: all learned road users; `allowed_speed`: m/s, (n,). Call it once per decision.
+        `users` and `context`: all learned road users. `allowed_speed`: m/s, (n,). Call it once per decision.
         """
         route = context.route
         inside = np.isfinite(route.junction_entry_time)
-        # Also where the exit of the junction is taken: inside, it would stop others, until all stand in a circle.
+        # An exit that is taken is also a reason to stand: inside the junction, the road user would stop others, until
+        # all of them stand in a circle.
         waits = (route.stop < WAITING) | (~inside & (context.stop_distance < WAITING))
         waits &= route.stop > -BEYOND
-        # A red signal is a reason to stand at its line, and behind others that may stand there: not 260 m before it,
-        # and inside a junction not at the next one.
+        # A red signal is a reason to stand at its line, and in a queue before it, but not 260 m before it. Inside a
+        # junction, the signal of the next junction is no reason.
         held = context.queues & (allowed_speed <= FREE)
         closed = route.stop_at_signal & ~inside & ((route.stop < WAITING) | held)
         standing = route.known & (users.speed < STANDING)
         rows = np.flatnonzero(standing & ~closed & ~waits).tolist()
         free = (allowed_speed > FREE).tolist() if rows else []
         queues = (context.queues & (users.type != RoadUserType.PEDESTRIAN)).tolist() if rows else []
-        # Red only interrupts that time: two persons that block each other would else do so in every green.
+        # A red signal only interrupts the standing time: otherwise two pedestrians would block each other in every
+        # green phase.
         stood = {users.ids[row]: self._stood.get(users.ids[row], 0.0) for row in np.flatnonzero(standing).tolist()}
         for row in rows:
             stood[users.ids[row]] += DECISION_INTERVAL
@@ -74,7 +76,7 @@ class DeadlockTimer:
         }
         for row in rows:
             name = users.ids[row]
-            # At the end of a queue a vehicle would only drive into its leader.
+            # A vehicle at the end of a queue is not forced: it would drive into its leader.
             if stood[name] >= (IDLE if free[row] else math.inf if queues[row] else _limit(name)):
                 forced[name] = users.time + FORCED, SOON if stood[name] < LONG else 1.0
         self._stood, self._forced = stood, forced
@@ -84,7 +86,7 @@ class DeadlockTimer:
         return np.where(closed | waits, 0.0, tolerance)
 
     def forget(self, ids: tuple[str, ...]) -> None:
-        """Drop road users that begin anew."""
+        """Drop the standing times of road users that are no longer learned."""
         for name in ids:
             self._stood.pop(name, None)
             self._forced.pop(name, None)
@@ -92,18 +94,18 @@ class DeadlockTimer:
 
 @lru_cache(100_000)
 def _limit(name: str) -> float:
-    """s for which a road user of this id stands before others."""
+    """Time (s) for which a blocked road user of this id stands."""
     return BLOCKED + SPREAD * random.Random(name).random()
 
 
 def force_progress(
     rollouts: ModeRollouts, tolerance: Floats, allowed: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:
-    """Mask of the modes that n road users may choose, (n, modes): forced ones (`tolerance` above 0, (n,)) only modes
-    that move and have a lower collision score.
+    """Mask of the modes that n road users may choose, (n, modes).
 
-    `allowed`: mask of the guard, None: all modes. Where it leaves a road user no mode that moves, it does not count for
-    that one: standing for ever is no solution.
+    A forced road user (`tolerance` above 0, (n,)) may only choose modes that move and have a collision score below its
+    tolerance. `allowed`: mask of the guard; None: all modes. If the guard allows no such mode, its mask does not count
+    for this road user, because standing for ever is no solution.
     """
     if not tolerance.any():
         return allowed

@@ -1,8 +1,8 @@
-"""The one decision: from a scene to the motion of its road users in the next 0.4 s.
+"""The decision: from a scene to the motion of its road users in the next 0.4 s.
 
-`consider` looks and rolls out all modes; `decide` chooses one of them and returns its motion. Runs, `attach`, training,
-the environments, evaluations on scenarios and recordings and the benchmarks call these two and nothing else; only
-`RoadUserEnv`, whose ego is controlled from outside, uses `choose` for the other road users.
+`consider` makes observations and mode rollouts; `decide` chooses a mode and returns its motion. Runs, `attach`,
+training, the environments, evaluations on scenarios and recordings, and the benchmarks call only these two functions.
+`RoadUserEnv`, in which a user controls the ego, calls `choose` for the other road users.
 """
 
 from collections.abc import Hashable, Sequence
@@ -32,29 +32,29 @@ from slrl_sumo.perception.scene import Scene
 from slrl_sumo.scene.geometry import Floats
 
 STEERED = 0.01
-"""rad/s from which a correction of the steering counts as a change."""
+"""Steering correction (rad/s) above which a decision counts as changed."""
 
 BRAKED = 0.05
-"""m/s² from which a correction of the braking counts as a change."""
+"""Braking correction (m/s²) above which a decision counts as changed."""
 
 Changed = dict[str, NDArray[np.bool_]]
-"""By the name of a constraint: which decisions it changed, (n,)."""
+"""For each constraint, by name, the decisions that it changed, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Agent:
-    """What decides for the learned road users of a simulation: models, selector and constraints, with their memory."""
+    """Models, selector and constraints, with their state, that decide for the learned road users of a simulation."""
 
     bundle: ModelBundle
     selector: Selector
     constraints: Constraints = field(default_factory=Constraints)
     deadlock: DeadlockTimer = field(default_factory=DeadlockTimer)
     threads: RowThreads = ONE
-    """Over which road users are distributed; the decisions are the same for any number."""
+    """Threads over which the road users are distributed; decisions do not depend on their number."""
 
     @cached_property
     def capability(self) -> Capability:
-        """What the models can do, probed when it is first needed."""
+        """Capability of the models with the constraints, measured on first use."""
         found = capability_of(self.bundle)
         if self.constraints.braking_residual:
             found = with_braking(found, self.bundle)
@@ -63,28 +63,28 @@ class Agent:
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """What n road users decide from."""
+    """The inputs of the decisions of n road users."""
 
     scene: Scene
     observation: Observation
     context: RouteContext | None
-    """Routes of the learned road users of the scene, as their models can drive them; None without routes."""
+    """Routes of the learned road users of the scene, adapted to their models; None without routes."""
     rollouts: ModeRollouts | None
-    """All modes as the selector reads them; None where neither selector nor constraints need them."""
+    """Mode rollouts that the selector reads; None if neither selector nor constraints need them."""
     masks: dict[str, Mask]
-    """Modes that may be chosen, (n, modes), after each constraint that excludes some, by its name."""
+    """Allowed modes, (n, modes), after each constraint that excludes modes, by the name of the constraint."""
     changed: Changed
-    """What constraints have changed so far."""
+    """Decisions that constraints have changed so far."""
 
     @property
     def mask(self) -> Mask | None:
-        """Modes that may be chosen, (n, modes); None: all."""
+        """Allowed modes after all constraints, (n, modes); None: all modes."""
         return list(self.masks.values())[-1] if self.masks else None
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What n road users do in the next 0.4 s, (n,) each."""
+    """The motion of n road users in the next 0.4 s, (n,) each."""
 
     modes: Modes
     acceleration: Floats
@@ -92,15 +92,15 @@ class Motion:
     yaw_rate: Floats
     """rad/s."""
     max_speed: Floats
-    """m/s that they do not exceed (see scene.advance)."""
+    """Upper limit of the speed, m/s (see scene.advance)."""
     changed: Changed
 
 
 def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situation:
-    """What the deciding road users of `scene` perceive, what each mode leads to, and which modes they may choose.
+    """Observations, mode rollouts and allowed modes of the deciding road users of `scene`.
 
-    Call it once per decision, because it counts how long road users stand. With `last_look` no decision follows (the
-    observation at an episode's end): nothing is counted or excluded, and `rows` of the scene may be a part.
+    Call it once per decision, because it counts standing times. With `last_look`, no decision follows (the observation
+    at the end of an episode): nothing is counted or excluded, and `rows` of the scene may be a subset.
     """
     selector, bundle = agent.selector, agent.bundle
     context, changed = _context(scene, agent)
@@ -111,7 +111,7 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
     if context is None:
         rollouts = mode_rollouts(bundle, observation, scene, threads=agent.threads) if selector.needs_rollouts else None
         return Situation(scene, observation, None, rollouts, {}, changed)
-    # Constraints judge modes along the routes, also where the selector knows no routes.
+    # Constraints use rollouts along the routes, even if the selector does not.
     guarded = agent.constraints.guard
     steers = agent.constraints.steering_residual and seen is not None
     judged = mode_rollouts(
@@ -133,7 +133,7 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
 
 
 def _context(scene: Scene, agent: Agent) -> tuple[RouteContext | None, Changed]:
-    """The routes of the learned road users of a scene as their models can drive them."""
+    """The routes of the learned road users of a scene, adapted to their models, and the decisions that this changes."""
     if scene.route is None:
         return None, {}
     levels = scene.road_map.shapes.levels
@@ -144,7 +144,7 @@ def _context(scene: Scene, agent: Agent) -> tuple[RouteContext | None, Changed]:
 
 
 def _masks(scene: Scene, agent: Agent, context: RouteContext, judged: ModeRollouts) -> dict[str, Mask]:
-    """Modes that may be chosen after each constraint that excludes some; all learned road users of `scene` decide."""
+    """Allowed modes after each constraint that excludes modes; all learned road users of `scene` decide."""
     masks: dict[str, Mask] = {}
     users, allowed = scene.world.take(scene.rows), None
     if agent.constraints.guard:
@@ -158,7 +158,7 @@ def _masks(scene: Scene, agent: Agent, context: RouteContext, judged: ModeRollou
 
 
 def choose(situation: Situation, selector: Selector, ids: Sequence[Hashable] | None = None) -> tuple[Modes, Changed]:
-    """The mode of each road user of a situation, (n,), and which choices each mask has changed."""
+    """The mode of each road user of a situation, (n,), and the choices that each mask has changed."""
     masks = situation.masks
     chosen = selector.choose(situation.observation, situation.rollouts, ids, list(masks.values()))
     changed = {name: earlier != later for name, (earlier, later) in zip(masks, pairwise(chosen), strict=True)}
@@ -166,7 +166,7 @@ def choose(situation: Situation, selector: Selector, ids: Sequence[Hashable] | N
 
 
 def decide(situation: Situation, agent: Agent, ids: Sequence[Hashable] | None = None) -> Motion:
-    """Choose the mode of each road user of a situation; returns its motion. `ids` (n,) name the road users."""
+    """Choose the mode of each road user of a situation and return the motion. `ids` (n,): ids of the road users."""
     scene, rules = situation.scene, agent.constraints
     modes, excluded = choose(situation, agent.selector, ids)
     changed = {name: np.zeros(len(modes), np.bool_) for name, applies in asdict(rules).items() if applies}

@@ -1,4 +1,4 @@
-"""What drives learned road users: the models of a bundle with a selector, or the lane-following baseline."""
+"""The interface of drivers of learned road users: a bundle's models with a selector, or the lane-following baseline."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -21,25 +21,25 @@ class Moved:
 
     users: WorldState
     modes: Modes | None
-    """Their modes, (n,); None where the driver knows no modes."""
+    """Chosen modes, (n,); None if the driver has no modes."""
     changed: Changed
-    """Which decisions each constraint has changed."""
+    """Decisions that each constraint has changed."""
     context: RouteContext | None = None
-    """Their routes at the decision; None where the driver knows no routes."""
+    """Routes at the decision; None if the driver knows no routes."""
 
 
 class Driver(Protocol):
-    """Decides where the learned road users are one decision interval later."""
+    """Moves the learned road users by one decision interval."""
 
     max_speed: Floats
     """Top speed of each type, m/s, (3,)."""
     has_models: bool
-    """Whether learned models move the road users, so that vehicles unlike the recorded ones are not taken over."""
+    """Whether learned models move the road users: then vehicles unlike the recorded vehicles are not taken over."""
     refusals: Refusals
     """Road users for which SUMO has refused a call."""
 
     def drive(self, world: WorldState, n: int, road_map: RoadMap) -> Moved:
-        """The first `n` road users of `world`, which are the learned ones, 0.4 s later."""
+        """The first `n` road users of `world`, the learned road users, 0.4 s later."""
         ...
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -47,13 +47,14 @@ class Driver(Protocol):
         ...
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have left their route and cannot go on, (n,), so that SUMO should put them back."""
+        """Which of n road users have left their route and cannot return, (n,), so that SUMO should put them back."""
         ...
 
     def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """Which of n road users have a turn ahead that is too sharp for them, (n,), so that SUMO should drive it."""
+        """Which of n road users have a turn ahead that is too sharp for their models, (n,), so that SUMO should
+        drive."""
         ...
 
     def forget(self, ids: tuple[str, ...]) -> None:
-        """Drop the memory of road users that are no longer learned."""
+        """Drop the state of road users that are no longer learned."""
         ...

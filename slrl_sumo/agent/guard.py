@@ -10,11 +10,11 @@ from slrl_sumo.scene.route import RouteAhead
 from slrl_sumo.scene.types import RoadUserType
 
 COLLISION_SOON = 0.5
-"""Collision score of a collision within 2 s. Later ones are left to the selector: guarded for 3.2 s, vehicles braked in
-the middle of turns, where the models can then not turn any more."""
+"""Collision score of a collision within 2 s. The selector handles later collisions: with a guard for 3.2 s, vehicles
+braked in the middle of turns, where the models can then no longer turn."""
 COLLISION_NOW = 0.75
-"""Collision score of a collision within 1.2 s on the path of the mode itself: a vehicle that has lost its route is not
-where the route leads."""
+"""Collision score of a collision within 1.2 s on the path of the mode itself, for vehicles that have left their
+route."""
 TOO_LATE = 1.0
 """Stop or follow ratio (see lookahead.route_fit) from which it is too late to stop."""
 EQUAL = 1e-6
@@ -23,10 +23,10 @@ EQUAL = 1e-6
 def guard(rollouts: ModeRollouts, kind: NDArray[np.int8], route: RouteAhead) -> NDArray[np.bool_]:
     """Mask of the modes that n road users may choose, (n, modes); at least one mode each.
 
-    `rollouts` along their routes, with `collision_off_route`; `kind`: their types. Not allowed are modes that collide
-    within 2 s along the route or within 1.2 s on their own path, that leave the own surface within 1.2 s, or after
-    which it is too late to stop at a closed signal or behind the leader. Where no mode remains, those with the least
-    severe conflict are allowed.
+    `rollouts`: along the routes, with `collision_off_route`. `kind`: types of the road users. The guard excludes modes
+    that collide within 2 s along the route or within 1.2 s on their own path, that leave the own surfaces within 1.2 s,
+    or after which the road user cannot stop at a red signal or behind its leader. If no mode remains, the modes with
+    the least severe conflict are allowed.
     """
     assert rollouts.route is not None
     assert rollouts.collision_off_route is not None
@@ -50,7 +50,8 @@ def _guard(
     for i in range(n):
         least = np.inf
         for mode in range(modes):
-            # From 0, no conflict, up to 1, one at once. A collision is worse than a signal, and that than a kerb.
+            # Severity from 0 (no conflict) to 1 (immediate). A collision is worse than a red signal, which is worse
+            # than leaving the surface.
             worst = 0.6 * off_surface[i, mode]
             if collision[i, mode] >= COLLISION_SOON:
                 worst = max(worst, collision[i, mode])
@@ -66,5 +67,5 @@ def _guard(
 
 @compiled
 def _late(ratio: float) -> float:
-    """From 0 at TOO_LATE up to 1."""
+    """Severity of a ratio: 0 up to TOO_LATE, then from 0.2 up to 1."""
     return min(0.2 + 0.2 * (ratio - TOO_LATE), 1.0) if ratio > TOO_LATE else 0.0

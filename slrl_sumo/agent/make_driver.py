@@ -21,30 +21,32 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 
 SELECTORS = ("prior", "rule", "greedy", "sampled", "lane")
-"""`prior`: the bundle's mode classifier; `rule`: the mode of the least cost, without learning; `greedy` and `sampled`:
-the most probable mode of its trained policy, or one sampled from it; `lane`: the baseline that follows lanes, without
-models."""
+"""`prior`: the bundle's mode classifier. `rule`: the mode of the least cost, without learning. `greedy` and `sampled`:
+the most probable mode of the trained policy, or a mode sampled from it. `lane`: the baseline that follows lanes,
+without models."""
 
 TRAINED = ("greedy", "sampled")
-"""Those that need the bundle's trained policy."""
+"""Selectors that need the bundle's trained policy."""
 
 GUARDED = "+guard"
-"""Suffix of a selector's name in tables where it runs with the guard."""
+"""Suffix of a selector's name in tables for runs with the guard."""
 
 
 def unknown_selector(name: str) -> InputError:
-    """The error where there is no selector `name`."""
+    """The error for an unknown selector `name`."""
     return InputError(f"there is none of that name; use {' or '.join(SELECTORS)}", argument="selector", value=name)
 
 
 def usual_selector(bundle: ModelBundle) -> str:
-    """The selector where none is named: the trained one, unless its bundle names another; without one `rule`."""
+    """The default selector: the trained policy, unless the bundle names another selector; `rule` without a policy."""
     return "rule" if bundle.policy is None and bundle.network is None else usual_of(bundle.policy_training or {})
 
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:
-    """The selector `prior`, `rule`, `greedy` or `sampled`. Raises InputError where the bundle has no trained policy for
-    the last two."""
+    """The selector `prior`, `rule`, `greedy` or `sampled`.
+
+    Raises InputError if the bundle has no trained policy for `greedy` or `sampled`.
+    """
     if name == "rule":
         return RuleSelector()
     uniform = np.random.default_rng(seed).random
@@ -64,10 +66,10 @@ def make_driver(
     stopwatch: Stopwatch | None = None,
     threads: int = 1,
 ) -> Driver:
-    """The driver of one of SELECTORS, in a simulation seen through `api`; a `stopwatch` measures its parts. Road
-    users are distributed over so many `threads`.
+    """The driver of one of SELECTORS, in the simulation of `api`.
 
-    Raises InputError for any other name, and for a guard of `lane`, which has no modes.
+    `stopwatch` measures the parts of decisions. Road users are distributed over `threads` threads. Raises InputError
+    for any other name, and for a guard with `lane`, which has no modes.
     """
     constraints = constraints or Constraints()
     if selector == "lane":

@@ -1,4 +1,5 @@
-"""Costs of modes, as pure functions on their rollouts: the selector `rule` minimises them; imitation begins there."""
+"""Costs of modes, as pure functions of their rollouts: the selector `rule` minimises them, and imitation starts from
+it."""
 
 from dataclasses import dataclass
 
@@ -11,9 +12,9 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 
 EASY = 0.8
-"""Stop or follow ratio (see lookahead.route_fit) up to which braking need not be harder."""
+"""Stop or follow ratio (see lookahead.route_fit) up to which harder braking is not needed."""
 TURNING = 2.0
-"""m/s from which steering counts in full: a road user that hardly moves does not change its place by it."""
+"""Speed (m/s) from which steering counts in full: steering hardly moves a slow road user."""
 LEAST = 0.05
 
 
@@ -22,19 +23,20 @@ class CostWeights:
     """Weights of the costs of a mode; 0 switches a cost off."""
 
     collision: float = 50.0
-    """Of a collision, the higher the sooner it comes."""
+    """Weight of the collision score, which is higher for earlier collisions."""
     off_surface: float = 10.0
-    """Of being off the own surface; with a route of being just off it, by 1 m four times as much."""
+    """Weight of leaving the own surfaces. With a route, a place 1 m off costs four times as much as a place just
+    off."""
     speed: float = 8.0
-    """Of the difference to the desired speed, relative to it."""
+    """Weight of the relative difference to the desired speed."""
     lane: float = 2.0
-    """Of turning away from the direction of the lane; without routes only."""
+    """Weight of the deviation from the direction of the lane; without routes only."""
     heading_error: float = 600.0
-    """Per rad², from the heading that leads back to the path; a third of it for pedestrians, at most `speed` per rad.
-    Squared, because a small error is made good in the next decision: with an error in proportion, cars speed up only
-    straight on."""
+    """Weight (per rad²) of the squared heading error; a third of it for pedestrians, at most `speed` per rad. The error
+    is squared because the next decision corrects a small error: with a linear cost, cars accelerate only straight
+    ahead."""
     braking: float = 30.0
-    """Of braking too late for stop lines and leaders."""
+    """Weight of braking too late for stop lines and leaders."""
 
 
 def cost_without_route(
@@ -42,7 +44,8 @@ def cost_without_route(
 ) -> Floats:
     """Costs of the modes of n road users without a route, (n, modes), not negative.
 
-    `desired` (n,) m/s; `turned` (n,) rad between heading and lane; `on_lane` (n,): where there is a lane.
+    `desired` (n,): desired speed, m/s. `turned` (n,): angle (rad) between heading and lane. `on_lane` (n,): whether
+    there is a lane.
     """
     wanted = desired[:, None]
     cost = weights.collision * rollouts.collision + weights.off_surface * rollouts.off_surface
@@ -54,7 +57,7 @@ def cost_without_route(
 def cost_on_route(rollouts: ModeRollouts, weights: CostWeights, kind: NDArray[np.int8], speed: Floats) -> Floats:
     """Costs of the modes of n road users with a route, (n, modes), not negative.
 
-    `kind` (n,) types; `speed` (n,) m/s now.
+    `kind` (n,): types. `speed` (n,): present speed, m/s.
     """
     fit = rollouts.route
     assert fit is not None
@@ -63,13 +66,14 @@ def cost_on_route(rollouts: ModeRollouts, weights: CostWeights, kind: NDArray[np
     cost = weights.collision * rollouts.collision
     cost += weights.off_surface / JUST_OFF * rollouts.off_surface
     turned = weights.heading_error * fit.heading_error**2 * moving
-    # Of a pedestrian no more than the velocity differs from that along the path, so that it walks around what is in its
-    # way: with the square it stood still before it, and crowds at corners jammed. Nothing where it stops: one that
-    # cannot turn at its pace stops to turn, as it must with the straight modes of `shared-space` at a sharp corner.
+    # The heading error of a pedestrian costs at most the difference between its velocity and the velocity along the
+    # path, so that it walks around obstacles: with the squared error, pedestrians stood still before obstacles, and
+    # crowds at corners jammed. A stop costs nothing here: a pedestrian that cannot turn at its speed stops to turn, as
+    # with the straight modes of `shared-space` at a sharp corner.
     most = weights.speed * fit.heading_error * np.clip(1.0 + fit.speed_error, 0.0, 1.0)
     turned = np.where(walking, np.minimum(turned, most), turned)
     cost += turned + weights.speed * np.abs(fit.speed_error)
-    # What the leader's braking gives is not shortened: at 33 m/s that would make 1.1 s of headway 1.9 s.
+    # EASY does not apply to the leader's stopping distance: at 33 m/s, a headway of 1.1 s would become 1.9 s.
     behind = fit.follow_ratio - (1.0 - EASY) * fit.leader_ratio
     late = np.maximum(fit.stop_ratio - EASY, 0.0) + np.maximum(behind - EASY, 0.0)
     return np.asarray(cost + weights.braking * late)

@@ -1,4 +1,4 @@
-"""The driver of learned road users: considers all modes, decides for one, moves by its displacement model."""
+"""The driver of learned road users: rolls out all modes, chooses a mode, and moves by its displacement model."""
 
 from dataclasses import replace
 
@@ -22,9 +22,9 @@ from slrl_sumo.sumo.refusals import Refusals
 
 
 class ModelDriver:
-    """The method: considers all modes, decides for one, moves by its displacement model.
+    """The method of this package: rolls out all modes, chooses a mode, and moves by its displacement model.
 
-    `routes`: of selectors that know their route, and for the guard; None: road users know no routes.
+    `routes`: for selectors that know the route, and for the constraints; None: road users know no routes.
     """
 
     has_models = True
@@ -32,7 +32,7 @@ class ModelDriver:
     def __init__(self, agent: Agent, routes: Routes | None = None, *, stopwatch: Stopwatch | None = None) -> None:
         self.agent = agent
         self.situation: Situation | None = None
-        """What the last decision was, or the next one will be, taken from."""
+        """Inputs of the last decision, or of the next one after `consider`."""
         self.max_speed = agent.bundle.max_speed
         self._routes = routes
         self.refusals = Refusals() if routes is None else routes.refusals
@@ -42,7 +42,7 @@ class ModelDriver:
         self._past = None if vector == "paper" else PastMotion()
 
     def scene(self, world: WorldState, n: int, road_map: RoadMap, rows: NDArray[np.intp] | None = None) -> Scene:
-        """The scene of the first `n` road users of `world`, or `rows` of them, with their routes as they are now."""
+        """The scene of the first `n` road users of `world`, or of `rows` among them, with their present routes."""
         past = None if self._past is None else self._past.of(world, n)
         rows = np.arange(n) if rows is None else rows
         if self._routes is None:
@@ -52,7 +52,7 @@ class ModelDriver:
         return Scene(expected, rows, road_map, self._routes.ahead(expected, n), past=past, places=places)
 
     def consider(self, world: WorldState, n: int, road_map: RoadMap) -> Situation:
-        """Look ahead of time at what the next `drive` decides from, if `world` is its world."""
+        """Compute the inputs of the next decision in advance; `drive` uses them if it gets the same `world`."""
         self.situation = consider(self.scene(world, n, road_map), self.agent)
         self._considered = world
         return self.situation
@@ -71,8 +71,10 @@ class ModelDriver:
         return Moved(moved, motion.modes, motion.changed, situation.context)
 
     def images(self, rows: NDArray[np.intp]) -> NDArray[np.uint8] | None:
-        """What the road users `rows` saw at the last decision, in the preset of the selector, also where that reads no
-        image; None before the first decision."""
+        """Ego images of the road users `rows` at the last decision, in the preset of the selector.
+
+        They are also drawn for selectors that read no image. None before the first decision.
+        """
         situation = self.situation
         if situation is None:
             return None
@@ -82,7 +84,7 @@ class ModelDriver:
         return observe(replace(situation.scene, rows=rows), context=context).image
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """See Driver: without routes no destination is known."""
+        """See Driver: without routes, no destination is known."""
         return np.zeros(len(ids), np.bool_) if self._routes is None else self._routes.near_end(ids)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -90,7 +92,7 @@ class ModelDriver:
         return np.zeros(len(ids), np.bool_) if self._routes is None else self._routes.off_route(ids)
 
     def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """See Driver: as the last decision saw it."""
+        """See Driver: from the last decision."""
         situation = self.situation
         if situation is None or situation.context is None or situation.scene.route is None:
             return np.zeros(len(ids), np.bool_)

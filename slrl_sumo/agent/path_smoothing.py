@@ -1,4 +1,4 @@
-"""Constraint `path_smoothing`: paths as round, and speeds in curves as low, as the models of a bundle need."""
+"""Constraint `path_smoothing`: smooth paths, and low speeds in curves, that the models of a bundle can follow."""
 
 import math
 from dataclasses import replace
@@ -14,48 +14,51 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 SPARE = 0.95
-"""Share of the largest curvature that a path may ask for: the rest is for the way back to the path."""
+"""Share of the greatest curvature of the models that a path may have: the rest serves the return to the path."""
 COMFORT = 4.0
-"""m/s²: largest lateral acceleration in a curve."""
+"""Greatest lateral acceleration (m/s²) in a curve."""
 STRAIGHT = 1e-3
-"""1/m: a smaller curvature counts as straight."""
+"""Curvature (1/m) below which a path counts as straight."""
 BEST_TURNING = 0.95
-"""Share of the largest curvature from which a speed counts as one at which the models turn best."""
+"""Share of the greatest curvature from which a speed counts as a speed at which the models turn best."""
 SLOWEST = 1.2
-"""m/s below which no road user slows for a curve, however sharp."""
+"""Least speed (m/s) to which road users slow down for a curve, however sharp."""
 BRAKING = np.array([1.8, 1.0, 0.5])
-"""m/s² with which curves are approached, per type."""
+"""Deceleration (m/s²) before curves, by type."""
 REACTION = 2 * DECISION_INTERVAL
-"""s before braking takes effect."""
+"""Time (s) until braking takes effect."""
 PASSES = 60
-"""Largest number of smoothing passes over a path."""
+"""Greatest number of smoothing passes over a path."""
 NEIGHBOURS = 3
-"""Points to either side of a sharp one that are smoothed as well."""
+"""Number of points on either side of a sharp point that are smoothed, too."""
 CHORD = 3
-"""Points from one end to the other of the chords that measure curvature: lanes are drawn with corners."""
+"""Number of segments spanned by the chords that measure curvature: lanes are drawn with corners."""
 
 CORNER, ROUNDED = 0.15, 0.3
-"""rad up to which a turn from chord to chord is a corner of the drawing, and m that vehicles cut it by: less than half
-of the room beside a car in its lane. Chords grow with the speed, as the spacing of points does: without that, a corner
-of 4.4 degrees on a motorway allowed 26 m/s at 25 m/s, but 13 m/s in a queue at 8 m/s."""
+"""Greatest turn (rad) from chord to chord that counts as a corner of the drawing, and distance (m) by which vehicles
+cut it: less than half of the room beside a car in its lane. Chords grow with the speed, as the spacing of points does:
+without this rounding, a corner of 4.4 degrees on a motorway allowed 26 m/s at 25 m/s, but 13 m/s in a queue at 8
+m/s."""
 FOLLOWED = 0.5
-"""m that smoothing may move a path: less than the room beside a car in a lane of 3.2 m, else it drives over the kerb in
-right turns, where persons walk and wait. With 1.6 m, in a small junction with signals 15 instead of 41 of 52 cars got
-through in 400 s; with 0.8 m, cars in a grid with crossings had 121 contacts with persons in two runs, with 0.5 m 40.
-The corners of the shipped scenarios would be moved by up to 2.5 m, a bend of 130 degrees drawn without a radius by
-7 m."""
+"""Greatest distance (m) by which smoothing may move a path: less than the room beside a car in a lane of 3.2 m, else
+the car drives over the kerb in right turns, where persons walk and wait. With 1.6 m, 15 instead of 41 of 52 cars passed
+a small junction with signals in 400 s. With 0.8 m, cars in a grid with crossings had 121 contacts with persons in two
+runs, with 0.5 m 40. Without the limit, the corners of the shipped scenarios would move by up to 2.5 m, a bend of 130
+degrees drawn without a radius by 7 m."""
 OFF_LANE = 1.6
-"""m from a drawn turn at which road users leave their lane altogether."""
+"""Distance (m) from a drawn turn at which a road user leaves its lane completely."""
 TIGHT = 1.0
-"""1/m: largest curvature of such turns, which networks draw sharper than vehicles are: SUMO's turnarounds lead into the
-next lane, 3.2 m away."""
+"""Greatest curvature (1/m) of tight turns, which networks draw sharper than vehicles can turn: SUMO's U-turns lead into
+the next lane, 3.2 m away."""
 NEAR = 3
-"""Points behind and ahead of a road user between which its steering needs the curvature of a tight turn."""
+"""Number of points behind and ahead of a road user within which steering uses the curvature of a tight turn."""
 
 
 def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -> tuple[RouteAhead, NDArray[np.bool_]]:
-    """`route` of the first road users of `users` with smoothed paths and lower desired speeds before curves, and for
-    which of them it changed, (n,). Paths of pedestrians stay as they are."""
+    """`route` with smoothed paths and lower desired speeds before curves, and whether each row changed, (n,).
+
+    The routes belong to the first road users of `users`. Paths of pedestrians do not change.
+    """
     changed = np.zeros(len(route), np.bool_)
     driving = route.known & (users.type[: len(route)] != RoadUserType.PEDESTRIAN)
     if not driving.any():
@@ -68,15 +71,19 @@ def smooth_paths(route: RouteAhead, users: WorldState, capability: Capability) -
 
 
 def too_sharp(route: RouteAhead, smoothed: RouteAhead) -> NDArray[np.bool_]:
-    """Whose path ahead has a turn that the models cannot follow, (n,): it is farther than OFF_LANE from that of
-    `smoothed`, the result of `smooth_paths`."""
+    """Whether the path ahead has a turn that the models cannot follow, (n,).
+
+    There, the path is farther than OFF_LANE from the path of `smoothed`, the result of `smooth_paths`.
+    """
     moved = np.hypot(route.x - smoothed.x, route.y - smoothed.y)[:, HERE:]
     return np.asarray(route.known & (moved.max(axis=1, initial=0.0) > OFF_LANE))
 
 
 def path_moved(points: Floats, capability: Capability, kind: RoadUserType) -> float:
-    """How far (m) smoothing would move a path, points (k, 2) in m, 1 m from each other, for a type of road user that
-    turned no sharper than its models."""
+    """Distance (m) by which smoothing moves a path, for a type of road user that turns no sharper than its models.
+
+    `points`: (k, 2) in m, 1 m from each other.
+    """
     x, y = np.ascontiguousarray(points[:, 0]), np.ascontiguousarray(points[:, 1])
     right, left = SPARE * capability.sharpest[kind, :, 0]
     _round(x, y, right, left, np.empty((3, len(x))), np.empty(len(x), np.bool_))
@@ -97,9 +104,11 @@ def _smooth(
     sharpest: Floats,
     changed: NDArray[np.bool_],
 ) -> None:
-    """Smooth the paths `rows` of x and y, (n, points), as they were `drawn`, lower `desired`, (n,), to what their
-    curves allow, write the curvature of tight turns beside the road user to `tight`, (n,), and mark what `changed`,
-    (n,)."""
+    """Smooth the paths `rows` of `x` and `y`, (n, points), in place; `drawn`: the paths before.
+
+    Also lower `desired`, (n,), to the speeds that the curves allow, write the curvature of tight turns near the road
+    user to `tight`, (n,), and mark the rows in `changed`, (n,).
+    """
     points = x.shape[1]
     bends, sharp = np.empty((3, points)), np.empty(points, np.bool_)
     for row in rows:
@@ -115,7 +124,7 @@ def _smooth(
         for k in range(HERE, points):
             allowed, straight = SPEEDS[-1], True
             if k < points - CHORD:
-                # Most are straight: an angle is smaller than its tangent, and that is known without libm.
+                # Most points are straight: an angle is smaller than its tangent, which needs no libm.
                 straight = bends[0, k] > 0.0 and abs(bends[1, k]) < 0.99 * STRAIGHT * bends[2, k] * bends[0, k]
             if not straight:
                 turn = math.atan2(bends[1, k], bends[0, k])
@@ -137,12 +146,12 @@ def _smooth(
 
 @compiled
 def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp: NDArray[np.bool_]) -> bool:
-    """Smooth one path where its curvature exceeds `right` and `left` (1/m), until it does not; whether it changed.
+    """Smooth a path in place until its curvature is within `right` and `left` (1/m); returns whether it changed.
 
-    `bends` (3, points) are those of `_bend` at last; `sharp` (points,) is room to work in.
+    `bends` (3, points) receives the result of the last `_bend`. `sharp` (points,) is a buffer.
     """
     points, moved = len(x), False
-    # Curvature changes only near points that have moved.
+    # The curvature changes only near moved points.
     begin, end = (
         min(CHORD, points),
         points - CHORD,
@@ -158,10 +167,10 @@ def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp
             curve = math.atan2(bends[1, k], bends[0, k]) / bends[2, k]
             if -right <= curve <= left:
                 continue
-            # Round the points beside sharp ones as well: the turn spreads to both sides.
+            # Also smooth the neighbours of sharp points: the turn spreads to both sides.
             sharp[k - NEIGHBOURS : k + NEIGHBOURS + 1] = True
             first, last = min(first, k - NEIGHBOURS), k + NEIGHBOURS
-        # The ends stay where they are.
+        # The ends do not move.
         before_x, before_y = x[max(first, 1) - 1], y[max(first, 1) - 1]
         if first == points:
             return moved
@@ -179,8 +188,10 @@ def _round(x: Floats, y: Floats, right: float, left: float, bends: Floats, sharp
 
 @compiled
 def _bend(x: Floats, y: Floats, bends: Floats, begin: int, end: int) -> None:
-    """Where chords of one path meet, at points from `begin` to before `end`: cosine and sine of the turn to the left,
-    times both lengths, and the mean length (m), to rows 0 to 2 of `bends` (3, points)."""
+    """Write the turns between the two chords that meet at each point, from `begin` to before `end`, to `bends`.
+
+    Rows of `bends` (3, points): cosine and sine of the turn to the left, times both chord lengths, and their mean (m).
+    """
     for k in range(begin, end):
         from_x, from_y = x[k] - x[k - CHORD], y[k] - y[k - CHORD]
         to_x, to_y = x[k + CHORD] - x[k], y[k + CHORD] - y[k]
@@ -192,8 +203,10 @@ def _bend(x: Floats, y: Floats, bends: Floats, begin: int, end: int) -> None:
 
 @compiled
 def _rounded(x: Floats, y: Floats, k: int, turn: float, curve: float, spacing: float) -> float:
-    """The curvature (1/m) that is driven at a point of a path with the curvature `curve` and the `turn` (rad) from
-    chord to chord: a corner is rounded over the length over which that moves the path by ROUNDED."""
+    """The driven curvature (1/m) at a point with the curvature `curve` and the `turn` (rad) from chord to chord.
+
+    Vehicles round a corner over the length over which this moves the path by ROUNDED.
+    """
     if abs(turn) > CORNER:
         return curve
     chord = min(int(8.0 * ROUNDED / max(abs(turn) * spacing, 1e-6)), k, len(x) - 1 - k)
@@ -207,9 +220,9 @@ def _rounded(x: Floats, y: Floats, k: int, turn: float, curve: float, spacing: f
 
 @compiled
 def _fastest(curve: float, sharpest: Floats) -> float:
-    """The highest speed (m/s) at which a curve (1/m) is still possible; `sharpest` falls with speed, as in Capability.
+    """The highest speed (m/s) at which a curve (1/m) is possible; `sharpest` falls with speed, as in Capability.
 
-    Where no speed will do, the highest one of those at which they turn best: slower ones do not help.
+    If no speed suffices, the highest of the speeds at which the models turn best: lower speeds do not help.
     """
     curve = min(curve, BEST_TURNING * SPARE * sharpest[0])
     low, high = 0, len(sharpest)

@@ -11,14 +11,14 @@ from slrl_sumo.models.motion_models import SPEED
 from slrl_sumo.perception.observation import Observation
 
 SLOWEST = 0.5
-"""m/s: least desired speed where no route is known, because speed differences are relative to it."""
+"""Least desired speed (m/s) without a route: speed differences are relative to the desired speed."""
 
 
 class RuleSelector:
     """Chooses the mode of the least cost over the named fields of the mode rollouts (see agent.mode_cost).
 
-    It is the baseline without learning: what a trained policy has to beat. Without routes, as in recordings, road users
-    keep their speed.
+    It is the baseline without learning that a trained policy has to exceed. Without routes, as in recordings, road
+    users keep their speed.
     """
 
     needs_image = False

@@ -1,4 +1,4 @@
-"""What a selector is: it chooses a mode for each road user. Needs no PyTorch."""
+"""The interface of selectors, which choose a mode for each road user. Needs no PyTorch."""
 
 from collections.abc import Callable, Hashable, Sequence
 from typing import Protocol
@@ -13,18 +13,18 @@ from slrl_sumo.scene.geometry import Floats
 Modes = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 Uniform = Callable[[tuple[int, ...]], Floats]
-"""Gives an array of that shape of random numbers from [0, 1), as numpy.random.Generator.random."""
+"""Returns random numbers from [0, 1) in an array of the given shape, as numpy.random.Generator.random does."""
 
 
 class Selector(Protocol):
-    """Chooses modes. One selector belongs to one run: it may have a memory and a random state."""
+    """Chooses modes. A selector belongs to one run, because it may have a state and a random generator."""
 
     needs_image: bool
-    """Whether it reads `Observation.image`; where it does not, no image is drawn."""
+    """Whether the selector reads `Observation.image`; if not, no image is drawn."""
     needs_rollouts: bool
-    """Whether it reads the mode rollouts."""
+    """Whether the selector reads the mode rollouts."""
     preset: str
-    """What it perceives, one of perception.presets.PRESETS."""
+    """Preset of its inputs, one of perception.presets.PRESETS."""
 
     def choose(
         self,
@@ -33,16 +33,16 @@ class Selector(Protocol):
         ids: Sequence[Hashable] | None = None,
         masks: Sequence[Mask] = (),
     ) -> list[Modes]:
-        """The mode of each observed road user, (n,) in 0..modes-1: without a mask, then under each of the `masks`.
+        """Modes of the observed road users, (n,) in 0..modes-1: first without a mask, then under each of the `masks`.
 
-        The last one is the choice; the others say what each mask has changed. `masks` (n, modes) allow at least one
-        mode each; `ids` (n,) name the road users.
+        The last array is the choice; differences between successive arrays show the changes by each mask. Each mask
+        (n, modes) allows at least one mode per road user. `ids` (n,): ids of the road users.
         """
         ...
 
 
 class GivenModes:
-    """Modes that are chosen elsewhere: by a training, or by the user of an environment."""
+    """Selector for modes that are chosen elsewhere: by training, or by the user of an environment."""
 
     needs_image = True
     needs_rollouts = True
@@ -64,7 +64,7 @@ class GivenModes:
 
 
 def drawn(probability: Floats, draw: Floats) -> Modes:
-    """Modes (n,) with these probabilities (n, modes), for draws (n,) from [0, 1)."""
-    # The last sum may be a hair below 1: between it and 1 may lie modes that are not allowed.
+    """Sample modes (n,) with the given probabilities (n, modes), from draws (n,) in [0, 1)."""
+    # The last sum may be slightly below 1; a draw above it must not select a mode that is not allowed.
     summed = probability.cumsum(-1)
     return np.asarray(((draw * summed[:, -1])[:, None] >= summed[:, :-1]).sum(-1), np.int64)

@@ -1,4 +1,4 @@
-"""Selectors with networks: the prior and the trained policy. PyTorch is needed for policies that read images alone."""
+"""Selectors with networks: the prior and the trained policy. Only policies that read images need PyTorch."""
 
 from collections.abc import Hashable, Sequence
 
@@ -15,16 +15,17 @@ from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
 
 HOLD = 8
-"""Decisions for which a sampled mode is held on average, 3.2 s. Modes that are sampled anew every 0.4 s cancel out: all
-samples go the mean way. Of 1, 4, 8 and 12 it came nearest to held-out recordings of HC and SDD
+"""Mean number of decisions (3.2 s) for which a sampled mode is held. Modes that are sampled again every 0.4 s average
+out: all samples take the mean path. Of 1, 4, 8 and 12, this value came nearest to held-out recordings of HC and SDD
 (docs/measurements/archive/prediction.md)."""
 
 
 class PriorSelector:
     """Chooses modes as road users did in the recordings (the paper's supervised baseline, section 4.1).
 
-    With `sample` each mode is drawn from the prior's distribution by `uniform`, and held for a random time, HOLD calls
-    on average; without ids it is drawn anew in every call. Otherwise the most central mode is taken (see `central`).
+    With `sample`, it draws each mode from the prior's distribution with `uniform` and holds it for a random time, HOLD
+    calls on average; without ids it draws in every call. Without `sample`, it takes the most central mode (see
+    `central`).
     """
 
     needs_image = False
@@ -44,7 +45,7 @@ class PriorSelector:
         ids: Sequence[Hashable] | None = None,
         masks: Sequence[Mask] = (),
     ) -> list[Modes]:
-        """See Selector. A held mode that is not allowed any more is drawn anew."""
+        """See Selector. A held mode that is no longer allowed is replaced by a new draw."""
         kind = observation.type.astype(np.int64)
         logits = outputs(self._bundle.prior_networks, observation.vector, kind)[:, 0].astype(np.float64)
         allowed = [logits, *(np.where(mask, logits, -np.inf) for mask in masks)]
@@ -63,7 +64,7 @@ class PriorSelector:
                     for modes, mask in zip(chosen, (None, *masks), strict=True):
                         if mask is None or mask[row, held]:
                             modes[row] = held
-            # Road users that are gone are forgotten.
+            # Drop road users that have left.
             self._held = dict(zip(ids, chosen[-1].tolist(), strict=True))
         return chosen
 
@@ -71,8 +72,8 @@ class PriorSelector:
 class PolicySelector:
     """Chooses modes by the bundle's trained policy, which reads the image (paper, section 3.4).
 
-    With `uniform` each mode is sampled anew in every call, as in training. Otherwise the most probable mode is taken,
-    or, for predictions (`middle`), the most central one, as by PriorSelector. Raises InputError where the bundle has no
+    With `uniform`, it samples each mode in every call, as in training. Otherwise it takes the most probable mode, or,
+    for predictions (`middle`), the most central mode, as PriorSelector does. Raises InputError if the bundle has no
     trained policy.
     """
 
@@ -127,7 +128,7 @@ class PolicySelector:
         return self._bundle.policy.config
 
     def _inputs(self, observation: Observation, rollouts: ModeRollouts | None) -> tuple[Singles | None, Singles | None]:
-        """Rollouts and route as the policy reads them; without routes (recordings) those columns are zero."""
+        """Rollouts and route as inputs of the policy; without routes (recordings) the route columns are zero."""
         config = self._config
         ahead = None if rollouts is None else rollouts.columns(config.rollout_features)
         if not config.route_columns:
@@ -136,7 +137,7 @@ class PolicySelector:
         return ahead, np.zeros((len(observation), config.route_columns), np.float32) if given is None else given
 
     def _in_pytorch(self, observation: Observation, ahead: Singles | None, route: Singles | None) -> Singles:
-        """As PolicyNetwork.choice_logits, of a policy that reads the image."""
+        """Like PolicyNetwork.choice_logits, for a policy that reads the image."""
         import torch
 
         from slrl_sumo.models.policy import choice_logits
@@ -153,10 +154,10 @@ class PolicySelector:
 
 
 def central(bundle: ModelBundle, probability: Floats, kind: NDArray[np.int64], mask: Mask | None = None) -> Modes:
-    """The modes (n,) whose destinations are on average nearest to those that `probability` (n, modes) expects.
+    """The modes (n,) with the least expected distance of destinations under `probability` (n, modes).
 
-    Of many modes side by side none is probable, and the most probable one may be an outlier: this one errs least.
-    `kind`: (n,) int64 types; `mask` (n, modes): only these are taken.
+    If many modes are similar, none of them is probable, and the most probable mode may be an outlier; the most central
+    mode has the least expected error. `kind`: (n,) int64 types. `mask` (n, modes): allowed modes.
     """
     centres = bundle.mode_centres
     distance = np.hypot(*np.moveaxis(centres[:, :, None] - centres[:, None], -1, 0))
