@@ -1,1 +1,1 @@
-"""SUMO's own road users yield to learned ones."""
+"""Yielding of background road users to learned road users."""

@@ -1,4 +1,4 @@
-"""Forecast of learned road users: along their path where they have a route, else as they move now."""
+"""Forecast of learned road users: along the path with a route, else with the present motion."""
 
 import math
 from typing import NamedTuple
@@ -15,20 +15,21 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 FORECAST_HORIZON = 4.0
-"""s over which road users are predicted on their paths: a car brakes comfortably from 14 m/s within 3.1 s."""
+"""Time (s) for which road users are predicted on their paths: a car brakes comfortably from 14 m/s within 3.1 s."""
 MOTION_HORIZON = 1.5
-"""s over which the present motion of a road user without a route tells where it will be."""
+"""Time (s) for which the present motion of a road user without a route is a valid prediction."""
 MOMENTS = np.linspace(0.0, FORECAST_HORIZON, 11)
 FORECAST_STANDING_SPEED = 0.05
-"""m/s: slower road users are expected to stay; within FORECAST_HORIZON they would go 0.2 m."""
+"""Speed (m/s) below which road users are expected to stand; within FORECAST_HORIZON they would move by 0.2 m."""
 SHARPEST_TURN = 1.0
-"""rad/s; faster turns are expected to slow down to this."""
+"""Greatest expected yaw rate (rad/s)."""
 RETURN_DISTANCE = 15.0
-"""m within which a road user beside its path, or turned away from it, has returned to it."""
+"""Distance (m) within which a road user beside its path, or turned away from it, is expected to return."""
 ASTRAY, AGAINST = 5.0, 1.0
-"""m beside its path, and rad between both directions, from which a road user does not follow it."""
+"""Lateral offset (m) and heading error (rad) from which a road user does not follow its path."""
 STOPPING_DECELERATION = np.array([4.5, 3.0, 0.4])
-"""m/s² by RoadUserType with which a road user can stop to let a vehicle pass. Pedestrians walk on: 1.6 s at 1.3 m/s."""
+"""Deceleration (m/s²) by RoadUserType with which a road user can stop to let a vehicle pass. Pedestrians walk on: for
+1.6 s at 1.3 m/s."""
 PEDESTRIAN = int(RoadUserType.PEDESTRIAN)
 
 
@@ -38,13 +39,13 @@ class Forecast(NamedTuple):
     boxes: Floats
     """x, y (m), heading (rad), length, width (m), (n, q, 5)."""
     predicted: NDArray[np.intp]
-    """How many moments are predicted, (n,): 1 for road users that stand."""
+    """Number of predicted moments, (n,): 1 for standing road users."""
     committed: Floats
-    """s until which a road user cannot stop any more, (n,): what it does until then is certain."""
+    """Time (s) that a road user needs to stop, (n,): its motion until then is certain."""
 
 
 class _Paths(NamedTuple):
-    """Paths of n road users, see RouteAhead and RouteContext; where they are on them, (n,)."""
+    """Paths of n road users, see RouteAhead and RouteContext, and their positions on the paths, (n,)."""
 
     followed: NDArray[np.bool_]
     x: Floats
@@ -55,13 +56,13 @@ class _Paths(NamedTuple):
     lateral_offset: Floats
     direction: Floats
     stop: Floats
-    """m that they may still drive."""
+    """Distance (m) to the stop position."""
     leader_gap: Floats
     leader_speed: Floats
 
 
 def forecast(users: WorldState, context: RouteContext | None = None) -> Forecast:
-    """Where n road users will be at `MOMENTS` if they keep their speed.
+    """Expected boxes of n road users at `MOMENTS`, at constant speed.
 
     `context`: their routes, as at the last decision. Road users follow their paths up to where they have to stop, and
     not through their leaders. Road users without a route keep their yaw rate, limited to `SHARPEST_TURN`, pedestrians
@@ -80,7 +81,7 @@ def _paths(users: WorldState, context: RouteContext | None) -> _Paths:
         return _Paths(np.zeros(n, np.bool_), np.zeros((n, 1)), np.zeros((n, 1)), *(none,) * 7)
     route = context.route
     along, offset, direction = (a[:, 0] for a in on_path(route, users.x[:, None], users.y[:, None]))
-    # Where the box turns from the path, or is beside it, the road user does something else.
+    # A road user far beside its path, or turned away from it, does not follow the path.
     turned = np.abs(wrap_angle(users.heading - direction))
     followed = route.known & (np.abs(offset) < ASTRAY) & (turned < AGAINST)
     return _Paths(
@@ -93,7 +94,7 @@ def _paths(users: WorldState, context: RouteContext | None) -> _Paths:
 def _forecast(
     now: Floats, speed: Floats, yaw_rate: Floats, paths: _Paths, moments: Floats
 ) -> tuple[Floats, NDArray[np.intp]]:
-    """Boxes (n, q, 5) and how many of them are predicted, (n,); `now`: (5, n)."""
+    """Boxes (n, q, 5) and the numbers of predicted boxes, (n,); `now`: (5, n)."""
     n, q = now.shape[1], len(moments)
     boxes, count = np.empty((n, q, 5)), np.ones(n, np.intp)
     for i in range(n):
@@ -118,11 +119,11 @@ def _forecast(
 def _on_the_way(paths: _Paths, i: int, heading: float, speed: float, seconds: float) -> tuple[float, float, float]:
     """x, y (m) and heading (rad) of road user `i` on its path after `seconds`."""
     driven = speed * seconds
-    # A line that it cannot stop at any more does not stop it.
+    # A line counts only if the road user can still stop before it.
     if paths.stop[i] >= speed * speed / (2.0 * STOPPING_DECELERATION[0]):
         driven = min(driven, paths.stop[i])
     driven = max(min(driven, paths.leader_gap[i] + paths.leader_speed[i] * seconds), 0.0)
-    # Beyond its ends the path goes straight on.
+    # The path continues straight beyond its ends.
     points, spacing = paths.x.shape[1], paths.spacing[i]
     k = min(max(int((paths.along[i] + driven) / spacing + HERE), 0), points - 2)
     share = paths.along[i] + driven - (k - HERE) * spacing

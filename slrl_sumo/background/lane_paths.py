@@ -10,17 +10,17 @@ from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.links import LaneLinks
 
 SPACING = 0.5
-"""m between the points of a path."""
+"""Spacing (m) of the points of a path."""
 PATH_REACH = 120.0
-"""m of a path beyond its first lane: enough to brake from 33 m/s."""
+"""Length (m) of a path beyond its first lane: enough to brake from 33 m/s."""
 MOST_PATH_POINTS = 2_000_000
-"""Points of all paths kept (32 MB); with more, all paths are dropped and made again when needed."""
+"""Greatest number of points of all stored paths (32 MB); beyond it, all paths are dropped and made again on demand."""
 MOST_PATH_LANES = 40
-"""Lanes of a path, where they are very short."""
+"""Greatest number of lanes of a path, for very short lanes."""
 
 
 class Paths:
-    """Paths through a loaded network, made on demand and kept as numbered rows of one pool of points.
+    """Paths through a loaded network, made on demand and stored as numbered rows of a common array of points.
 
     A path is the centre line of a lane from its begin, and of the following lanes along a vehicle's route.
     """
@@ -36,7 +36,7 @@ class Paths:
         self._points = np.zeros((4096, 2))
         self._used = 0
         self._table = np.zeros((256, 3))
-        """Of each row: its first point, its last point, and m of the shape per m of SUMO's lane length."""
+        """For each row: index of its first and last point, and m of the shape per m of SUMO's lane length."""
 
     @property
     def full(self) -> bool:
@@ -52,7 +52,7 @@ class Paths:
         return row
 
     def chain(self, lane: str, edges: tuple[str, ...], vehicle_class: str) -> tuple[str, ...]:
-        """Ids of the lanes from `lane` on, internal ones included, at most `PATH_REACH` m after the first.
+        """Ids of the lanes from `lane` on, including internal lanes, at most `PATH_REACH` m after the first lane.
 
         The chain ends with the route, or on a lane that does not continue to the route's next edge.
         """
@@ -68,7 +68,7 @@ class Paths:
             choices = [c for c in choices if vehicle_class in self._lanes[c[0]].allowed] or choices
             if not choices:
                 break
-            # Of several lanes of the next edge, vehicles take one that continues along the route.
+            # Among several lanes of the next edge, vehicles take a lane that continues along the route.
             best = next((c for c in choices if len(remaining) > 1 and self._continues(c[0], remaining[1])), choices[0])
             chain.append(best[1] or best[0])
             if not self._lanes[chain[-1]].internal and remaining:
@@ -79,7 +79,8 @@ class Paths:
     def sample(self, rows: NDArray[np.intp], lane_position: Floats, count: int) -> tuple[Floats, Floats, Floats]:
         """Points every `SPACING` m on n paths, beginning at `lane_position` (m along SUMO's lane, (n,)).
 
-        Returns x, y in m, (n, count), and the rest of each path in m, (n,); beyond its end the last point is repeated.
+        Returns x, y in m, (n, count), and the remaining length of each path in m, (n,). Beyond the end of a path, its
+        last point is repeated.
         """
         table = self._table[rows]
         start, last, scale = table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
@@ -115,7 +116,7 @@ def _length(lane: Lane) -> float:
 
 
 def resampled(line: Floats, spacing: float) -> Floats:
-    """Points every `spacing` m along the polyline `line` (k, 2) from its begin; a shorter rest is cut off."""
+    """Points every `spacing` m along the polyline `line` (k, 2), from its begin; a shorter remainder is cut off."""
     steps = np.diff(line, axis=0)
     along = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
     s = np.arange(0.0, along[-1] + 1e-9, spacing)

@@ -1,7 +1,7 @@
-"""Background persons stop before learned road users, through which SUMO would let them walk.
+"""Background persons that stop before learned road users, instead of walking through them as in plain SUMO.
 
-SUMO's persons avoid each other, and not the ones that are moved from outside. A walk cannot be led around them, but a
-person stops and starts at once: before each SUMO step, the ones whose next step would bring them into contact are held.
+SUMO's persons avoid each other, but not persons that are moved from outside. A walk cannot be led around these, but a
+person stops and starts at once: before each SUMO step, each person whose next step would lead into contact is held.
 See docs/explanation/yielding.md.
 """
 
@@ -16,21 +16,22 @@ from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.reader import Snapshot
 
 PERSON_ROOM = 0.05
-"""m that persons keep between themselves and others: those in the next stripe of a sidewalk are 0.1 m away."""
+"""Least gap (m) of persons to learned road users: persons in the next stripe of a sidewalk are 0.1 m away."""
 FASTEST_WALK = 1.8
-"""m/s at which a person may walk in the next step: SUMO's walk at 1.39 m/s with a deviation of 0.14, and dawdle."""
+"""Greatest speed (m/s) of a person in the next step: SUMO's persons walk at 1.39 m/s with a deviation of 0.14, and
+dawdle."""
 LONGEST_PERSON_WAIT = 10.0
-"""s after which a person walks on: SUMO's own pass through each other after that time on crossings
+"""Time (s) after which a held person walks on: SUMO's persons pass through each other on crossings after the same time
 (`pedestrian.striping.jamtime.crossing`)."""
 
 
 class YieldingPersons:
-    """Which background persons must stop for learned road users; `step_length`: SUMO's step in s."""
+    """Determines the background persons that must stop for learned road users; `step_length`: SUMO's step, s."""
 
     def __init__(self, step_length: float) -> None:
         self._dt = step_length
         self._waited: dict[str, float] = {}
-        """s for which persons have been in the way of others."""
+        """Time (s) for which each person has been blocked."""
 
     def stopping(self, snapshot: Snapshot, learned: WorldState) -> frozenset[str]:
         """Ids of the persons of `snapshot` (SUMO's last step) to hold, given the state of `learned` after the next."""
@@ -41,10 +42,10 @@ class YieldingPersons:
         return frozenset(person for person, waited in self._waited.items() if waited <= LONGEST_PERSON_WAIT)
 
     def _blocked(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> NDArray[np.bool_]:
-        """Which of the persons `rows` would walk into one of `learned`, (n,)."""
+        """Which of the persons `rows` would walk into a road user of `learned`, (n,)."""
         blocked = np.zeros(len(rows), np.bool_)
         walking = learned.type == RoadUserType.PEDESTRIAN
-        # A vehicle that stands may wait for the person: that one walks by.
+        # A standing vehicle may be waiting for the person: the person walks past it.
         others = np.flatnonzero(walking | (learned.speed > FORECAST_STANDING_SPEED))
         if not len(rows) or not len(others):
             return blocked

@@ -1,4 +1,4 @@
-"""The boxes that vehicles will sweep on their paths."""
+"""Swept boxes: the boxes that vehicles will cover on their paths."""
 
 import math
 from typing import NamedTuple
@@ -11,19 +11,19 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
 
 STRAIGHTENING = 15.0
-"""m within which a vehicle beside its lane's centre is expected to return to it, at the latest."""
+"""Greatest distance (m) within which a vehicle beside the centre line of its lane is expected to return to it."""
 
 
 class Sweep(NamedTuple):
-    """Boxes of n vehicles at k places ahead, `SPACING` m apart, the first where they are now; arrays (n, k)."""
+    """Boxes of n vehicles at k places ahead, `SPACING` m apart, beginning at the present position; arrays (n, k)."""
 
     x: Floats
     y: Floats
     heading: Floats
     width: Floats
-    """m; wider than the vehicle where its lateral offset is uncertain."""
+    """Width (m) of the box, larger than the width of the vehicle if its lateral offset is uncertain."""
     length: Floats
-    """m, (n,)."""
+    """Length (m) of the vehicle, (n,)."""
     valid: NDArray[np.bool_]
     """False beyond the end of a path."""
 
@@ -33,9 +33,9 @@ def sweep(
 ) -> Sweep:
     """The boxes that vehicles sweep on their paths.
 
-    `path_x`, `path_y`: points ahead, (n, k), the first beside the front; `room`: m to the path's end, (n,);
-    `front_x`, `front_y`, `heading`: the middle of the front edge and the direction now, (n,); `size`: rows of length
-    and width, (n, 2). Fronts follow the path, rears follow the fronts: long vehicles cut corners, as SUMO draws them.
+    `path_x`, `path_y`: points ahead, (n, k), the first beside the front. `room`: m to the path's end, (n,).
+    `front_x`, `front_y`, `heading`: present middle of the front edge and direction, (n,). `size`: length and width,
+    (n, 2). Fronts follow the path, rears follow the fronts: long vehicles cut corners, as SUMO draws them.
     """
     boxes, valid = _swept(np.stack([path_x, path_y]), room, np.stack([front_x, front_y, heading]), size)
     return Sweep(boxes[0], boxes[1], boxes[2], boxes[3], size[:, 0].copy(), valid)
@@ -51,12 +51,14 @@ def _swept(paths: Floats, room: Floats, fronts: Floats, size: Floats) -> tuple[F
         front_x, front_y, length, width = fronts[0, i], fronts[1, i], size[i, 0], size[i, 1]
         towards_x, towards_y = math.cos(fronts[2, i]), math.sin(fronts[2, i])
         for j in range(k):
-            # The difference of the points on either side; at the ends, to the next one.
+            # The direction is the difference of the two neighbouring points; at the ends, of the point and its
+            # neighbour.
             after, before = min(j + 1, k - 1), max(j - 1, 0)
             dx, dy = paths[0, i, after] - paths[0, i, before], paths[1, i, after] - paths[1, i, before]
             norm = max(math.sqrt(dx * dx + dy * dy), 1e-9)
             along[0, j], along[1, j] = dx / norm, dy / norm
-        # Against the lane (overtaking on the opposite side, or a path of one point), straight on is the better guess.
+        # For a vehicle against the direction of its lane (overtaking on the opposite side, or a path of one point),
+        # straight on is the better prediction.
         off_path = along[0, 0] * towards_x + along[1, 0] * towards_y < 0.5
         if off_path:
             along[0], along[1] = towards_x, towards_y
@@ -67,7 +69,7 @@ def _swept(paths: Floats, room: Floats, fronts: Floats, size: Floats) -> tuple[F
         for j in range(k):
             s = j * SPACING
             kept = max(1.0 - s / STRAIGHTENING, 0.0)
-            # The box covers both staying beside the centre and returning to it.
+            # The box covers both a vehicle that keeps its lateral offset and a vehicle that returns to the centre line.
             lateral = beside * (1.0 + kept) / 2.0
             x = front_x + s * towards_x if off_path else paths[0, i, j]
             y = front_y + s * towards_y if off_path else paths[1, i, j]

@@ -13,9 +13,10 @@ from slrl_sumo.scene.kernels import apart, overlap
 from slrl_sumo.scene.levels import FLAT, Levels
 
 SMALLEST_BOX = 0.1
-"""m: least size of a box with a negative margin."""
+"""Least size (m) of a box with a negative margin."""
 LEADER_COSINE = 0.5
-"""Cosine of the angle between two directions up to which a road user leads a vehicle; beyond, it crosses the path."""
+"""Least cosine of the angle between the directions of a vehicle and its leader; below it, a road user crosses the
+path."""
 
 
 def approaching(
@@ -27,7 +28,7 @@ def approaching(
     agent: NDArray[np.intp],
     margin: float,
 ) -> NDArray[np.bool_]:
-    """Whether the path comes within `margin` (m) of the road user, by circles around all its boxes, for p pairs."""
+    """Whether each path comes within `margin` (m) of the circles around all boxes of a road user, for p pairs."""
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
     return _approaching(np.stack([path_x, path_y]), size, vehicle, boxes, agent, margin)
 
@@ -46,7 +47,7 @@ def _approaching(
         for m in range(len(box)):
             radius = max(radius, math.hypot(box[m, 0] - x, box[m, 1] - y))
         radius += 0.5 * math.hypot(box[0, 3], box[0, 4])
-        # From the path to the farthest corner: behind the vehicle, or ahead on the other side of the lane.
+        # Distance from the path to the farthest corner: behind the vehicle, or ahead on the other side of the lane.
         reach = radius + size[v, 0] + size[v, 1] + stride * SPACING + margin
         for j in range(0, paths.shape[2], stride):
             dx, dy = paths[0, v, j] - x, paths[1, v, j] - y
@@ -65,12 +66,12 @@ def conflicts(
     margin: Floats,
     levels: Levels = FLAT,
 ) -> tuple[Floats, Floats]:
-    """Where vehicles would touch road users: m driven at first and last touch, (p, q); inf and -inf: never.
+    """Distances (m) driven at the first and last touch of vehicles with road users, (p, q) each; inf and -inf: never.
 
     For p pairs of `vehicle` (index into `ahead`) and `agent` (index into `boxes`, (n, q, 5), at q moments, of which the
-    first `count` (n,) are predicted). Road users are larger by `margin` (m, (p,)) on every side. One that a vehicle is
-    passing, or that drives into its side or rear, is no reason to stop, unless the vehicle would cut into it; nor is
-    one on another of the `levels`.
+    first `count` (n,) are predicted). Road users are larger by `margin` (m, (p,)) on every side. A road user that the
+    vehicle is passing, or that drives into its side or rear, is no reason to stop, unless the vehicle would turn into
+    it. Nor is a road user on another of the `levels`.
     """
     vehicle, agent = np.ascontiguousarray(vehicle), np.ascontiguousarray(agent)
     return _conflicts(ahead, vehicle, boxes, agent, count, margin, levels)
@@ -105,10 +106,10 @@ def _conflicts(
             aside = False
             for j in range(len(x_ahead)):
                 dx, dy = x - x_ahead[j], y - y_ahead[j]
-                # Circles first, then boxes.
+                # Circles are compared before boxes.
                 if not ahead.valid[v, j] or dx * dx + dy * dy >= close * close:
                     continue
-                # Beside the vehicle there is the room that there is.
+                # A road user already beside the vehicle counts without the margin.
                 more = 2.0 * margin[p] if before else 0.0
                 mine = Box(math.cos(headings[j]), math.sin(headings[j]), length, widths[j])
                 theirs = boxes[a, m, 2]
@@ -125,7 +126,7 @@ def _conflicts(
                 leave[p, m] = j * SPACING
             if aside:
                 enter[p, m], leave[p, m] = np.inf, -np.inf
-                # It has run into the vehicle: what it would do later does not happen.
+                # The road user has run into the vehicle: its later moments do not happen.
                 break
     return enter, leave
 
@@ -133,7 +134,8 @@ def _conflicts(
 def speed_along(
     ahead: Sweep, vehicle: NDArray[np.intp], enter: Floats, boxes: Floats, agent: NDArray[np.intp], speed: Floats
 ) -> Floats:
-    """Speed of the road users in the direction of the vehicles at the touch, (p, q) in m/s; 0 of those that cross."""
+    """Speed (m/s) of the road users in the direction of the vehicles at the touch, (p, q); 0 for crossing road
+    users."""
     place = np.where(np.isfinite(enter), enter / SPACING, 0.0).astype(np.intp)
     along = cos_sin(boxes[agent, :, 2] - ahead.heading[vehicle[:, None], place])[0]
     return np.where(along > LEADER_COSINE, speed[agent, None] * along, 0.0)

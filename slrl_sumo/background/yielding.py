@@ -1,12 +1,10 @@
-"""Background vehicles brake for all learned road users on their paths, also for those that SUMO does not detect, and
-background persons stop before them.
+"""Yielding: background vehicles brake for learned road users on their paths, and background persons stop before them.
 
 A vehicle in SUMO detects road users that SUMO has mapped to its lane. A road user that is moved from outside is often
-mapped elsewhere or not at all: partly on the lane, inside a junction, on a crossing, off its route. Before each SUMO
-step, the boxes that background vehicles will sweep are therefore compared with those of the learned road users, now and
-on their paths over the next `HORIZON`, and the speed of vehicles that would not stop in time is set (`setSpeed`).
-SUMO's rules stay in force: a held vehicle drives at the set speed, or slower where SUMO requires it. See
-docs/explanation/yielding.md.
+mapped to another lane or to none: partly on the lane, inside a junction, on a crossing, off its route. Before each SUMO
+step, the swept boxes of background vehicles are therefore compared with the present and predicted boxes of the learned
+road users (see `forecast`), and the speed of vehicles that would not stop in time is set (`setSpeed`). SUMO's rules
+stay in force: a held vehicle drives at the set speed, or slower if SUMO requires it. See docs/explanation/yielding.md.
 """
 
 from collections.abc import Collection
@@ -31,22 +29,22 @@ from slrl_sumo.sumo.road_users import TypeParameters, route_id, type_parameters,
 from slrl_sumo.sumo.speed_control import SpeedControl, WalkControl
 
 STANDING_MARGIN = 0.3
-"""m beside its box within which a vehicle slows down for standing road users ..."""
+"""Lateral distance (m) within which a vehicle slows down to PASSING beside standing road users."""
 PASSING = 2.0
-"""m/s ... to this speed, at which it passes them."""
+"""Speed (m/s) at which a vehicle passes standing road users within STANDING_MARGIN."""
 NEARBY = 20.0
-"""m from a vehicle that stands in a junction to a road user that may be the reason."""
+"""Greatest distance (m) from a vehicle that stands in a junction to a road user that may be the reason."""
 LONGEST_VEHICLE_WAIT = 20.0
-"""s after which a vehicle slowly passes one that stands on its own lane, where SUMO lets it: in SUMO's networks
-vehicles touch others that wait beside their lane. By then learned road users that stand for others try to go on
+"""Standing time (s) after which a vehicle slowly passes a road user that stands on its lane, if SUMO allows it: in
+SUMO's networks, vehicles touch vehicles that wait beside their lane. By then, blocked learned road users try to move
 (agent/deadlock.py)."""
 
 
 class Yielding:
-    """Holds back the background vehicles and persons of a simulation for learned road users.
+    """Holds the background vehicles and persons of a simulation back for learned road users.
 
-    `step_length`: SUMO's step in s; `exclude`: ids of road users that are not held. Call `apply` before each SUMO step.
-    `interventions` counts how often one began to be held; `refusals`: road users for which SUMO has refused a call.
+    `step_length`: SUMO's step, s. `exclude`: ids of road users that are not held. Call `apply` before each SUMO step.
+    `interventions` counts the beginnings of holds. `refusals`: road users for which SUMO has refused a call.
     """
 
     def __init__(self, api: SumoApi, network: Network, step_length: float, exclude: Collection[str] = ()) -> None:
@@ -59,14 +57,14 @@ class Yielding:
         self._types: dict[str, TypeParameters] = {}
         self._path_of: dict[str, tuple[str, str, int]] = {}
         self._stood: dict[str, float] = {}
-        """s that held vehicles have stood since they were first held."""
+        """Standing time (s) of held vehicles since the begin of the hold."""
         self._waited: dict[str, float] = {}
-        """s that vehicles have stood in the junction in which they are."""
+        """Standing time (s) of vehicles in their present junction."""
         self.interventions = 0
 
     @property
     def held(self) -> frozenset[str]:
-        """Ids of the road users that are held now."""
+        """Ids of the road users that are presently held."""
         return self._control.held | self._walks.held
 
     def apply(self, snapshot: Snapshot, learned: WorldState, context: RouteContext | None = None) -> None:
@@ -104,15 +102,15 @@ class Yielding:
         self.interventions += len(stopping - stopped)
 
     def release(self, road_users: Collection[str] | None = None) -> None:
-        """Let SUMO choose the speeds of road users (None: of all held ones), with their former speed modes."""
+        """Return the speeds of road users (None: all held road users) to SUMO, with their former speed modes."""
         self._control.release(self._control.held if road_users is None else road_users)
         self._control.let_pass(() if road_users is None else self._control.passing.difference(road_users))
         self._walks.release(self._walks.held if road_users is None else road_users)
 
     def _passing(self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState) -> list[str]:
-        """Of the vehicles `rows`, those that have stood for LONGEST_VEHICLE_WAIT in a junction near one of `learned`.
+        """Ids of the vehicles `rows` that have stood for LONGEST_VEHICLE_WAIT in a junction near a learned road user.
 
-        SUMO takes that one for their leader also where it waits behind them, or does not let them go on before it.
+        SUMO takes that road user for their leader even if it waits behind them, or does not let them go before it.
         """
         inside = [row for row in rows.tolist() if snapshot.lane[row].startswith(":")]
         self._waited = {
@@ -132,7 +130,7 @@ class Yielding:
     def _speeds(
         self, snapshot: Snapshot, rows: NDArray[np.intp], learned: WorldState, context: RouteContext | None
     ) -> dict[str, tuple[float, bool]]:
-        """By id, of the vehicles `rows` that must be held: speed (m/s), and whether that needs hard braking."""
+        """The speed (m/s) of each vehicle of `rows` that must be held, by id, and whether it needs hard braking."""
         limits = np.array([self._parameters(snapshot.sumo_type[i]).limits for i in rows])
         look = _look_ahead(snapshot.speed[rows], limits[:, 1], self._dt) + 0.5 * snapshot.length[rows]
         spread = 0.5 * np.hypot(learned.length, learned.width) + np.where(
@@ -154,7 +152,7 @@ class Yielding:
         vehicle, agent = np.nonzero(near)
         coming = approaching(path_x, path_y, size, vehicle, boxes, agent, STANDING_MARGIN)
         vehicle, agent = vehicle[coming], agent[coming]
-        # Most vehicles near a road user pass by: boxes are computed for the others only.
+        # Most vehicles near a road user pass by: compute boxes for the other vehicles only.
         close, vehicle = np.unique(vehicle, return_inverse=True)
         if not len(close):
             return {}
@@ -163,7 +161,7 @@ class Yielding:
             path_x[close], path_y[close], room[close], front_x[close], front_y[close], heading[close], size[close]
         )
         standing = np.flatnonzero(moments[agent] == 1)
-        # Beside standing road users a vehicle slows down, for those on its path it stops.
+        # A vehicle slows down beside standing road users, and stops for road users on its path.
         patient = np.array([self._stood.get(snapshot.ids[row], 0.0) < LONGEST_VEHICLE_WAIT for row in rows], np.bool_)
         on_lanes = np.zeros(len(learned), np.bool_) if context is None else context.route.known
         passes = ~patient[vehicle] & (on_lanes & (learned.type != RoadUserType.PEDESTRIAN) & (moments == 1))[agent]
@@ -181,7 +179,7 @@ class Yielding:
         np.minimum.at(slowest, vehicle, target)
         brakes_hard = np.zeros(len(rows), np.bool_)
         np.logical_or.at(brakes_hard, vehicle, hard & (target <= slowest[vehicle]))
-        # A vehicle that passes after its wait stays held until it has passed.
+        # A vehicle that passes a road user after its wait stays held until it has passed.
         holding = np.flatnonzero((slowest < speed + limits[:, 0] * self._dt) | (~patient & np.isfinite(slowest)))
         return {snapshot.ids[rows[i]]: (float(slowest[i]), bool(brakes_hard[i])) for i in holding}
 
@@ -200,7 +198,8 @@ class Yielding:
         for i in rows.tolist():
             vehicle, lane = snapshot.ids[i], snapshot.lane[i]
             known, route, following = self._path_of.get(vehicle), "", tuple[str, ...]()
-            # Refused where a script has removed the vehicle since the last step: its path ends with its lane.
+            # SUMO refuses the call if a script has removed the vehicle since the last step: its path ends with its
+            # lane.
             with self.refusals.of(vehicle):
                 route = route_id(self._api, vehicle)
                 if known is None or known[0] != lane or known[1] != route:
@@ -214,5 +213,5 @@ class Yielding:
 
 
 def _look_ahead(speed: Floats, deceleration: Floats, dt: float) -> Floats:
-    """m ahead of their fronts that matter to vehicles: the stopping distance and a reserve."""
+    """Distance (m) ahead of their fronts that matters to vehicles: the stopping distance and a reserve."""
     return speed * (dt + 0.5) + speed * speed / (2.0 * deceleration) + STOP_SHORT + 5.0

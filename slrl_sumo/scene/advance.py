@@ -10,20 +10,20 @@ from slrl_sumo.scene.kernels import moved, wrapped
 from slrl_sumo.scene.state import WorldState
 
 HALT, INTENT = 0.5, 0.15
-"""m/s, and m/s²: a road user that would be slower than HALT and accelerates by less than INTENT stops."""
+"""Speed (m/s) and acceleration (m/s²) below which, both together, a road user stops."""
 
 
 def advance(state: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, dt: float) -> WorldState:
     """Move each road user by one interval.
 
     `acceleration` (m/s²), `yaw_rate` (rad/s) and `max_speed` (m/s): (n,) arrays for the road users of `state`, or
-    (1,) for all of them; ValueError for any other shape.
+    (1,) for all road users; ValueError for any other shape.
     The new speed is clipped to [0, max_speed]. The displacement is new speed x dt along the mean heading of the
     interval, so that speed is exactly distance over time (as in SUMO's Euler update) and road users do not slide
-    sideways. Returns the state at `state.time + dt`, with the acceleration and yaw rate that were carried out.
+    sideways. Returns the state at `state.time + dt`, with the resulting acceleration and yaw rate.
     """
-    # Copies, because broadcast arrays are read-only, for which the kernel would be compiled again, and the returned yaw
-    # rates must not be the caller's array.
+    # Copy the arrays: numba would compile the kernel again for read-only broadcast arrays, and the returned yaw rates
+    # must not be the caller's array.
     felt, turning, top = (
         np.array(np.broadcast_to(given, len(state)), np.float64) for given in (acceleration, yaw_rate, max_speed)
     )
@@ -56,10 +56,10 @@ def _advance(
 
 
 def halting(speed: Floats, acceleration: Floats, dt: float) -> Floats:
-    """`acceleration` (m/s², of the shape of `speed` in m/s), replaced by a stop for road users that would be slower
-    than HALT after `dt` s and accelerate by less than INTENT.
+    """`acceleration` (m/s², of the shape of `speed` in m/s), with a stop for crawling road users.
 
-    Models that have learned mean motions approach a standstill for ever: road users that crawl are meant to stop.
+    A road user stops if it would be slower than HALT after `dt` s and accelerates by less than INTENT. Models of mean
+    motion approach a standstill for ever: crawling means stopping.
     """
     ends = (acceleration < INTENT) & (speed + acceleration * dt < HALT)
     return np.where(ends, -speed / dt, acceleration)

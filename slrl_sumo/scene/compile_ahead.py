@@ -1,6 +1,6 @@
-"""Compiling kernels on all cores, on the first run of a machine: numba compiles on one core of a process only.
+"""Compilation of kernels on all cores, in the first run on a machine: numba compiles on one core per process.
 
-Which kernels and for which types of arguments is in signatures.json, which `tools/record_signatures.py` writes.
+`signatures.json`, written by `tools/record_signatures.py`, lists the kernels and the types of their arguments.
 """
 
 import fcntl
@@ -22,29 +22,32 @@ import numba
 types: Any = numba.types
 SIGNATURES = Path(__file__).with_name("signatures.json")
 FEWEST_KERNELS = 8
-"""Kernels to compile from which other processes are worth their start: it takes 1 s, a kernel 0.2 to 4 s."""
+"""Least number of kernels to compile for which other processes are started: a start takes 1 s, a kernel 0.2 to 4 s."""
 MOST_PROCESSES = 8
-"""Processes at once: the slowest kernel takes an eighth of the time of all. Each holds 250 MiB."""
+"""Greatest number of processes: the slowest kernel takes an eighth of the total time. Each process uses 250 MiB."""
 AGAIN_S = 0.03
-"""s between two looks for machine code that another process makes."""
+"""Time (s) between two checks for machine code of another process."""
 
 Spelled = str | list[Any] | dict[str, Any]
-"""A type of an argument: its name, for arrays that of a number, dimensions and layout; a list for a tuple; for a named
-tuple its class and the types of its fields."""
+"""Type of an argument: its name; for arrays the type of the numbers, dimensions and layout; a list for a tuple; for a
+named tuple its class and the types of its fields."""
 
 
 class _Process:
-    """What this process does."""
+    """State of this process."""
 
     compiles_ahead = False
-    """It is one of those that compile for others."""
+    """Whether this process compiles for another process."""
     others: list[subprocess.Popen[bytes]] | None = None
-    """Those that it has started; None before it needed any."""
+    """Compiling processes that this process has started; None before the first need."""
 
 
 def awaited(name: str, signature: Sequence[Any]) -> Iterator[None]:
-    """Yields every AGAIN_S while other processes may still make the machine code of the kernel `name` (module and
-    function) for `signature`, and once after that. The first time it starts them, unless another command has."""
+    """Yield every AGAIN_S while other processes may still compile the kernel `name` for `signature`, and once after
+    that.
+
+    `name`: module and function. The first call starts these processes, unless another command has started them.
+    """
     if _Process.compiles_ahead or [spelled(one) for one in signature] not in recorded().get(name, []):
         return
     if _Process.others is None:
@@ -59,13 +62,13 @@ def awaited(name: str, signature: Sequence[Any]) -> Iterator[None]:
 
 @cache
 def recorded() -> dict[str, list[list[Spelled]]]:
-    """Signatures of the kernels of usual runs, by module and function."""
+    """Signatures of the kernels of typical runs, by module and function."""
     found: dict[str, list[list[Spelled]]] = json.loads(SIGNATURES.read_text())
     return found
 
 
 def spelled(one: Any) -> Spelled:
-    """A type of numba as JSON."""
+    """A numba type as JSON."""
     if isinstance(one, types.BaseNamedTuple):
         of = one.instance_class
         return {f"{of.__module__}.{of.__qualname__}": [spelled(field) for field in one.types]}
@@ -77,7 +80,7 @@ def spelled(one: Any) -> Spelled:
 
 
 def parsed(spelling: Spelled) -> Any:
-    """The type of numba that is spelled so."""
+    """The numba type of a spelling."""
     if isinstance(spelling, dict):
         ((name, fields),) = spelling.items()
         return types.BaseNamedTuple.from_types([parsed(field) for field in fields], named(name))
@@ -91,13 +94,13 @@ def parsed(spelling: Spelled) -> Any:
 
 
 def named(name: str) -> Any:
-    """The kernel or class of that module and name."""
+    """The kernel or class with this qualified name (module and name)."""
     module, _, attribute = name.rpartition(".")
     return getattr(import_module(module), attribute)
 
 
 def _start(others: list[subprocess.Popen[bytes]]) -> None:
-    """Start a process for each core, which hold a lock on SIGNATURES until they end."""
+    """Start a process for each core; the processes hold a lock on SIGNATURES until they end."""
     cores = len(os.sched_getaffinity(0))
     missing = [number for number, name in enumerate(recorded()) if not named(name)._cache.filled()]
     if cores == 1 or len(missing) < FEWEST_KERNELS or not sys.executable:
@@ -124,9 +127,9 @@ def _start(others: list[subprocess.Popen[bytes]]) -> None:
 
 
 def _at_work() -> bool:
-    """Whether processes compile, of this or of another command."""
+    """Whether compiling processes of this or another command are running."""
     for other in _Process.others or ():
-        other.poll()  # one that has ended leaves nothing behind
+        other.poll()  # reaps a process that has ended
     with open(SIGNATURES, "rb") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -138,11 +141,11 @@ def _at_work() -> bool:
 
 
 def compile_for(run: int) -> None:
-    """Compile the kernels whose numbers come from the standard input, one byte each, until there are no more or the
-    process `run` has ended."""
+    """Compile the kernels whose numbers arrive on the standard input, one byte each, until the input or process `run`
+    ends."""
     _Process.compiles_ahead = True
     kernels = list(recorded().items())
-    gc.disable()  # a tenth of the time of compiling
+    gc.disable()  # garbage collection takes a tenth of the compile time
     while os.getppid() == run and (number := os.read(0, 1)):
         name, signatures = kernels[number[0]]
         for signature in signatures:

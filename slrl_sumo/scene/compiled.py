@@ -25,17 +25,18 @@ R = TypeVar("R")
 _KERNELS: list[Any] = []
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 LANGUAGE = f"py{sys.version_info.major}{sys.version_info.minor}{getattr(sys, 'abiflags', '')}"
-"""The Python that runs: part of the names of files with machine code."""
+"""The running version of Python, as part of the names of files with machine code."""
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """`function`, plain loops over numbers and numpy arrays, as machine code that is cached for later processes.
+    """Compile `function`, plain loops over numbers and numpy arrays, to machine code that is cached for later
+    processes.
 
-    It may call compiled functions of any module and use their constants: numbers, arrays, tuples and enumerations are
-    constants of the machine code. Arguments may be NamedTuples of arrays. The cache, next to the module or in the
-    user's cache folder, is valid for one `fingerprint`: whatever the machine code is made of. Divisions by zero give
-    inf or nan as in numpy. Other threads run meanwhile. There are no bounds checks, so indices must be right:
-    NUMBA_BOUNDSCHECK=1 adds them. With NUMBA_DISABLE_JIT=1 the function runs as Python, for debugging.
+    It may call compiled functions of any module and use their constants: numbers, arrays, tuples and enumerations
+    become constants of the machine code. Arguments may be NamedTuples of arrays. The cache, next to the module or in
+    the user's cache folder, is valid for one `fingerprint`, a digest of everything that the machine code consists of.
+    Divisions by zero give inf or nan as in numpy. Other threads run meanwhile. There are no bounds checks, so indices
+    must be right: NUMBA_BOUNDSCHECK=1 adds checks. With NUMBA_DISABLE_JIT=1 the function runs as Python, for debugging.
 
     Plain loops compile fastest: for `a[i] = b` and `a[rows] = b` with arrays, and for np.count_nonzero, numba also
     compiles the messages on wrong shapes and axes, which takes 1 to 5 s. For numpy's reductions (any, max, sum) and
@@ -51,8 +52,10 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def fingerprint(function: FunctionType) -> str:
-    """Digest of what the machine code of `function` is made of: its instructions, the values of the constants and the
-    fields of the named tuples that it uses, and the same of the compiled functions that it calls.
+    """Digest of everything that the machine code of `function` consists of.
+
+    That is its instructions, the values of the constants and the fields of the named tuples that it uses, and the same
+    for the compiled functions that it calls.
 
     Comments, docstrings and line numbers do not count. TypeError for modules other than numpy and math.
     """
@@ -67,14 +70,14 @@ def first_time() -> bool:
 
 
 def cache_folder() -> Path | None:
-    """Where the machine code of this package is kept, for what else is computed once per machine; None where nothing
-    can be kept."""
+    """Folder of the machine code of this package, also for other results that are computed once per machine; None if
+    nothing can be stored."""
     paths = (kernel.stats.cache_path for kernel in _KERNELS)
     return next((Path(path) for path in paths if path is not None), None)
 
 
 def what_to_expect() -> str:
-    """A note on the wait in the first decisions; "" where nothing has to be compiled."""
+    """A note on the waiting time of the first decisions; "" if nothing has to be compiled."""
     if not first_time():
         return ""
     if all(kernel.stats.cache_path is None for kernel in _KERNELS):
@@ -86,9 +89,11 @@ def what_to_expect() -> str:
 
 
 class _Files(CompileResultCacheImpl):
-    """Names cache files by module and function, not by line: the fingerprint is added on first use. LLVM's code of a
-    function is read only where another one that calls it is compiled: to look for symbols in it, which numba does,
-    takes two thirds of the time of loading."""
+    """Names cache files by module and function, not by line; the fingerprint is added on first use.
+
+    LLVM's code of a function is read only when a calling function is compiled: numba's search for symbols in it takes
+    two thirds of the loading time.
+    """
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         return fullname.replace("<", "").replace(">", "")
@@ -108,19 +113,21 @@ class _Files(CompileResultCacheImpl):
 
 
 class _Cache(FunctionCache):
-    """The machine code of one function in files that carry its fingerprint; older ones are removed.
+    """The machine code of one function, in files named after its fingerprint; older files are removed.
 
-    Files that cannot be read (a process that died while writing) or written (a full disk) do not end a run: the
-    function is compiled again.
+    Files that cannot be read (a process died while writing) or written (a full disk) do not end a run: the function is
+    compiled again.
     """
 
     _impl_class = _Files
     _found = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Without numba's `target_context.refresh()`, which imports and registers all that numba can compile, a
-        seventh of a start: machine code that is there needs only the memory functions. The compiler refreshes by
-        itself."""
+        """Load machine code without numba's `target_context.refresh()`, which takes a seventh of a start.
+
+        `refresh` imports and registers everything that numba can compile; existing machine code needs only the memory
+        functions. The compiler refreshes by itself.
+        """
         self._find()
         rtsys.initialize(target_context)
         found = self._read(sig, target_context)
@@ -130,7 +137,7 @@ class _Cache(FunctionCache):
         return found
 
     def _read(self, sig: Any, target_context: Any) -> Any:
-        """The machine code for `sig`; None where there is none."""
+        """The machine code for `sig`; None without it."""
         with suppress(Exception):  # see below
             key = self._index_key(sig, target_context.codegen())
             if (found := shipped(self._files, self._stamp, key)) is not None:
@@ -151,12 +158,12 @@ class _Cache(FunctionCache):
             super().save_overload(sig, data)
 
     def filled(self) -> bool:
-        """Whether there is machine code of the present fingerprint."""
+        """Whether machine code of the present fingerprint exists."""
         self._find()
         return Path(self._cache_file._index_path).exists() or has_shipped(self._files)
 
     def _find(self) -> None:
-        """Not on construction: what a function uses may be defined below it."""
+        """Compute fingerprint and file names; not on construction, because a function may use later definitions."""
         if not self._found:
             self._stamp = fingerprint(self._py_func)
             self._files = f"{self._impl.filename_base}-{self._stamp}.{LANGUAGE}"
@@ -205,7 +212,7 @@ def _add_value(value: Any, parts: list[object], known: set[int]) -> None:
 
 
 def _add_fields(value: Any, parts: list[object]) -> None:
-    """Names, order and types of the fields where `value` is a NamedTuple: machine code knows them by place."""
+    """Add names, order and types of the fields if `value` is a NamedTuple: machine code knows fields by position."""
     if isinstance(value, type) and issubclass(value, tuple):
         parts.append(getattr(value, "_fields", None))
         for annotation in getattr(value, "__annotations__", {}).values():

@@ -7,10 +7,10 @@ from slrl_sumo.scene.geometry import Floats, boxes_overlap
 from slrl_sumo.scene.state import WorldState
 
 COLLISION_DISTANCE = 0.5
-"""m between centres: a collision as the paper defines it (section 4.1)."""
+"""Distance (m) of centres below which the paper defines a collision (section 4.1)."""
 
 FEW = 150
-"""Road users up to which all pairs are compared at once: 22,500 distances take less time than a search."""
+"""Greatest number of road users for which all pairs are compared: 22,500 distances take less time than a search."""
 
 Pairs = NDArray[np.intp]
 
@@ -21,7 +21,7 @@ def close_pairs(world: WorldState, distance: float) -> Pairs:
 
 
 def pairs_in_reach(world: WorldState, reach: Floats) -> Pairs:
-    """Pairs of n road users whose centres are closer than the sum of what both `reach`, (n,) m: (p, 2) row indices,
+    """Pairs of n road users whose centres are closer than the sum of their `reach` (m, (n,)): (p, 2) row indices,
     sorted, smaller first."""
     if len(world) < 2:
         return np.zeros((0, 2), np.intp)
@@ -31,7 +31,8 @@ def pairs_in_reach(world: WorldState, reach: Floats) -> Pairs:
         pairs = np.argwhere(dx * dx + dy * dy < (1.001 * (reach[:, None] + reach)) ** 2)
         pairs = pairs[pairs[:, 0] < pairs[:, 1]]
     else:
-        # Only what is left is sorted: all within the farthest reach took 15 instead of 5 ms (1,024 in `district`).
+        # Only the remaining pairs are sorted: all pairs within the greatest reach took 15 instead of 5 ms (1,024 in
+        # `district`).
         a, b = _near(world.x, world.y, 2.0 * float(reach.max())).T
         dx, dy = world.x[a] - world.x[b], world.y[a] - world.y[b]
         near = dx * dx + dy * dy < (1.001 * (reach[a] + reach[b])) ** 2
@@ -46,7 +47,7 @@ def colliding_pairs(world: WorldState) -> Pairs:
 
 
 def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
-    """`colliding_pairs`, and the pairs whose boxes intersect, (p, 2), sorted, by one search."""
+    """`colliding_pairs`, and the pairs whose boxes intersect, (p, 2), sorted, from one search."""
     reach = np.maximum(0.5 * np.hypot(world.length, world.width) + 0.01, 0.5 * COLLISION_DISTANCE)
     pairs = pairs_in_reach(world, reach)
     boxes = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
@@ -55,22 +56,22 @@ def contact_pairs(world: WorldState) -> tuple[Pairs, Pairs]:
 
 
 def ids_of(pairs: Pairs, world: WorldState) -> set[tuple[str, str]]:
-    """Pairs of rows of `world` (p, 2) as pairs of ids, in that order."""
+    """Pairs of rows of `world` (p, 2) as pairs of ids, in the same order."""
     return {(world.ids[i], world.ids[j]) for i, j in pairs.tolist()}
 
 
 def _apart(world: WorldState, pairs: Pairs) -> Floats:
-    """m between the centres of each pair, (p,)."""
+    """Distances (m) of the centres of each pair, (p,)."""
     a, b = pairs.T
     return np.asarray(np.hypot(world.x[a] - world.x[b], world.y[a] - world.y[b]))
 
 
 def _near(x: Floats, y: Floats, distance: float) -> Pairs:
-    """All pairs of points at most `distance` apart, once each, and some that are a little farther: (p, 2).
+    """All pairs of points at most `distance` apart, once each, and some pairs slightly farther apart: (p, 2).
 
-    The plane is cut into strips as high as `distance`, laid end to end: neighbours of a point are close to it in its
-    own strip or in the next one. A tree would need scipy (0.2 s and 40 MiB), which the counting process does not use
-    otherwise.
+    The plane is cut into strips of the height `distance`, which are sorted one after the other: neighbours of a point
+    are close to it in its own strip or in the next strip. A tree would need scipy (0.2 s and 40 MiB), which the
+    counting process does not use otherwise.
     """
     strip = np.floor((y - y.min()) / distance)
     length = np.ptp(x) + 3 * distance

@@ -1,6 +1,6 @@
 """Angles, poses and boxes, on arrays.
 
-`wrapped` and `overlap` take single numbers as well: `scene/kernels.py` has them compiled, for inner loops.
+`wrapped` and `overlap` also take single numbers: `scene/kernels.py` compiles them for inner loops.
 """
 
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 
 class Box(NamedTuple):
-    """The shape of a box, or of boxes field by field."""
+    """The shape of a box, or of several boxes with one array per field."""
 
     cos: Any
     """Of the heading."""
@@ -23,7 +23,7 @@ class Box(NamedTuple):
 
 
 def wrap_angle(angle: ArrayLike) -> Floats:
-    """Angles in rad brought into (-pi, pi]; those within it are returned unchanged, to the bit."""
+    """Angles (rad) wrapped to (-pi, pi]; angles within this range are returned unchanged, to the bit."""
     return np.asarray(wrapped(np.asarray(angle, np.float64)))
 
 
@@ -33,10 +33,10 @@ def wrapped(angle: Any) -> Any:
 
 
 def cos_sin(angle: ArrayLike) -> tuple[Floats, Floats]:
-    """Cosines and sines of angles in rad, of their shape; exact to 1e-15, as numpy's.
+    """Cosines and sines of angles (rad), in the same shape; exact to 1e-15, like numpy's.
 
-    By the tangent of half the angle: numpy's cos and sin take 14 ns each in double precision, its tan 1 ns where there
-    is AVX-512, and no longer than one of them elsewhere.
+    They are computed from the tangent of half the angle: numpy's cos and sin take 14 ns each in double precision, its
+    tan 1 ns with AVX-512, and without it no longer than a cosine.
     """
     half = np.tan(0.5 * np.asarray(angle, np.float64))
     square = half * half
@@ -90,8 +90,10 @@ def boxes_overlap(a: Floats, b: Floats) -> NDArray[np.bool_]:
 
 
 def clearance(dx: Any, dy: Any, a: Box, b: Box) -> Any:
-    """m between box `a` and box `b`, whose centre is (dx, dy) m from that of `a`, along the best separating axis;
-    below 0 the depth to which they overlap."""
+    """Distance (m) between boxes `a` and `b` along the best separating axis; negative: the depth of their overlap.
+
+    (dx, dy): centre of `b` relative to the centre of `a`, m.
+    """
     c, s = abs(a.cos * b.cos + a.sin * b.sin), abs(b.sin * a.cos - b.cos * a.sin)
     return max(
         abs(a.cos * dx + a.sin * dy) - 0.5 * (a.length + b.length * c + b.width * s),
@@ -102,11 +104,11 @@ def clearance(dx: Any, dy: Any, a: Box, b: Box) -> Any:
 
 
 def overlap(dx: Any, dy: Any, a: Box, b: Box) -> Any:
-    """Whether box `a` intersects box `b`, whose centre is (dx, dy) m from that of `a`.
+    """Whether box `a` intersects box `b`, whose centre is (dx, dy) m from the centre of `a`.
 
-    Separating axes; boxes that touch overlap.
+    The test uses separating axes; boxes that touch overlap.
     """
-    # Of the turn from one to the other.
+    # Cosine and sine of the angle between the two headings.
     c, s = abs(a.cos * b.cos + a.sin * b.sin), abs(b.sin * a.cos - b.cos * a.sin)
     return (
         (abs(a.cos * dx + a.sin * dy) <= 0.5 * (a.length + b.length * c + b.width * s))

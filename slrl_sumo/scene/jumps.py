@@ -1,4 +1,4 @@
-"""Jumps of road users between two moments, which are no motion."""
+"""Jumps of road users between two times, which are not motions."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,18 +7,19 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
-# SUMO places road users on lanes, so those that change lane or walking direction at once jump sideways or turn on the
-# spot. What a type cannot do within 0.4 s is a jump of the model, not a motion to learn: the track is split there.
+# SUMO places road users on lanes: at a lane change, or a change of walking direction, they jump sideways or turn on the
+# spot. A motion that a type cannot perform within 0.4 s is a jump of SUMO's model, not a motion to learn: the track is
+# split there.
 MAX_SPEED = np.array([60.0, 15.0, 5.0])
-"""m/s per RoadUserType."""
+"""Greatest speed (m/s) by RoadUserType."""
 MAX_TURN = np.array([0.8, 1.6, 3.2])
-"""rad in one interval per RoadUserType."""
+"""Greatest turn (rad) in one interval by RoadUserType."""
 MAX_SIDESTEP = np.array([1.5, 1.0, 5.0])
-"""m across the heading in one interval per RoadUserType."""
+"""Greatest lateral displacement (m) in one interval by RoadUserType."""
 
 
 def jumped(before: WorldState, after: WorldState) -> list[str]:
-    """Ids in both worlds (0.4 s apart) whose motion between them is more than their type can do."""
+    """Ids of road users in both worlds (0.4 s apart) whose motion between them exceeds the limits of their type."""
     row_before = {road_user: i for i, road_user in enumerate(before.ids)}
     rows = np.array([i for i, road_user in enumerate(after.ids) if road_user in row_before], np.intp)
     old = np.array([row_before[after.ids[i]] for i in rows], np.intp)
@@ -41,10 +42,10 @@ def beyond_type(
     turn: Floats,
     seconds: float = DECISION_INTERVAL,
 ) -> NDArray[np.bool_]:
-    """Whether motions are more than their type can do in `seconds` of at least 0.4 s, (n,).
+    """Whether motions within `seconds` (at least 0.4 s) exceed the limits of their type, (n,).
 
-    `kind`: RoadUserType; `dx`, `dy`: m; `heading` before the motion and `turn` during it (from -pi to pi): rad; each
-    (n,). The limits grow with the time.
+    `kind`: RoadUserType. `dx`, `dy`: displacement, m. `heading`: before the motion, rad. `turn`: during the motion,
+    rad, from -pi to pi. All (n,). The limits grow with the time.
     """
     middle = heading + 0.5 * turn
     aside = np.abs(np.cos(middle) * dy - np.sin(middle) * dx)

@@ -13,7 +13,7 @@ apart = compiled(levels.apart)
 
 @compiled
 def moved(x: float, y: float, heading: float, distance: float, turn: float) -> tuple[float, float, float]:
-    """Place (m) and heading (rad, not wrapped) after `distance` m and a `turn` in rad at constant speed and yaw rate.
+    """Position (m) and heading (rad, not wrapped) after `distance` m and a `turn` (rad) at constant speed and yaw rate.
 
     The displacement is `distance` long, along the mean heading.
     """

@@ -1,4 +1,5 @@
-"""Places where streets cross on different levels: road users there do not meet, although their boxes overlap."""
+"""Levels of streets that cross without a junction: road users on different levels do not collide, although their boxes
+overlap."""
 
 from typing import NamedTuple
 
@@ -8,9 +9,10 @@ from numpy.typing import NDArray
 from slrl_sumo.scene.geometry import Floats
 
 LANE_REACH = 3.0
-"""m from a point of a lane within which a road user is on that lane: half a lane, and the way between two points."""
+"""Distance (m) from a point of a lane within which a road user is on the lane: half a lane, and half the spacing of the
+points."""
 ALIGNED = 0.5
-"""Sine of the angle between a lane and a road user on it, in either direction, beyond which its level is unknown."""
+"""Sine of the angle between a lane and a road user on it, in either direction, above which its level is unknown."""
 
 
 class Levels(NamedTuple):
@@ -23,20 +25,21 @@ class Levels(NamedTuple):
     """Of the direction of the lane."""
     sin: Floats
     level: NDArray[np.int8]
-    """From 1 on: a number that differs from those of the streets that its street crosses, not a height."""
+    """Number from 1 on that differs from the numbers of all streets that the street crosses; not a height."""
 
 
 FLAT = Levels(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int8))
-"""Where no streets cross on different levels."""
+"""Levels of a network in which no streets cross on different levels."""
 
 
 def apart(
     levels: Levels, x: float, y: float, cos: float, sin: float, to_x: float, to_y: float, to_cos: float, to_sin: float
 ) -> bool:
-    """Whether two places are on different levels; each by its position (m) and the cosine and sine of the direction of
-    the road user there, because two streets share the place where they cross.
+    """Whether two places are on different levels.
 
-    A place has the level of the lane within LANE_REACH that has its direction best; none where no lane has it.
+    Each place has a position (m) and the cosine and sine of the direction of the road user there, because two crossing
+    streets share a position. A place has the level of the lane within LANE_REACH whose direction fits best; no level if
+    no lane fits.
     """
     mine = 0
     for place in range(2):

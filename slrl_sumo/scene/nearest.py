@@ -1,4 +1,4 @@
-"""The nearest of many points, in compiled loops: importing a search tree of scipy takes a fifth of a start."""
+"""Search for the nearest of many points, in compiled loops: importing scipy's search tree takes a fifth of a start."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +8,9 @@ from slrl_sumo.scene.geometry import Floats
 
 
 class PointIndex:
-    """p points in the plane in the order of `x`, so that a search goes from a position to the west and to the east.
+    """p points in the plane, sorted by `x`: a search goes from a position to the west and to the east.
 
-    20 bytes a point are kept.
+    It uses 20 bytes per point.
     """
 
     def __init__(self, x: Floats, y: Floats) -> None:
@@ -24,8 +24,8 @@ class PointIndex:
     def nearest(self, x: Floats, y: Floats, count: int = 1, within: float = np.inf) -> tuple[NDArray[np.int64], Floats]:
         """Indices of the `count` points nearest to each of n positions and their distances (m), (n, count) each.
 
-        Nearest first; of points at one distance that of the lowest index. `count` is at most p. Points farther than
-        `within` (m) are not looked for: where there are fewer, -1 and inf.
+        The nearest point comes first; of points at equal distance, the lowest index. `count` is at most p. Points
+        farther than `within` (m) do not count: missing points have -1 and inf.
         """
         x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
         start = np.searchsorted(self._x, x)

@@ -13,29 +13,30 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import wrapped
 
 SPACING = 1.0
-"""m between the points of a path, of road users that see far enough with it."""
+"""Least spacing (m) of the points of a path; fast vehicles, which need to see farther, have a larger spacing."""
 BEHIND, AHEAD = 8.0, 40.0
-"""m of such a path that are known behind and ahead of the road user's position on it."""
+"""Length (m) of a path behind and ahead of the road user's position, at this spacing."""
 POINTS = 1 + round((BEHIND + AHEAD) / SPACING)
 SEVEN = 7
-"""Points of a path in one block of the search for the nearest one."""
+"""Number of points of a path in one block of the search for the nearest point."""
 ROOM = SEVEN * math.ceil(POINTS / SEVEN)
 APART = 3
-"""Stride of the points that are compared first; the last point is among them."""
+"""Stride of the points that are compared first; it includes the last point."""
 FEW = 1 + (POINTS - 1) // APART
 LONGEST = 1.5 * SPACING
-"""Longest piece of a smooth path in m, at the usual spacing: pieces of a path beside a line deviate a little."""
+"""Greatest length (m) of a segment of a smooth path, at the least spacing; segments of curves deviate slightly."""
 WITHIN = 0.75 * AHEAD + 10.0
-"""m from the middle of a path; road users farther away are not on it."""
+"""Distance (m) from the middle of a path beyond which road users are not on it."""
 HERE = round(BEHIND / SPACING)
 """Index of the point beside the road user."""
 SEEN_BRAKING, SEEN_TIME, SEEN_MOST = 2.2, 1.1, 250.0
-"""m/s², s and m: a vehicle sees as far as it needs to stop after that time in comfort, with half of the braking that
-cars can; 40 m suffice up to 11 m/s. With all of it, cars at 15 m/s saw a queue at 38 m and had to brake hard."""
+"""Deceleration (m/s²), time (s) and greatest distance (m) of the sight: a vehicle sees as far as it needs to stop
+comfortably after this time, with half of the deceleration of cars; 40 m suffice up to 11 m/s. With the full
+deceleration, cars at 15 m/s saw a queue at 38 m and had to brake hard."""
 
 
 class SignalAspect(IntEnum):
-    """What a signal shows to road users that want to pass its line."""
+    """The aspect that a signal shows to road users before its line."""
 
     NONE = 0
     GREEN = 1
@@ -45,41 +46,41 @@ class SignalAspect(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class RouteAhead:
-    """Of n road users; where `known` is False there is no route, and the other entries have no meaning.
+    """Routes of n road users. If `known` is False, the road user has no route, and its other entries have no meaning.
 
-    Distances are in m from the front of the box, inf where there is nothing within sight.
+    Distances are in m from the front of the box; inf if there is nothing within sight.
     """
 
     known: NDArray[np.bool_]
     x: Floats
-    """Points every `spacing` m of the own path, (n, POINTS), of which that at HERE is beside the centre."""
+    """Points of the own path every `spacing` m, (n, POINTS); the point with the index HERE is beside the centre."""
     y: Floats
     spacing: Floats
-    """m between the points of the path, (n,)."""
+    """Spacing (m) of the points of the path, (n,)."""
     desired_speed: Floats
-    """m/s that limits here and ahead and the desired speed of the road user allow, (n,)."""
+    """Speed (m/s) that the limits here and ahead and the desired speed of the road user allow, (n,)."""
     stop: Floats
-    """Distance to the line before which it has to stop: red, yellow in time, right of way of others, the end of a lane
-    that leaves the route."""
+    """Distance to where the road user must stop: a red signal, a yellow signal in time, foes with right of way, the end
+    of a lane that leaves the route."""
     line: Floats
     """Distance to the next line at which a junction or a signalised crossing begins."""
     keep_clear_line: Floats
-    """Distance to the line of the next junction that has to be kept clear, because others cross its way there."""
+    """Distance to the line of the next junction that must be kept clear, because other ways cross there."""
     keep_clear_exit: Floats
-    """Distance to the end of that junction, or of the next one where there is no room to stand between the two."""
+    """Distance to the end of that junction, or of the following junction if there is no room to stand between them."""
     waiting_position: Floats
-    """Distance to the first position beyond that line where vehicles wait inside the junction, as before a left turn;
-    -inf where there is none."""
+    """Distance to the first position after that line where vehicles wait inside the junction, such as before a left
+    turn; -inf without one."""
     signal: NDArray[np.int8]
-    """SignalAspect at that line."""
+    """SignalAspect at `line`."""
     stop_at_signal: NDArray[np.bool_]
-    """Whether its signal is red, or yellow in time to stop: the guard and the summary count these."""
+    """Whether the signal at `line` is red, or yellow in time to stop; the guard and the summary use it."""
     remaining_distance: Floats
     """Distance to the end of the route."""
     junction_entry_time: Floats
-    """s: when it entered the junction in which it is now; inf outside of junctions."""
+    """Time (s) at which the road user entered its present junction; inf outside junctions."""
     tight_curvature: Floats
-    """1/m: curvature of the path where it is, if that is sharper than its models turn, else 0."""
+    """Curvature (1/m) of the path at the road user, if its models cannot turn as sharply; else 0."""
 
     def __len__(self) -> int:
         return len(self.known)
@@ -113,10 +114,12 @@ class RouteAhead:
 def on_path(
     route: RouteAhead, x: Floats, y: Floats, rows: NDArray[np.intp] | None = None
 ) -> tuple[Floats, Floats, Floats]:
-    """Points (n, m), in m, projected onto the n paths: m along from the road user's position, m to the left, and the
-    direction of the path there (rad), (n, m) each. Beyond its ends a path continues straight on; what lies outside of a
-    corner is projected onto the corner. `rows` (n,) selects the paths; default: all. ValueError for arrays of other
-    shapes."""
+    """Project points (n, m), in m, onto the n paths.
+
+    Returns the distance (m) along the path from the road user's position, the offset (m) to the left, and the direction
+    of the path there (rad), (n, m) each. A path continues straight beyond its ends; points outside a corner are
+    projected onto the corner. `rows` (n,) selects the paths; default: all. ValueError for arrays of other shapes.
+    """
     rows = np.arange(len(route)) if rows is None else rows
     if not (x.shape == y.shape and len(x) == len(rows)):
         raise ValueError(f"{len(rows)} paths, but points {x.shape} and {y.shape}")
@@ -128,16 +131,17 @@ def beside(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Pairs (p,) of a path and a road user that may be on it: row of the path, and row of the road user.
 
-    Positions (m,), in m, are those of road users; the first n are the owners of the paths, which are not paired with
-    their own. A road user is found if its lateral offset, as in `on_path`, is at most `room` (n,) plus `reach` (m,), if
-    it is at most `reach` beyond the ends of the path, and within WITHIN of its middle (at the usual spacing). `some`:
-    only these paths, with the pairs that they have among all.
+    `x`, `y` (m,): positions of the road users, in m. The first n road users own the paths and are not paired with their
+    own path. A road user is found if its lateral offset, as in `on_path`, is at most `room` (n,) plus `reach` (m,), if
+    it is at most `reach` beyond the ends of the path, and if it is within WITHIN of the middle (at the least spacing).
+    `some`: find the pairs of these paths only.
     """
     rows = np.flatnonzero(route.known[some]) + (some.start or 0)
-    # From west to east, so that road users near a path are neighbours in this order.
+    # Sort from west to east, so that road users near a path are neighbours in this order.
     order = np.argsort(x)
     begin = np.searchsorted(x[order], route.x[rows, POINTS // 2] - WITHIN * route.spacing[rows])
-    # The kernel makes no arrays: those that grow take numba long to compile. Crowds of 1,000 have 10 pairs each.
+    # The kernel makes no arrays, because numba takes long to compile growing arrays. In crowds of 1,000 road users,
+    # each has 10 pairs.
     pairs = np.empty((2, 16 * len(x)), np.intp)
     users = x[order], y[order], reach, order
     while (count := _beside(route.x, route.y, route.spacing, rows, room, *users, begin, pairs)) > pairs.shape[1]:
@@ -146,7 +150,7 @@ def beside(
 
 
 def spacing_at(speed: float) -> float:
-    """m between the points of the path of a vehicle at `speed` (m/s)."""
+    """Spacing (m) of the points of the path of a vehicle at `speed` (m/s)."""
     seen = min(SEEN_TIME * speed + speed * speed / (2.0 * SEEN_BRAKING), SEEN_MOST)
     return max(SPACING, SPACING / AHEAD * seen)
 
@@ -165,7 +169,7 @@ def _on_path(
         for j in range(m):
             px, py = x[i, j], y[i, j]
             nearest = _nearest(xs, ys, px, py, squares)
-            # Two pieces meet at the nearest point: take the one that the point lies beside.
+            # Two segments meet at the nearest point: take the segment beside which the projected point lies.
             x0, y0 = xs[nearest], ys[nearest]
             dx, dy = xs[nearest + 1] - x0, ys[nearest + 1] - y0
             begin = nearest
@@ -177,15 +181,15 @@ def _on_path(
             ahead = ((px - x0) * dx + (py - y0) * dy) / length
             left = (dx * (py - y0) - dy * (px - x0)) / length
             if begin < nearest and ahead > length:
-                # Outside of a corner, beside neither piece: straight on is away from the path. Otherwise persons that
-                # missed a turn seemed to be on it, and training paid them for going on.
+                # The point lies outside a corner, beside neither segment: the distance to the corner is the offset.
+                # Otherwise persons that missed a turn seemed to be on their path, and training rewarded them for it.
                 after_x, after_y = xs[nearest + 1] - xs[nearest], ys[nearest + 1] - ys[nearest]
                 corner = dy * after_x - dx * after_y
                 left = math.copysign(math.hypot(px - xs[nearest], py - ys[nearest]), left if corner == 0.0 else corner)
                 ahead = length
             along[i, j] = (begin - HERE) * spacing[rows[i]] + ahead
             aside[i, j] = left
-            # Directions change from piece to piece: they are interpolated, so that curves have no corners.
+            # Interpolate the directions of the segments, so that curves have no corners.
             for k in (begin, begin + 1):
                 if not known[k]:
                     before, after = max(k - 1, 0), min(k + 1, POINTS - 1)
@@ -198,14 +202,15 @@ def _on_path(
 
 @compiled
 def _nearest(path_x: Floats, path_y: Floats, x: float, y: float, squares: Floats) -> int:
-    """Index of the point of a path that is nearest to a point, except its ends, which have only one piece.
+    """Index of the point of a path that is nearest to a position, except its ends, which have only one segment.
 
     `squares` is a buffer of ROOM numbers.
     """
     for k in range(POINTS):
         dx, dy = x - path_x[k], y - path_y[k]
         squares[k] = dx * dx + dy * dy
-    # The nearest block of SEVEN, then the nearest of them, without branches: twice as fast as one by one.
+    # Find the nearest block of SEVEN points, then the nearest point in it, without branches: twice as fast as a simple
+    # loop.
     least, begin = math.inf, 0
     for k in range(0, POINTS, SEVEN):
         a, b = min(squares[k], squares[k + 1]), min(squares[k + 2], squares[k + 3])
@@ -233,8 +238,11 @@ def _beside(
     begin: NDArray[np.intp],
     pairs: NDArray[np.intp],
 ) -> int:
-    """Number of pairs; their rows go to `pairs` (2, k), as many as fit. x and y in `order`; `begin`: index in it of the
-    first road user that is not too far west of each of `rows`."""
+    """Count the pairs, and write their rows to `pairs` (2, k), as many as fit.
+
+    `x` and `y` are sorted by `order`; `begin`: for each of `rows`, the index of the first road user in this order that
+    is not too far west.
+    """
     squares, few_x, few_y, found = np.full(ROOM, np.inf), np.empty(FEW), np.empty(FEW), 0
     for i in range(len(rows)):
         row = rows[i]
@@ -254,17 +262,17 @@ def _beside(
                 continue
             most = room[row] + reach[one]
             if smooth:
-                # Largest distance from a point: outside a turn, beyond the end of the path, plus half the stride.
+                # Greatest distance from a point: outside a turn, or beyond the end of the path, plus half the stride.
                 gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * longest
                 if px < x0 - far or px > x1 + far or py < y0 - far or py > y1 + far:
-                    continue  # outside of the box around these points
+                    continue  # outside the box around these points
                 for k in range(FEW):
                     dx, dy = px - few_x[k], py - few_y[k]
                     gap = min(gap, dx * dx + dy * dy)
                 if gap > far * far:
                     continue
             nearest = _nearest(xs, ys, px, py, squares)
-            # The projection lies on one of these two pieces.
+            # The projection lies on one of these two segments.
             fits = False
             for k in range(nearest - 1, nearest + 1):
                 dx, dy = xs[k + 1] - xs[k], ys[k + 1] - ys[k]
@@ -279,7 +287,7 @@ def _beside(
 
 @compiled
 def _smooth(x: Floats, y: Floats, longest: float) -> bool:
-    """Whether a path turns by less than 30 degrees from piece to piece, none of which is longer than `longest` (m)."""
+    """Whether a path turns by less than 30 degrees between segments, and no segment is longer than `longest` (m)."""
     smooth = True
     for k in range(1, POINTS - 1):
         from_x, from_y, to_x, to_y = x[k] - x[k - 1], y[k] - y[k - 1], x[k + 1] - x[k], y[k + 1] - y[k]

@@ -1,9 +1,9 @@
-"""Machine code that comes with the package, so that a first run need not compile it.
+"""Machine code that is part of the package, so that a first run need not compile.
 
-`tools/make_machine_code.py` makes it, when the package is set up from its sources and when a wheel is built, for the
-processors CPU. Where the processor, the system, numba, Python or the sources are others, kernels are compiled on the
-first run, as without it. Results are the same bit by bit: LLVM neither reorders sums nor fuses products with them
-unless it is told to.
+`tools/make_machine_code.py` makes it for the processors CPU, when the package is set up from its sources and when a
+wheel is built. For another processor, system, version of numba or Python, or other sources, the first run compiles the
+kernels. Results are identical to the bit: by default, LLVM neither reorders sums nor fuses multiplications and
+additions.
 """
 
 from functools import cache
@@ -16,19 +16,21 @@ from numba.core.caching import IndexDataCacheFile
 
 FOLDER = Path(__file__).parents[1] / "machine_code"
 CPU = "x86-64-v3"
-"""Name of LLVM for what x86-64 processors from 2013 (Intel) and 2015 (AMD) on have."""
+"""LLVM's name of the features of x86-64 processors from 2013 (Intel) and 2015 (AMD) on."""
 FEATURES = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
-"""What CPU has and earlier processors of the architecture lack, https://gitlab.com/x86-psABIs/x86-64-ABI."""
+"""Features of CPU that earlier processors of the architecture lack, https://gitlab.com/x86-psABIs/x86-64-ABI."""
 
 
 def folder() -> Path:
-    """For the present system and numba."""
+    """Folder of the machine code for the present system and version of numba."""
     return FOLDER / f"{get_process_triple()}-numba-{numba.__version__}"
 
 
 def shipped(name: str, stamp: str, key: Any) -> Any:
-    """What numba's cache keeps in the files `name` for a function whose fingerprint is `stamp`, and for numba's `key`:
-    types of the arguments, target (system, processor, its features), and function. None where there is nothing."""
+    """The entry of numba's cache in the files `name` for a function with the fingerprint `stamp`; None without one.
+
+    `key`: numba's key of types of the arguments, target (system, processor, its features), and function.
+    """
     if not has_shipped(name):
         return None
     signature, (system, _, _), function = key
@@ -36,13 +38,13 @@ def shipped(name: str, stamp: str, key: Any) -> Any:
 
 
 def has_shipped(name: str) -> bool:
-    """Whether there are files of that name for this machine."""
+    """Whether files of this name exist for this machine."""
     return _suits() and (folder() / f"{name}.nbi").exists()
 
 
 @cache
 def _suits() -> bool:
-    """Whether this processor is one of CPU, and numba is not told to compile for another one."""
+    """Whether this processor has the features of CPU, and numba is not configured for another processor."""
     config: Any = numba.config
     if config.CPU_NAME is not None or config.CPU_FEATURES is not None:
         return False

@@ -1,4 +1,4 @@
-"""One moment of a traffic scene."""
+"""The state of a traffic scene at one time."""
 
 from dataclasses import dataclass, fields
 from operator import attrgetter
@@ -22,19 +22,19 @@ class WorldState:
     ids: tuple[str, ...]
     """SUMO's ids, (n,)."""
     type: NDArray[np.int8]
-    """RoadUserType of each, (n,): 0 car, 1 bicycle, 2 pedestrian."""
+    """RoadUserType of each road user, (n,): 0 car, 1 bicycle, 2 pedestrian."""
     x: Floats
-    """m, of the centre of the box; SUMO's own positions of vehicles are those of front bumpers."""
+    """x of the centre of the box, m; SUMO's positions of vehicles are those of front bumpers."""
     y: Floats
-    """m, of the centre of the box."""
+    """y of the centre of the box, m."""
     heading: Floats
-    """rad, counter-clockwise from +x, in (-pi, pi]."""
+    """Heading, rad counter-clockwise from +x, in (-pi, pi]."""
     speed: Floats
-    """m/s along the direction of motion, not negative: distance covered in the last interval over its length."""
+    """Speed in the direction of motion, m/s, not negative: distance covered in the last interval over its duration."""
     acceleration: Floats
-    """m/s²: change of `speed` over the last interval over its length; 0 where there was none."""
+    """Acceleration, m/s²: change of `speed` in the last interval over its duration; 0 without an earlier state."""
     yaw_rate: Floats
-    """rad/s: change of `heading` over the last interval over its length; 0 where there was none."""
+    """Yaw rate, rad/s: change of `heading` in the last interval over its duration; 0 without an earlier state."""
     length: Floats
     """Box length in m, along the heading."""
     width: Floats
@@ -46,12 +46,12 @@ class WorldState:
         return len(self.ids)
 
     def take(self, rows: NDArray[np.intp]) -> "WorldState":
-        """The road users `rows` (integer indices) as a world of their own."""
+        """The road users `rows` (integer indices) as a separate world."""
         ids = tuple(map(self.ids.__getitem__, rows.tolist()))
         return WorldState(self.time, ids, *[values[rows] for values in _arrays(self)])
 
     def join(self, other: "WorldState") -> "WorldState":
-        """The road users of both, self's first, at self's time."""
+        """The road users of both worlds, those of `self` first, at the time of `self`."""
         both = zip(_arrays(self), _arrays(other), strict=True)
         return WorldState(self.time, self.ids + other.ids, *[np.concatenate(pair) for pair in both])
 

@@ -5,14 +5,17 @@ from enum import IntEnum
 import numpy as np
 
 DECISION_INTERVAL = 0.4
-"""Seconds between two decisions of a learned road user (paper, section 3.2)."""
+"""Time (s) between two decisions of a learned road user (paper, section 3.2)."""
 STANDING_SPEED = 0.1
-"""m/s; slower counts as standing."""
+"""Speed (m/s) below which a road user stands."""
 
 
 class RoadUserType(IntEnum):
-    """The three types of the paper. All vehicles but bicycles are perceived as cars; the car's models move those alone
-    that are like cars (`sumo.vehicle_classes`)."""
+    """The three types of the paper.
+
+    All vehicles except bicycles are perceived as cars; the car's models move only vehicles that are similar to cars
+    (`sumo.vehicle_classes`).
+    """
 
     CAR = 0
     BICYCLE = 1
@@ -29,6 +32,6 @@ DEFAULT_LENGTH = np.array([5.0, 1.6, 0.215])
 DEFAULT_WIDTH = np.array([1.8, 0.65, 0.478])
 """Box width in m per type, from the same source."""
 MAX_POSITION = 1e8
-"""m from the origin beyond which a position is an error; those of map projections stay below 1e7."""
+"""Distance (m) from the origin beyond which a position is an error; positions of map projections stay below 1e7."""
 SPAWNED_PREFIX = "learned_"
-"""How ids, vTypes and routes of spawned road users begin in SUMO."""
+"""Prefix of ids, vTypes and routes of spawned road users in SUMO."""

@@ -1,1 +1,1 @@
-"""The baseline `lane`: road users that follow their lanes and routes roughly as SUMO's do, without models."""
+"""The baseline `lane`: road users follow their lanes and routes roughly as in SUMO, without models."""

@@ -1,6 +1,6 @@
 """The driver `lane`: each road user follows its lane and route, roughly as in SUMO. A baseline without models.
 
-Speeds are Krauss' safe speeds with regard to SUMO's leader, signals, priority, lane limits, and all boxes on the path,
+Speeds are safe speeds of Krauss' model for SUMO's leader, signals, priority, lane limits, and all boxes on the path,
 within the acceleration and deceleration of the vehicle's type. Persons walk along the edges of their walk.
 """
 
@@ -31,35 +31,35 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
 
 SIDEWAYS = 1.5
-"""m/s at most across the lane, and at most `SLANT` of the speed."""
+"""Greatest lateral speed (m/s) in the lane; also at most `SLANT` of the speed."""
 SLANT = 0.3
 SIDEWAYS_ACCELERATION = 1.0
-"""m/s² with which a move across the lane ends."""
+"""Lateral deceleration (m/s²) at the end of a lateral movement."""
 OFF_END = 12.0
-"""m beyond the end of its path that a road user without destination continues."""
+"""Distance (m) past the end of its path that a road user without destination continues."""
 STANDSTILL_TIME = 6.0
-"""s after which a vehicle goes on that stands because of another standing vehicle that is not ahead in its lane."""
+"""Standing time (s) after which a vehicle ignores standing vehicles that are not ahead in its lane."""
 
 
 @dataclass(slots=True)
 class _Motion:
-    """What the driver keeps of a vehicle between decisions."""
+    """State of a vehicle between decisions."""
 
     lateral_speed: float = 0.0
-    """m/s at which its offset to the left of the path grows."""
+    """Lateral speed (m/s) to the left of the path."""
     standing_time: float = 0.0
-    """s."""
+    """Standing time, s."""
     obstructed: bool = False
-    """A road user on its path slows it down."""
+    """Whether a road user on its path slows the vehicle down."""
     ignores_standing_until: float = -math.inf
-    """Time (s) until which standing vehicles beside its lane do not stop it."""
+    """Time (s) until which standing vehicles beside its lane do not stop the vehicle."""
 
 
 class LaneDriver:
     """Drives taken-over and spawned road users, see Driver.
 
-    Spawned road users (ids `learned_…`) have no route: at junctions they continue at random, equally in every run.
-    `refusals`: road users for which SUMO has refused a call; they stay where they are.
+    Spawned road users (ids `learned_…`) have no route: at junctions they continue at random, in every run in the same
+    way. `refusals`: road users for which SUMO has refused a call; they stay at their position.
     """
 
     has_models = False
@@ -80,8 +80,7 @@ class LaneDriver:
         return Moved(self.moved(world, n, DECISION_INTERVAL), None, {})
 
     def moved(self, world: WorldState, n: int, dt: float) -> WorldState:
-        """The state of the first `n` road users of `world` `dt` s later. Speeds are the distances between centres over
-        time."""
+        """The state of the first `n` road users of `world` `dt` s later; speed is the distance of centres over time."""
         self._graph.renew()
         self._speeds.renew()
         self._pedestrians.renew()
@@ -116,18 +115,18 @@ class LaneDriver:
         )
 
     def near_end(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """See Driver: SUMO finishes trips, because only SUMO can take a road user off the network as arrived."""
+        """See Driver: SUMO finishes trips, because only SUMO can remove a road user from the network as arrived."""
         return np.array([self._is_near_end(road_user) for road_user in ids], np.bool_)
 
     def _is_near_end(self, road_user: str) -> bool:
         motion, track = self._motions.get(road_user), self._vehicles.get(road_user)
-        # SUMO would brake harder for an obstacle, or not at all.
+        # An obstructed vehicle stays with this driver: SUMO would brake harder for the obstacle, or not at all.
         if track is not None and motion is not None and not motion.obstructed:
             return is_near_end(self._vehicles.remaining_distance(road_user), track.speed)
         return is_near_end(self._pedestrians.remaining_distance(road_user), 0.0)
 
     def off_route(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
-        """See Driver: it keeps to its lanes."""
+        """See Driver: vehicles never leave their lanes."""
         return np.zeros(len(ids), np.bool_)
 
     def cannot_follow(self, ids: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -142,8 +141,10 @@ class LaneDriver:
             self._motions.pop(road_user, None)
 
     def _obstacles(self, world: WorldState, tracks: dict[int, VehicleTrack], dt: float) -> list[tuple[float, bool]]:
-        """For each track, by row of the world, the speed (m/s) that road users on its path allow, and whether the
-        decisive one stands."""
+        """For each track, the speed (m/s) that road users on its path allow, and whether the decisive one stands.
+
+        `tracks`: by row of the world.
+        """
         if not tracks:
             return []
         every = list(tracks.values())
@@ -179,7 +180,7 @@ class LaneDriver:
         patience = STANDSTILL_TIME + 4.0 * random.Random(road_user).random()
         if standing and safe < 0.5 and motion.standing_time > patience:
             motion.ignores_standing_until, motion.standing_time = state.time + 5.0, 0.0
-        # Spawned vehicles have no destination: they leave the network at its end, and are reinserted.
+        # Spawned vehicles have no destination: they leave the network at the end of their path, and are reinserted.
         beyond = OFF_END if road_user.startswith(SPAWNED_PREFIX) else 0.0
         track.speed = speed = min(speed, max(track.path.end + beyond - track.s, 0.0) / dt)
         track.s += speed * dt
@@ -198,7 +199,7 @@ class LaneDriver:
 
 
 def _centre(track: VehicleTrack, motion: _Motion, dt: float) -> None:
-    """Move towards the middle of the lane, slowly enough not to move sideways visibly."""
+    """Move the vehicle towards the centre line of its lane, slowly enough that the lateral movement is not visible."""
     most = min(SIDEWAYS, SLANT * track.speed, math.sqrt(2.0 * SIDEWAYS_ACCELERATION * abs(track.lateral_offset)))
     most = min(most, abs(track.lateral_offset) / dt, abs(motion.lateral_speed) + 2.0 * SIDEWAYS_ACCELERATION * dt)
     motion.lateral_speed = -math.copysign(most, track.lateral_offset)

@@ -1,4 +1,4 @@
-"""Rules at junctions of the baseline `lane`, which believes SUMO where that sees a vehicle with priority."""
+"""Rules at junctions for the baseline `lane`, from SUMO's judgement whether a vehicle with priority comes."""
 
 from slrl_sumo.routing.junctions.right_of_way import (
     ALWAYS_OPEN,
@@ -15,11 +15,12 @@ from slrl_sumo.sumo.network.links import Link, internal_foe_lanes, read_links
 from slrl_sumo.sumo.road_users import lane_position, vehicle_speed, vehicles_on_lane
 
 TRUST_TIME = 10.0
-"""s of standing after which a vehicle no longer trusts SUMO's judgement of a link; after twice that it goes first."""
+"""Standing time (s) after which a vehicle no longer uses SUMO's judgement of a link; after twice this time it goes
+first."""
 
 
 class LinkRules:
-    """The rules at entries from SUMO's links and the vehicles on their lanes. Call `renew` after each SUMO step."""
+    """Rules at entries, from SUMO's links and the vehicles on their lanes. Call `renew` after each SUMO step."""
 
     def __init__(self, api: SumoApi, graph: LaneGraph) -> None:
         self._api, self._graph = api, graph
@@ -28,14 +29,16 @@ class LinkRules:
         self._internal_foes: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
-        """Forget what was read of SUMO's last step."""
+        """Drop the data of SUMO's last step."""
         self._links.clear()
 
     def rule(
         self, entry: JunctionEntry, distance: float, speed: float, limits: tuple[float, float], standing_time: float
     ) -> Rule:
-        """The rule at an entry `distance` m before its line; `speed`: of the vehicle, m/s; `limits`: its acceleration
-        and deceleration, m/s²; `standing_time`: s that it has stood."""
+        """The rule at an entry for a vehicle `distance` m before the line, at `speed` (m/s).
+
+        `limits`: its acceleration and deceleration, m/s². `standing_time`: its standing time, s.
+        """
         acceleration, deceleration = limits
         link = self._links_from(entry.lane).get((entry.target, entry.via), ALWAYS_OPEN)
         rule = link_rule(link, distance, speed, deceleration)
@@ -44,8 +47,8 @@ class LinkRules:
         clear = time_to_cover(distance + entry.exit - entry.stop_line + 5.0, speed, acceleration)
         if standing_time < TRUST_TIME:
             return "stop" if not link.is_open or self._foe_arrives(entry, clear) else "look"
-        # SUMO counts a vehicle with speed mode 0, as all taken-over ones have, as a foe even where it waits at red: a
-        # link may never be open. Then moving vehicles decide, and at last only those that move inside the junction.
+        # SUMO counts a vehicle with speed mode 0, such as each taken-over vehicle, as a foe even if it waits at a red
+        # signal: a link may never be open. Then moving foes decide, and finally only foes moving inside the junction.
         arrives = standing_time < 2.0 * TRUST_TIME and self._foe_arrives(entry, clear)
         return "stop" if arrives or self._foe_inside(entry) else "look"
 
@@ -74,7 +77,7 @@ class LinkRules:
         return bool(links) and all(link.state in "ru" for link in links)
 
     def _foe_inside(self, entry: JunctionEntry) -> bool:
-        """Whether a vehicle from another lane moves on an internal lane that crosses this one."""
+        """Whether a vehicle from another lane moves on an internal lane that crosses the lane of this entry."""
         lanes = self._internal_foes.get(entry.via)
         if lanes is None:
             origin = self._graph.origin(entry.lane)

@@ -1,4 +1,4 @@
-"""Road users on the paths of driven vehicles, also those that SUMO has on other lanes or on none."""
+"""Road users on the paths of driven vehicles, including road users that SUMO has on other lanes or on none."""
 
 from dataclasses import dataclass
 
@@ -16,35 +16,35 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 STANDING = 0.3
-"""m/s."""
+"""Speed (m/s) below which a road user stands."""
 MARGIN = 0.3
-"""m kept free on either side of a vehicle, of persons that stand."""
+"""Lateral clearance (m) to standing persons."""
 GRAZE = 0.4
-"""m by which boxes of vehicles may overlap."""
+"""Distance (m) by which boxes of vehicles may overlap."""
 
 
 @dataclass(frozen=True)
 class Approach:
-    """The paths of n driven vehicles, as `swept_boxes.sweep` takes them."""
+    """The paths and limits of n driven vehicles, as arguments of `swept_boxes.sweep`."""
 
     rows: NDArray[np.intp]
-    """Their rows in the world, (n,)."""
+    """Rows of the vehicles in the world, (n,)."""
     path_x: Floats
     """Points ahead every `SPACING` m, (n, k), the first beside the front."""
     path_y: Floats
     room: Floats
-    """m to the end of the path, (n,)."""
+    """Distance (m) to the end of the path, (n,)."""
     speed: Floats
     limits: Floats
     """Acceleration, deceleration, emergency deceleration, (n, 3), m/s²."""
     ignores_standing: NDArray[np.bool_]
-    """Vehicles that standing vehicles do not stop, (n,)."""
+    """Whether the vehicle ignores standing vehicles, (n,)."""
 
 
 def slowed(approach: Approach, world: WorldState, dt: float, levels: Levels = FLAT) -> tuple[Floats, NDArray[np.bool_]]:
-    """Speeds that road users on the paths allow, m/s (inf on free paths), and where the decisive one stands, (n,) each.
+    """Speeds (m/s) that road users on the paths allow, and whether the decisive road user stands, (n,) each.
 
-    Persons are predicted as in `yielding`; vehicles count where they are now.
+    The speed is inf on free paths. Persons are predicted as in `yielding`; vehicles count at their present positions.
     """
     rows, n = approach.rows, len(approach.rows)
     length, heading = world.length[rows], world.heading[rows]
@@ -65,7 +65,7 @@ def slowed(approach: Approach, world: WorldState, dt: float, levels: Levels = FL
     safe, standing = np.full(n, np.inf), np.zeros(n, np.bool_)
     boxes, moments, _ = forecast(world)
     moments = np.where(walks, moments, 1)
-    # In SUMO's networks, vehicles that go straight on graze those that wait to turn.
+    # In SUMO's networks, boxes of vehicles that drive straight on overlap boxes of vehicles that wait to turn.
     boxes[~walks, :, 3:] -= GRAZE
     narrow = ahead._replace(width=np.maximum(ahead.width - GRAZE, 0.3))
     for others, mine in ((walks, ahead), (~walks, narrow)):

@@ -14,7 +14,7 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import leader_of, vehicle_speed
 
 LEADER_WITHIN = 50.0
-"""m ahead within which SUMO is asked for a leader."""
+"""Distance (m) ahead within which SUMO searches a leader."""
 
 
 class LaneSpeeds:
@@ -25,12 +25,14 @@ class LaneSpeeds:
         self._limits, self._rules = SpeedLimits(graph, RightOfWay(api, graph)), LinkRules(api, graph)
 
     def renew(self) -> None:
-        """Forget what was read of SUMO's last step."""
+        """Drop the data of SUMO's last step."""
         self._rules.renew()
 
     def allowed(self, track: VehicleTrack, standing_time: float, dt: float) -> float:
-        """The speed that limits, signals, priority and the end of the lane allow a vehicle that has stood for
-        `standing_time` (s) and holds it for `dt` (s)."""
+        """The speed (m/s) that limits, signals, priority and the end of the lane allow for the next `dt` s.
+
+        `standing_time`: standing time of the vehicle, s.
+        """
         speed, own = self._limits.lane_limit(track, dt), track.parameters
         for entry, distance in entries_near(track, dt):
             rule = self._rules.rule(entry, distance, track.speed, (own.accel, own.decel), standing_time)
@@ -38,7 +40,7 @@ class LaneSpeeds:
                 continue
             to_stop = max(distance - STOP_LINE, 0.0) if rule == "stop" else max(distance, LINE_OF_SIGHT)
             speed = min(speed, _discrete(math.sqrt(2.0 * own.decel * to_stop), own.decel, dt))
-        # At the end of the lane it waits for a gap in the next one.
+        # At the end of its lane, the vehicle waits for a gap in the next lane.
         return min(speed, braking_speed(0.0, self._limits.stop_at_lane_end(track), own.decel, dt))
 
     def following(self, road_user: str, track: VehicleTrack, dt: float) -> float:
@@ -57,7 +59,7 @@ class LaneSpeeds:
 
 
 def _keep_clear_speed(track: VehicleTrack, gap: float, leader_speed: float, dt: float) -> float:
-    """Wait before a junction while its exit is occupied, instead of stopping inside of it."""
+    """The speed (m/s) with which a vehicle waits before a junction whose exit is occupied; inf otherwise."""
     for entry in track.path.entries[:1]:
         distance = entry.stop_line - track.s
         if distance > 0.0 and leader_speed < 1.0 and -2.0 < gap - (entry.exit - track.s) < 5.0:
@@ -66,5 +68,5 @@ def _keep_clear_speed(track: VehicleTrack, gap: float, leader_speed: float, dt: 
 
 
 def _discrete(speed: float, decel: float, dt: float) -> float:
-    """For a speed that is allowed in continuous time, the one that may be held over the next interval."""
+    """The speed (m/s) that a vehicle may hold over the next interval, from the allowed speed in continuous time."""
     return math.sqrt(decel * decel * dt * dt + speed * speed) - decel * dt
