@@ -24,18 +24,18 @@ class Constraints:
 
     path_smoothing: bool = True
     """Smooth paths, and lower speeds before curves, so that the models can follow (agent.path_smoothing)."""
-    steering_residual: bool = True
-    """Correct the yaw rate within a mode towards the path, within bounds (lookahead.steering)."""
     braking_residual: bool = True
-    """Brake as hard as recorded road users in the mode that brakes hardest (lookahead.braking)."""
+    """Brake as hard as recorded road users in the mode that brakes hardest (agent.braking)."""
+    steering_residual: bool = True
+    """Correct the yaw rate within a mode towards the path, within bounds (agent.steering)."""
     guard: bool = False
     """Exclude modes that lead into a conflict (agent.guard)."""
     deadlock_release: bool = True
     """Force road users to move that stand without a reason, or block each other (agent.deadlock)."""
-    standing_still: bool = True
-    """Stop road users that crawl and do not accelerate: models of mean motion approach a standstill for ever."""
     speed_cap: bool = True
     """Limit acceleration to the top speed of the models; faster road users decelerate to it at EASING."""
+    standing_still: bool = True
+    """Stop road users that crawl and do not accelerate: models of mean motion approach a standstill for ever."""
 
 
 def constraints_of(guard: bool, without: Sequence[str]) -> Constraints:

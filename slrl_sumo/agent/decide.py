@@ -13,16 +13,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.agent.braking import with_braking
 from slrl_sumo.agent.constraints import Constraints, cap_speed, stand_still
 from slrl_sumo.agent.deadlock import DeadlockTimer, force_progress
 from slrl_sumo.agent.guard import guard
+from slrl_sumo.agent.mode_motions import ModeMotions, mode_motions
 from slrl_sumo.agent.path_smoothing import smooth_paths
 from slrl_sumo.agent.selection import Mask, Modes, Selector
+from slrl_sumo.agent.steering import with_steering
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
-from slrl_sumo.lookahead.braking import with_braking
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
-from slrl_sumo.lookahead.steering import with_steering
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import Capability, capability_of
 from slrl_sumo.perception.observation import Observation, observe
@@ -75,6 +76,8 @@ class Situation:
     """Allowed modes, (n, modes), after each constraint that excludes modes, by the name of the constraint."""
     changed: Changed
     """Decisions that constraints have changed so far."""
+    motions: ModeMotions | None = None
+    """Motions of the modes with what constraints added to them; None where they add nothing."""
 
     @property
     def mask(self) -> Mask | None:
@@ -112,24 +115,24 @@ def consider(scene: Scene, agent: Agent, *, last_look: bool = False) -> Situatio
         rollouts = mode_rollouts(bundle, observation, scene, threads=agent.threads) if selector.needs_rollouts else None
         return Situation(scene, observation, None, rollouts, {}, changed)
     # Constraints use rollouts along the routes, even if the selector does not.
-    guarded = agent.constraints.guard
-    steers = agent.constraints.steering_residual and seen is not None
+    rules, motions = agent.constraints, None
+    if seen is not None:
+        motions = mode_motions(bundle, observation, scene, context, rules, agent.threads)
     judged = mode_rollouts(
         bundle,
         observation,
         scene,
         context,
         agent.capability,
-        off_route=guarded,
-        steering=steers,
-        braking=agent.constraints.braking_residual and seen is not None,
+        motions=None if motions is None else motions[:2],
+        off_route=rules.guard,
         threads=agent.threads,
     )
     masks = {} if last_look else _masks(scene, agent, context, judged)
     rollouts = judged
     if selector.needs_rollouts and seen is None:
         rollouts = mode_rollouts(bundle, observation, scene, threads=agent.threads)
-    return Situation(scene, observation, context, rollouts, masks, changed)
+    return Situation(scene, observation, context, rollouts, masks, changed, motions)
 
 
 def _context(scene: Scene, agent: Agent) -> tuple[RouteContext | None, Changed]:
@@ -176,10 +179,12 @@ def decide(situation: Situation, agent: Agent, ids: Sequence[Hashable] | None = 
     else:
         each = np.arange(len(modes))
         acceleration, yaw_rate = situation.rollouts.acceleration[each, modes], situation.rollouts.yaw_rate[each, modes]
-        if situation.rollouts.steering_residual is not None:
-            changed["steering_residual"] = np.abs(situation.rollouts.steering_residual[each, modes]) > STEERED
-        if situation.rollouts.braking_residual is not None:
-            changed["braking_residual"] = situation.rollouts.braking_residual[each, modes] < -BRAKED
+    if situation.motions is not None:
+        each = np.arange(len(modes))
+        if rules.steering_residual:
+            changed["steering_residual"] = np.abs(situation.motions.steering_residual[each, modes]) > STEERED
+        if rules.braking_residual:
+            changed["braking_residual"] = situation.motions.braking_residual[each, modes] < -BRAKED
     speed, kind = scene.world.speed[scene.rows], scene.world.type[scene.rows]
     max_speed = np.full(len(modes), np.inf)
     if rules.speed_cap:

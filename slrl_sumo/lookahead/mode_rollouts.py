@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slrl_sumo.jobs.row_threads import ONE, RowThreads
-from slrl_sumo.lookahead.braking import braking_residual
 from slrl_sumo.lookahead.collision import MARGIN, Others, blame_of, collision_scores
 from slrl_sumo.lookahead.first_contact import STANDING, START, Blame
 from slrl_sumo.lookahead.forecast import PathFollowing, bring_to_paths, forecast_boxes, path_following
@@ -16,7 +15,6 @@ from slrl_sumo.lookahead.mode_paths import HELD, ModePaths, mode_paths
 from slrl_sumo.lookahead.off_surface import off_surface
 from slrl_sumo.lookahead.precedence import precedence
 from slrl_sumo.lookahead.route_fit import RouteFit, route_fit
-from slrl_sumo.lookahead.steering import steering_residual
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import Capability
 from slrl_sumo.perception.observation import Observation
@@ -32,9 +30,9 @@ class ModeRollouts:
     """Consequences of each mode of n road users, (n, modes) each."""
 
     acceleration: Floats
-    """Present acceleration (m/s²) of the mode's displacement model, with `braking_residual`."""
+    """Present acceleration (m/s²) of the mode."""
     yaw_rate: Floats
-    """Present yaw rate (rad/s) of the mode's displacement model, with `steering_residual`."""
+    """Present yaw rate (rad/s) of the mode."""
     collision: Floats
     """Collision score: 0 without a collision within STEPS, 1 for an immediate collision. Vehicles that follow a route
     are rated along their route."""
@@ -49,11 +47,6 @@ class ModeRollouts:
     """Fit of the mode to the route; None without routes."""
     collision_off_route: Floats | None = None
     """Collision score on the path of the mode itself, also for vehicles that follow a route; None unless requested."""
-
-    steering_residual: Floats | None = None
-    """Difference (rad/s) of `yaw_rate` to the yaw rate of the mode; None without the constraint."""
-    braking_residual: Floats | None = None
-    """Difference (m/s²) of `acceleration` to the acceleration of the mode; None without the constraint."""
 
     def columns(self, names: Sequence[str]) -> NDArray[np.float32]:
         """Fields of this class and of RouteFit by name, as input of a network, (n, modes, len(names)).
@@ -76,18 +69,17 @@ def mode_rollouts(
     context: RouteContext | None = None,
     capability: Capability | None = None,
     *,
+    motions: tuple[Floats, Floats] | None = None,
     off_route: bool = False,
-    steering: bool = False,
-    braking: bool = False,
     threads: RowThreads = ONE,
 ) -> ModeRollouts:
     """Roll out all modes of the deciding road users of `scene`, which have the `observation`.
 
     In each rollout, one road user follows a mode as `advance` would move it; all others keep speed and yaw rate. With
     `context` and `capability` (of the models), vehicles with a route follow the route at the speeds of the mode, so
-    that a collision does not depend on their present yaw rate. `off_route` also computes `collision_off_route`. With
-    `steering` and `braking`, the modules of these names correct the modes. The road users are distributed over
-    `threads`.
+    that a collision does not depend on their present yaw rate. `motions`: accelerations (m/s²) and yaw rates (rad/s) of
+    the modes, (n, modes) each; without them, the displacement models give these. `off_route` also computes
+    `collision_off_route`. The road users are distributed over `threads`.
     """
     if scene.group is not None:
         acceleration, yaw_rate = bundle.motions(observation.vector, observation.type)
@@ -103,9 +95,12 @@ def mode_rollouts(
         expected = expected._replace(on_foot=_expected(replace(scene.world, x=x, y=y), context))
 
     def judged(some: slice) -> ModeRollouts:
-        motions = bundle.motions(observation.vector[some], observation.type[some])
+        if motions is None:
+            acceleration, yaw_rate = bundle.motions(observation.vector[some], observation.type[some])
+        else:
+            acceleration, yaw_rate = motions[0][some], motions[1][some]
         part = replace(scene, rows=scene.rows[some])
-        return _judged(bundle, part, expected, *motions, context, capability, off_route, steering, braking)
+        return _judged(bundle, part, expected, acceleration, yaw_rate, context, capability, off_route)
 
     return joined(threads.each(judged, len(scene)))
 
@@ -191,20 +186,10 @@ def _judged(
     context: RouteContext | None = None,
     capability: Capability | None = None,
     off_route: bool = False,
-    steering: bool = False,
-    braking: bool = False,
 ) -> ModeRollouts:
     world, rows = scene.world, scene.rows
     users = world.take(rows)
-    top, residual, harder = bundle.max_speed[users.type], None, None
-    if context is not None and braking:
-        harder = braking_residual(acceleration, bundle.hardest_braking[users.type])
-        acceleration = acceleration + harder
-    paths = mode_paths(users, acceleration, yaw_rate, top, on_route=context is not None)
-    if context is not None and steering:
-        residual = steering_residual(context, users, rows, paths, yaw_rate, bundle.max_curvature)
-        yaw_rate = yaw_rate + residual
-        paths = mode_paths(users, acceleration, yaw_rate, top, on_route=True)
+    paths = mode_paths(users, acceleration, yaw_rate, bundle.max_speed[users.type], on_route=context is not None)
     route = None if context is None else context.route
     outside = off_surface(paths, users.type, scene.road_map, rows, route)
     fit, follows, routed = None, np.zeros(len(users), np.bool_), np.zeros(len(users), np.bool_)
@@ -226,6 +211,4 @@ def _judged(
         turn=HELD * DECISION_INTERVAL * yaw_rate,
         route=fit,
         collision_off_route=direct,
-        steering_residual=residual,
-        braking_residual=harder,
     )

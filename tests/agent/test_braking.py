@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slrl_sumo.lookahead.braking import braking_residual, with_braking
+from slrl_sumo.agent.braking import braking_residual, with_braking
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.capability import STOPPING, capability_of
 from slrl_sumo.scene.types import RoadUserType

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from builders import make_world, straight_routes
 
-from slrl_sumo.lookahead.mode_paths import mode_paths
-from slrl_sumo.lookahead.steering import (
+from slrl_sumo.agent.steering import (
     LATERAL,
     MOST,
     SHARE,
@@ -18,6 +17,7 @@ from slrl_sumo.lookahead.steering import (
     steering_residual,
     with_steering,
 )
+from slrl_sumo.lookahead.mode_paths import mode_paths
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
 from slrl_sumo.perception.route_context import route_context
