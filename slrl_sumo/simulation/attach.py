@@ -24,10 +24,10 @@ from slrl_sumo.sumo.session import AttachedSession
 class Attached:
     """Learned road users in a running simulation; a context manager. Made by `attach`.
 
-    Call `step` instead of `simulationStep`. Leaving the context, also by an exception, hands every road user that was
-    taken over and every vehicle that was held back to SUMO, removes the added ones, cancels the subscriptions, and
-    leaves the simulation running. Road users that are off every lane are put on the nearest place of their route.
-    Where the script has closed the simulation or loaded another one, leaving does nothing.
+    Call `step` instead of `simulationStep`. Leaving the context, also by an exception, hands all taken-over road users
+    and all held vehicles back to SUMO, removes the added road users, cancels the subscriptions, and leaves the
+    simulation running. Road users that are off every lane are put on the nearest place of their route. If the script
+    has closed the simulation or loaded another one, leaving has no effect.
     """
 
     def __init__(self, session: AttachedSession, cosimulation: CoSimulation) -> None:
@@ -38,27 +38,29 @@ class Attached:
 
     @property
     def world(self) -> WorldState:
-        """All road users as they were at the last decision, the learned ones first."""
+        """All road users at the last decision, the learned road users first."""
         return self._cosimulation.world
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Road users that are learned now."""
+        """Ids of the road users that are presently learned."""
         return self._cosimulation.population.world.ids
 
     @property
     def refused(self) -> dict[str, str]:
-        """Road users that could not be moved and went back to SUMO, because the script has removed them or SUMO has
-        refused a call, with the reason."""
+        """Road users that could not be moved and went back to SUMO, by id, with the reason.
+
+        The script has removed them, or SUMO has refused a call.
+        """
         return dict(self._refused)
 
     def step(self) -> WorldState:
-        """One SUMO step, in which the learned road users move. Returns all road users after it, learned ones first.
+        """Run a SUMO step, in which the learned road users move; return all road users after it, learned ones first.
 
-        Road users that the script has removed or stopped are no longer learned. After calls of `simulationStep` in
-        between, the others continue from where SUMO has them. Several threads may call this, one waits for the other.
-        Raises InputError where the context has been left, or another simulation or state was loaded; SumoError where
-        the simulation was closed or SUMO fails.
+        Road users that the script has removed or stopped are no longer learned. After calls of `simulationStep` between
+        two steps, the learned road users continue from their positions in SUMO. Several threads may call this method;
+        the calls wait for each other. Raises InputError if the context has been left, or another simulation or state
+        was loaded; SumoError if the simulation was closed or SUMO fails.
         """
         with self._one_at_a_time, self._session.errors(), one_thread():
             if self._left:
@@ -83,7 +85,7 @@ class Attached:
             if error is None:
                 self._leave()
                 return
-            # The error of the script says more than one that follows from it.
+            # The error of the script tells more than a subsequent error.
             with suppress(Exception):
                 self._leave()
 
@@ -120,17 +122,17 @@ def attach(
             while libsumo.simulation.getMinExpectedNumber() > 0:
                 learned.step()  # in place of libsumo.simulationStep()
 
-    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. `agents` road users are added,
-    shared out by `mix`; the shares `takeover` of the scenario's own are taken over inside `region`. Those in `exclude`
-    are left alone, as an ego vehicle that the script drives. The other arguments are those of `slrl_sumo.run`. `step`
-    returns all road users; everything else in the script works as before, its subscriptions and PyTorch's thread count
-    included. Three vTypes (learned_car, learned_bicycle, learned_pedestrian) and the routes of added vehicles stay in
-    SUMO afterwards.
+    `api`: libsumo, traci, or a connection made by traci.connect or traci.getConnection. `agents`: number of road users
+    to add, with the types in the shares `mix`. `takeover`: shares of the scenario's road users that are taken over
+    inside `region`. `exclude`: road users that stay unchanged, such as an ego vehicle that the script drives. The other
+    arguments are those of `slrl_sumo.run`. `step` returns all road users; everything else in the script works as
+    before, including its subscriptions and PyTorch's thread count. Three vTypes (learned_car, learned_bicycle,
+    learned_pedestrian) and the routes of added vehicles stay in SUMO afterwards.
 
     Start SUMO with --time-to-teleport -1 and --collision.action warn: its defaults remove road users that stand or
-    touch. Raises InputError, before a road user is added or taken over, where an argument is wrong, where SUMO's step
-    does not divide 0.4 s, and for a second attachment to the same simulation. What a script may do meanwhile:
-    docs/how-to/attach-to-a-script.md.
+    touch. Raises InputError, before a road user is added or taken over, if an argument is wrong, if SUMO's step does
+    not divide 0.4 s, and for a second attachment to the same simulation. docs/how-to/attach-to-a-script.md lists what a
+    script may do meanwhile.
     """
     settings = LearnedSettings(
         agents=agents,

@@ -1,4 +1,4 @@
-"""SUMO's own road users in the world state, and the rows of the trace."""
+"""Background road users in the world state, and the rows of the trace."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ class Differences:
         self._time = 0.0
 
     def complete(self, world: WorldState) -> WorldState:
-        """`world` with m/s² and rad/s since the world given before; 0 for road users that were not in that one."""
+        """`world` with accelerations (m/s²) and yaw rates (rad/s) since the last call; 0 for new road users."""
         now = dict(zip(world.ids, zip(world.speed.tolist(), world.heading.tolist(), strict=True), strict=True))
         before = np.array([self._last.get(i, now[i]) for i in world.ids], np.float64).reshape(-1, 2)
         dt = max(world.time - self._time, 1e-3)
@@ -52,10 +52,10 @@ class Differences:
 
 
 def places_of(learned: WorldState, sumo_types: tuple[str, ...], background: WorldState, snapshot: Snapshot) -> Places:
-    """Lane, position and vType in the trace of each road user of `learned` and `background`, in that order."""
+    """Lane, position and vType in the trace of each road user of `learned` and `background`, in this order."""
     where = {road_user: i for i, road_user in enumerate(snapshot.ids)}
     own = [where.get(road_user) for road_user in learned.ids]
-    # SUMO's lane is true only where SUMO has the road user at our place (not while it is staged on another lane).
+    # SUMO's lane is valid only if SUMO has the road user at its learned position, not while SUMO holds it elsewhere.
     here = [
         row if row is not None and abs(snapshot.x[row] - x) + abs(snapshot.y[row] - y) < 0.1 else None
         for row, x, y in zip(own, learned.x.tolist(), learned.y.tolist(), strict=True)

@@ -31,7 +31,7 @@ from slrl_sumo.sumo.taken_over import TakenOverControl
 
 
 class Session(Protocol):
-    """What a CoSimulation needs of a running SUMO: a SumoSession, or the AttachedSession of a user's script."""
+    """The interface of a running SUMO to CoSimulation: a SumoSession, or the AttachedSession of a user's script."""
 
     api: SumoApi
     network: Network
@@ -45,16 +45,16 @@ class Session(Protocol):
         ...
 
     def step(self) -> None:
-        """One SUMO step."""
+        """Run a SUMO step."""
         ...
 
 
 @dataclass
 class _Interval:
-    """A decision interval that is under way."""
+    """The present decision interval."""
 
     states: list[WorldState]
-    """Where the learned road users are after each of its SUMO steps."""
+    """States of the learned road users after each SUMO step of the interval."""
     moved: Moved
     wrapped_around: NDArray[np.bool_]
     steps: list[Step]
@@ -65,11 +65,11 @@ class _Interval:
 class CoSimulation:
     """Learned road users in a running simulation.
 
-    Call `spawn` (or not), then `start` once, then `step` for every SUMO step or `decide` for every 0.4 s, and `release`
-    at the end. `population`: the learned road users; `world`: all road users as they are now; `surfaces` and
-    `road_map`: the ground; `points`: the places per type where road users may start; `driver`: moves the
-    learned ones. Ids in `exclude` are neither taken over nor held. `traced`: whether the places in its steps go into a
-    trace; else those of learned persons are what SUMO takes them for, which costs nothing.
+    Call `spawn` (optional), then `start` once, then `step` for each SUMO step or `decide` for each 0.4 s, and `release`
+    at the end. `population`: the learned road users. `world`: all road users now. `surfaces` and `road_map`: the
+    ground. `points`: the starting points of each type. `driver`: moves the learned road users. Ids in `exclude` are
+    neither taken over nor held. `traced`: whether the places in the steps go into a trace; if not, the places of
+    learned persons are SUMO's, without further computation.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class CoSimulation:
 
     @property
     def held(self) -> frozenset[str]:
-        """Ids of the background vehicles that are held for learned road users now."""
+        """Ids of the background road users that are presently held for learned road users."""
         return frozenset() if self._yielding is None else self._yielding.held
 
     def spawn(self, counts: NDArray[np.int64], max_speed: Floats, seed: int) -> None:
@@ -125,27 +125,27 @@ class CoSimulation:
         self._drop_refused()
 
     def start(self) -> Step:
-        """One SUMO step, after which spawned road users stand at their places and the first ones are taken over."""
+        """Run a SUMO step: spawned road users are at their starting places, and the first ones are taken over."""
         users = self.population.world
         step = self._step_sumo(users)
         no_rows = np.zeros(len(users), np.bool_)
         self._taken_at_start = self._close(
             _Interval([users], Moved(users, None, {}), no_rows, [step], set(), 0)
         ).taken_over
-        self._handover.left = {}  # so that the first decision names them
+        self._handover.left = {}  # so that the first decision reports them
         return step
 
     def decide(self) -> Decision:
-        """One decision of every learned road user and all SUMO steps of its interval."""
+        """Run one decision of all learned road users, and all SUMO steps of the interval."""
         while True:
             _, decision = self.step()
             if decision is not None:
                 return decision
 
     def step(self) -> tuple[Step, Decision | None]:
-        """One SUMO step; with the last one of an interval comes the whole Decision.
+        """Run a SUMO step; the last step of an interval also returns the Decision.
 
-        Where SUMO was stepped by others since the last call, a new interval begins with where it has the road users.
+        If the caller has stepped SUMO since the last call, a new interval begins at the road users' positions in SUMO.
         """
         if self._session.time != self._time:
             self._resume()
@@ -165,14 +165,14 @@ class CoSimulation:
         return step, decision
 
     def start_anew(self, rows: NDArray[np.intp], max_speed: Floats, rng: np.random.Generator) -> None:
-        """Put spawned road users `rows` to new places as `spawn` does; between two decisions."""
+        """Move the spawned road users `rows` to new starting places, as `spawn` does; call it between two decisions."""
         learned = self.population.world
         background = self.world.take(np.arange(len(learned), len(self.world)))
         self.population.world = start_anew(learned, rows, background, self.points, max_speed, rng)
         self.world = self.population.world.join(background)
 
     def release(self) -> None:
-        """Hand everything that belongs to the scenario back to SUMO, and remove the spawned road users."""
+        """Hand all road users of the scenario back to SUMO, and remove the spawned road users."""
         if self._yielding is not None:
             self._yielding.release()
         self._taken_over_control.release()
@@ -199,7 +199,7 @@ class CoSimulation:
         return _Interval(states, moved, wrapped_around, [], set(), 0)
 
     def _step_sumo(self, users: WorldState, context: RouteContext | None = None) -> Step:
-        """One SUMO step, after which the learned road users are at the places of `users`."""
+        """Run a SUMO step, after which the learned road users have the states `users`."""
         time = self._session.time
         if self._yielding is not None and self._snapshot is not None:
             self._yielding.apply(self._snapshot, users, context)
@@ -220,7 +220,7 @@ class CoSimulation:
         return Step(time, world, places)
 
     def _close(self, interval: _Interval) -> Decision:
-        """The end of an interval: drop removed road users, hand back, take over, and assemble the world."""
+        """End an interval: drop removed road users, hand back, take over, and assemble the world."""
         assert self._snapshot is not None
         users = replace(interval.states[-1], time=self._session.time)
         surface = self.road_map.surface_at(users.x, users.y)
@@ -264,7 +264,7 @@ class CoSimulation:
         )
 
     def _drop_refused(self) -> None:
-        """Road users for which SUMO has refused a call are its own again, and stay that."""
+        """Return road users for which SUMO has refused a call to SUMO, permanently."""
         for refusals in self._refusals:
             if reasons := refusals.take():
                 self.population.drop(reasons)
@@ -285,7 +285,8 @@ class CoSimulation:
 
 
 def between(a: WorldState, b: WorldState, share: float, jumped: NDArray[np.bool_]) -> WorldState:
-    """Road users on straight lines from `a` to `b`, at `share` in (0, 1]; those that `jumped`, (n,), are at `b`."""
+    """Road users on straight lines from `a` to `b`, at `share` in (0, 1]; road users that `jumped`, (n,), are at
+    `b`."""
 
     def mix(p: Floats, q: Floats) -> Floats:
         return np.where(jumped, q, p + share * (q - p))

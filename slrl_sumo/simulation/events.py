@@ -1,4 +1,4 @@
-"""What happens in a run: plain values that can cross a process border. No simulator, no torch."""
+"""Events of a run: plain values that can cross a process border. Needs neither SUMO nor PyTorch."""
 
 from dataclasses import dataclass
 
@@ -11,48 +11,48 @@ from slrl_sumo.ground.surfaces import SurfaceShapes
 from slrl_sumo.scene.state import WorldState
 
 LEFT_SURFACE = 1.0
-"""m off its own surface from which on a road user has left it."""
+"""Distance (m) off its own surfaces from which a road user has left them."""
 MOST_DECISIONS = 216_000
-"""Decisions (24 h) of a run in a scenario without an end whose road users do not leave."""
+"""Greatest number of decisions (24 h) of a run in a scenario without an end whose road users do not leave."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """All road users after one SUMO step, the learned ones first: what goes into the trace."""
+    """All road users after a SUMO step, the learned road users first, as in the trace."""
 
     time: float
-    """s; the time that SUMO's own FCD output gives to this step."""
+    """Time (s) of this step in SUMO's FCD output."""
     world: WorldState
     places: Places
 
 
 @dataclass(frozen=True)
 class Started:
-    """What is known when all road users are at their starting places."""
+    """Data of a run that are known when all road users are at their starting places."""
 
     scenario: str
     bundle: str
     selector: str
     begin: float
-    """s."""
+    """Begin of the simulation, s."""
     step_length: float
     """SUMO's step, s."""
     decisions: int | None
-    """How many decisions will be taken; None: until the scenario's road users have left, at most MOST_DECISIONS."""
+    """Number of decisions; None: until the scenario's road users have left, at most MOST_DECISIONS."""
     notices: tuple[str, ...]
-    """What was changed in the scenario, or chosen by default; one line each."""
+    """Changes of the scenario and choices by default, one line each."""
     surfaces: SurfaceShapes
-    """The ground; from another process only on request."""
+    """The ground; without shapes from another process, unless requested."""
     step: Step
     """All road users at the start."""
     mode_centres: NDArray[np.float64] | None = None
-    """Mean of what each mode is a cluster of, (3, modes, 2), see ModelBundle; None where the selector has no modes."""
+    """Centre of the cluster of each mode, (3, modes, 2), see ModelBundle; None if the selector has no modes."""
     modes_by: str = ""
-    """What modes are clusters of, as in the bundle's training record."""
+    """The quantity that is clustered into modes, as in the bundle's training record."""
     signals: tuple[SignalState, ...] = ()
-    """What all traffic lights show in `step`."""
+    """States of all traffic lights in `step`."""
     compiling: str = ""
-    """Message where the inner loops are still to be compiled, during the first decisions; else empty."""
+    """Message if the first decisions will compile the inner loops; else empty."""
 
 
 @dataclass(frozen=True)
@@ -66,45 +66,44 @@ class Views:
 
 @dataclass(frozen=True)
 class Decision:
-    """One decision interval of the n road users that were learned in it: the first n rows of its steps' worlds."""
+    """A decision interval of n learned road users, the first n rows of the worlds of its steps."""
 
     steps: tuple[Step, ...]
-    """Its SUMO steps; the last one is the state that the next decision starts from."""
+    """SUMO steps of the interval; the last step is the initial state of the next decision."""
     modes: NDArray[np.int64] | None
-    """Mode of each learned road user, (n,); None where the selector has no modes."""
+    """Mode of each learned road user, (n,); None if the selector has no modes."""
     constraints: dict[str, int]
-    """How many of these decisions each rule that is not learned has changed, by its name (agent.constraints)."""
+    """Number of decisions that each constraint has changed, by name (agent.constraints)."""
     surface: NDArray[np.uint8]
     """Surface under each learned road user at the end, (n,)."""
     left_surface: NDArray[np.bool_]
-    """Which learned road users were more than LEFT_SURFACE off their own surface at the end, (n,)."""
+    """Whether each learned road user was more than LEFT_SURFACE off its own surfaces at the end, (n,)."""
     wrapped_around: NDArray[np.bool_]
-    """Learned road users that left the scene and were reinserted on its other side, (n,)."""
+    """Whether each learned road user left the scene and was reinserted on the other side, (n,)."""
     lost: NDArray[np.bool_]
-    """Learned road users that SUMO had removed at the end although they had not arrived, (n,). Spawned ones were added
-    again."""
+    """Whether SUMO removed each learned road user before its arrival, (n,). Spawned road users are added again."""
     arrived: tuple[str, ...]
     """Road users of the scenario that reached their destination while learned, or after they were handed back."""
     under_way: int
-    """Road users that are learned, or were before they were handed back, and that are in the network at the end."""
+    """Number of road users in the network at the end that are learned, or were learned and then handed back."""
     taken_over: tuple[str, ...]
-    """Road users of the scenario that are learned from the end of this interval on; in the first decision also those
-    that have been learned from its beginning on."""
+    """Road users of the scenario that are learned from the end of this interval on; in the first decision also road
+    users that are learned from its begin on."""
     handed_back: tuple[str, ...]
     """Road users that SUMO moves again from the end of this interval on."""
     returned_to_route: tuple[str, ...]
-    """Those handed back because they had left their route or the scene; SUMO put them on their route again."""
+    """Road users handed back because they had left their route or the scene; SUMO put them back on their route."""
     interventions: int
-    """How often a background vehicle began to brake for a learned road user."""
+    """Number of times that a background road user began to be held for a learned road user."""
     left_to_sumo: tuple[tuple[str, str], ...] = ()
-    """Road users of the scenario that a takeover would have taken from the end of this interval on, and why it cannot;
-    each once, and again where the reason changes."""
+    """Road users of the scenario that match the takeover but cannot be taken over, with the reason. Each road user
+    appears once, and again if the reason changes."""
     refused: tuple[tuple[str, str], ...] = ()
-    """Road users, mostly learned ones, that could not be moved, and the reason: from then on SUMO moves them; spawned
-    ones are removed."""
+    """Road users, mostly learned, that could not be moved, with the reason: from then on SUMO moves them; spawned road
+    users are removed."""
 
     signals: tuple[SignalState, ...] = ()
-    """What traffic lights show in the last one of its steps, where that differs from the end of the decision before."""
+    """States of traffic lights in the last step that differ from the end of the previous decision."""
 
 
 Event = Started | Decision | Views

@@ -1,4 +1,4 @@
-"""Road users of a scenario or a script that are left alone: neither taken over nor held for learned ones."""
+"""Excluded road users of a scenario or script: neither taken over nor held for learned road users."""
 
 from collections.abc import Collection
 
@@ -9,7 +9,7 @@ Excluded = Collection[str] | str
 
 
 def parse_excluded(given: Excluded) -> tuple[str, ...]:
-    """The ids, each once, sorted. Raises InputError where there are others than texts, or empty ones."""
+    """The unique ids, sorted. Raises InputError for ids that are empty or not texts."""
     ids = [road_user.strip() for road_user in given.split(",")] if isinstance(given, str) and given else given
     if not isinstance(ids, Collection) or not all(isinstance(i, str) and i for i in ids):
         raise InputError("give ids of road users, as ['ego'] or 'ego,bus_3'", argument="exclude", value=given)

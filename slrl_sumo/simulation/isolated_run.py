@@ -1,4 +1,4 @@
-"""A run in a process of its own: a crash of SUMO ends that process alone."""
+"""A run in a child process: a crash of SUMO ends only that process."""
 
 import pickle
 from collections.abc import Generator
@@ -19,8 +19,10 @@ def run_isolated(
     with_surfaces: bool = False,
     traced: bool = False,
 ) -> Generator[Event, None, None]:
-    """The same events as `slrl_sumo.simulation.run.run`, from a child process. Started.surfaces have no shapes unless
-    `with_surfaces`: those of a city take 80 MiB in each of the two processes.
+    """The same events as `slrl_sumo.simulation.run.run`, from a child process.
+
+    Started.surfaces have no shapes unless `with_surfaces`: the shapes of a city take 80 MiB in each of the two
+    processes.
 
     Raises the errors of `run`, InputError if SUMO crashes on loading, SumoError if the child dies later (segmentation
     fault, kill), with the cause and the simulation time, and DefectError with the child's traceback if it fails by
@@ -46,7 +48,7 @@ def run_isolated(
         raise SumoError(death_message(death, f"after {time:g} s of simulation time")) from None
     finally:
         # A child that simulates notices the closed pipe when it sends its next event, and then closes SUMO properly. A
-        # child that loads would notice too late, and after the last event SUMO is closed: these are killed.
+        # child that is loading would notice too late, and after the last event SUMO is already closed: kill it.
         process.close(exit_s)
 
 

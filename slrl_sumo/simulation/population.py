@@ -1,4 +1,4 @@
-"""The learned road users of a simulation: spawned ones, and ones that are taken over from the scenario."""
+"""The learned road users of a simulation: spawned road users, and road users taken over from the scenario."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
@@ -17,8 +17,8 @@ from slrl_sumo.sumo.taken_over import TakenOverControl
 class Population:
     """The learned road users of a simulation, in SUMO and as a WorldState.
 
-    `world`: their present state, n road users; `taken_over`: which of them belong to the scenario, (n,); `sumo_types`:
-    their vTypes; `ids`: their ids.
+    `world`: present state of the n road users. `taken_over`: whether each one belongs to the scenario, (n,).
+    `sumo_types`: their vTypes. `ids`: their ids.
     """
 
     def __init__(self, spawned: SpawnedControl, taken_over: TakenOverControl) -> None:
@@ -32,7 +32,7 @@ class Population:
 
     @property
     def spawned_ids(self) -> frozenset[str]:
-        """Ids of the spawned ones."""
+        """Ids of the spawned road users."""
         return frozenset(
             user for user, taken in zip(self.world.ids, self.taken_over.tolist(), strict=True) if not taken
         )
@@ -44,7 +44,7 @@ class Population:
         free = [_free_ids(name, present) for name in LEARNED_TYPES]
         users = WorldState(
             time=time,
-            # A user's script may have road users of these names.
+            # A user's script may already have road users with such ids.
             ids=tuple(next(free[kind]) for kind in kinds.tolist()),
             type=kinds,
             x=x,
@@ -61,14 +61,14 @@ class Population:
         self._join(users, tuple(LEARNED_TYPES[kind] for kind in kinds), taken_over=False)
 
     def take_over(self, users: WorldState, sumo_types: tuple[str, ...]) -> None:
-        """Control road users of the scenario from now on; they start from the state that SUMO left them in."""
+        """Control road users of the scenario from now on, starting from their states in SUMO."""
         given = self._taken_over_control.take_over(users.ids, users.type == RoadUserType.PEDESTRIAN)
         rows = np.flatnonzero(given)
         users = replace(users.take(rows), learned=np.ones(len(rows), np.bool_))
         self._join(users, tuple(sumo_types[row] for row in rows), taken_over=True)
 
     def unsupported(self) -> NDArray[np.bool_]:
-        """Which road users of the scenario must go back to SUMO, because they stop or do not walk any more, (n,)."""
+        """Whether each road user must go back to SUMO, because it makes a planned stop or no longer walks, (n,)."""
         must = np.zeros(len(self.world), np.bool_)
         rows = np.flatnonzero(self.taken_over)
         users = self.world.take(rows)
@@ -76,9 +76,9 @@ class Population:
         return must
 
     def hand_back(self, leaving: NDArray[np.bool_], *, off_route: bool = False) -> tuple[str, ...]:
-        """Hand road users `leaving` (n,) of the scenario back to SUMO. Returns the ids of those that SUMO could take.
+        """Hand the road users `leaving` (n,) of the scenario back to SUMO; return the ids that SUMO accepted.
 
-        With `off_route` they are put on their route again, wherever that is.
+        With `off_route`, SUMO puts them back on their route, at any distance.
         """
         rows = np.flatnonzero(leaving & self.taken_over)
         if not len(rows):
@@ -90,8 +90,10 @@ class Population:
         return back
 
     def move(self, users: WorldState) -> None:
-        """Set where the learned road users are after SUMO's next step; `users` in the order of `world`. To be called
-        directly before that step."""
+        """Set the states of the learned road users after SUMO's next step; call it directly before that step.
+
+        `users`: in the order of `world`.
+        """
         self._taken_over_control.place_handed_back()
         for mask, control in ((~self.taken_over, self._spawned_control), (self.taken_over, self._taken_over_control)):
             rows = np.flatnonzero(mask)
@@ -107,7 +109,7 @@ class Population:
                 self._taken_over_control.move(u.ids, walking, u.x, u.y, u.heading, u.speed, u.length)
 
     def check(self, users: WorldState, present: frozenset[str]) -> None:
-        """After a SUMO step: detect which `users` are not among SUMO's `present` ids; spawned ones are added again."""
+        """After a SUMO step, detect `users` that are not among SUMO's `present` ids; add spawned road users again."""
         if present.issuperset(users.ids):
             return
         missing = np.array([user not in present and user not in self._dropped for user in users.ids], np.bool_)
@@ -120,9 +122,9 @@ class Population:
         self._spawned_control.add(spawned.ids, spawned.type, spawned.x, spawned.y)
 
     def drop(self, ids: Iterable[str]) -> None:
-        """Move road users no more: those of the scenario are SUMO's again as they are, spawned ones are removed.
+        """Stop moving road users: SUMO drives road users of the scenario again, and spawned road users are removed.
 
-        They are in `world` until `settle`.
+        They stay in `world` until `settle`.
         """
         dropped = self.ids.intersection(ids)
         self._dropped |= dropped
@@ -130,9 +132,10 @@ class Population:
         self._spawned_control.remove(tuple(dropped))
 
     def settle(self, users: WorldState) -> NDArray[np.bool_]:
-        """Set `users` as the new state, without dropped road users and without those that SUMO has removed.
+        """Set `users` as the new state, without road users that were dropped or that SUMO has removed.
 
-        Returns which ones SUMO had removed since the last call, (n,) in the order before; spawned ones are there again.
+        Returns whether SUMO has removed each road user since the last call, (n,) in the previous order. Spawned road
+        users are kept, because they were added again.
         """
         missed = np.array([user in self._missed for user in users.ids], np.bool_)
         dropped = np.array([user in self._dropped for user in users.ids], np.bool_)
@@ -143,9 +146,10 @@ class Population:
         return missed
 
     def resume(self, present: WorldState) -> tuple[str, ...]:
-        """Continue after SUMO was stepped by others: from where the road users are in `present`, which is the world.
+        """Continue from the states in `present`, all road users of SUMO, after the caller has stepped SUMO.
 
-        Those of the scenario that are not in it are dropped; their ids are returned. Spawned ones are added again.
+        Road users of the scenario that are missing in `present` are dropped; the method returns their ids. Spawned road
+        users are added again.
         """
         places = {road_user: row for row, road_user in enumerate(present.ids)}
         rows = np.array([places.get(road_user, -1) for road_user in self.world.ids], np.intp)
@@ -167,7 +171,7 @@ class Population:
         return tuple(before - self.ids)
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
-        """Drop road users from the population (not from SUMO): those where `mask` (n,) is False."""
+        """Drop the road users for which `mask` (n,) is False from the population, not from SUMO."""
         if mask.all():
             return
         rows = np.flatnonzero(mask)
@@ -183,5 +187,5 @@ class Population:
 
 
 def _free_ids(sumo_type: str, present: frozenset[str]) -> Iterator[str]:
-    """New ids of road users of a type: its name with numbers from 0 on."""
+    """New ids of road users of a type: its name with numbers from 0 on, without the ids in `present`."""
     return (road_user for number in count() if (road_user := f"{sumo_type}.{number}") not in present)

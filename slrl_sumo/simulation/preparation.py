@@ -1,4 +1,4 @@
-"""Learned road users in a running simulation: what `run`, `attach` and the studies have in common."""
+"""Preparation of learned road users in a running simulation, common to `run`, `attach` and the studies."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from slrl_sumo.simulation.takeover import Takeover, fast_lanes
 
 
 def load_models(settings: LearnedSettings) -> ModelBundle:
-    """The bundle of the settings. Raises InputError where it cannot be loaded, and for an unknown selector."""
+    """The bundle of the settings. Raises InputError if the bundle cannot be loaded, and for an unknown selector."""
     if settings.selector is not None and settings.selector not in SELECTORS:
         raise unknown_selector(settings.selector)
     selector = settings.selector or usual_selector_of(settings.bundle)
@@ -43,9 +43,9 @@ def with_learned(
 ) -> CoSimulation:
     """A simulation whose learned road users choose their modes by `selector`, one of SELECTORS, with `seed`.
 
-    Without `constraints`, the usual ones. Road users are distributed over so many `threads`; the other arguments are
-    those of CoSimulation. Raises InputError where there is no such selector, or the bundle has no policy for it, and
-    for a guard of `lane`.
+    `constraints`: None for the default constraints. `threads`: number of threads over which road users are distributed.
+    The other arguments are those of CoSimulation. Raises InputError for an unknown selector, if the bundle has no
+    policy for it, and for a guard with `lane`.
     """
     driver = make_driver(
         selector,
@@ -69,8 +69,10 @@ def with_learned(
 
 
 def without_learned(session: Session) -> CoSimulation:
-    """A simulation in which SUMO drives all road users, none of which yields to a learned one; its driver has no road
-    users to move. For the arm of a comparison that is measured in the same way as the learned one."""
+    """A simulation in which SUMO drives all road users, without yielding; its driver has no road users to move.
+
+    It is the SUMO arm of a comparison, measured in the same way as the learned arm.
+    """
     return CoSimulation(session, LaneDriver(session.api, session.network), yielding=False)
 
 
@@ -81,16 +83,16 @@ class PreparedRun:
     cosimulation: CoSimulation
     selector: str
     notices: tuple[str, ...]
-    """What was decided for the user, one line each."""
+    """Choices by default, one line each."""
 
 
 def add_learned(
     session: Session, settings: LearnedSettings, bundle: ModelBundle, where: str, *, traced: bool = False
 ) -> PreparedRun:
-    """Add the road users that `settings` asks for to a simulation, and prepare the takeover of others.
+    """Add the spawned road users of `settings` to a simulation, and prepare the takeover of other road users.
 
-    `where` names the simulation in messages; `traced`: see CoSimulation. Raises InputError before a road user is added
-    where the settings do not suit the network or the bundle.
+    `where`: name of the simulation in messages. `traced`: see CoSimulation. Raises InputError, before a road user is
+    added, if the settings do not match the network or the bundle.
     """
     notices: list[str] = []
     takeover = None

@@ -1,4 +1,4 @@
-"""Plain SUMO traffic as trajectories: the teacher data of the supervised models."""
+"""Recording of plain SUMO traffic as trajectories: training data of the supervised models."""
 
 import pickle
 from collections.abc import Generator, Iterator
@@ -20,7 +20,7 @@ def record(
 ) -> Iterator[float | Trajectories]:
     """Run `scenario` without learned road users and record all road users every 0.4 s.
 
-    Yields the share that is done after each interval (0 to 1), and last of all the Trajectories.
+    Yields the completed share (0 to 1) after each interval, and finally the Trajectories.
     """
     builder = TrajectoryBuilder(source=f"SUMO traffic of scenario {scenario.name}, seed {seed}", licence="")
     with SumoSession(scenario, seed=seed, step_length=step_length) as session:
@@ -39,7 +39,7 @@ def record(
 def record_isolated(
     scenario: str, *, seconds: float, seed: int, step_length: float | None
 ) -> Generator[float | Trajectories, None, None]:
-    """The same as `record` for a scenario by name, from a child process. Raises SumoError where it dies."""
+    """Like `record` for a scenario by name, in a child process. Raises SumoError if the process dies."""
     process = WorkerProcess(pickle.dumps(_recorded))
     process.send(pickle.dumps((scenario, seconds, seed, step_length)))
     try:

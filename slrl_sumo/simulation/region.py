@@ -14,14 +14,14 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import LanePoints
 
 JUNCTION_RADIUS = 60.0
-"""m, where none is given."""
+"""Default radius, m."""
 FORMS = "junction:ID,radius=80 or edges:ID,ID or box:x0,y0,x1,y1"
 _SPACING = 1.0
 
 
 @dataclass(frozen=True)
 class JunctionRegion:
-    """A disc round a junction, or round each of the junctions of a traffic light: its id, and the radius in m."""
+    """A disc around a junction, or around each junction of a traffic light: id, and radius in m."""
 
     junction: str
     radius: float = JUNCTION_RADIUS
@@ -32,7 +32,7 @@ class JunctionRegion:
 
 @dataclass(frozen=True)
 class EdgesRegion:
-    """The surface of the lanes of some edges."""
+    """The surface of the lanes of the given edges."""
 
     edges: tuple[str, ...]
 
@@ -61,18 +61,18 @@ class Region:
     """A part of the plane: discs, a box, the surface of some edges, or (all None) everywhere. m, world frame."""
 
     text: str
-    """As it was given."""
+    """The region as given by the user."""
     discs: tuple[tuple[float, float, float], ...] | None = None
-    """x, y of each centre and the radius."""
+    """x and y of the centre, and the radius, of each disc."""
     box: tuple[float, float, float, float] | None = None
     """x0, y0, x1, y1 with x0 < x1 and y0 < y1."""
     edges: tuple[tuple[PointIndex, float], ...] | None = None
-    """For each lane width: points along the lanes of that width, and half of it in m."""
+    """For each lane width: points along the lanes of this width, and half the width in m."""
 
     def inside(self, x: Floats, y: Floats, margin: float = 0.0) -> NDArray[np.bool_]:
-        """Whether positions (m, (n,)) are inside the region or at most `margin` m outside of it, (n,).
+        """Whether positions (m, (n,)) are inside the region or at most `margin` m outside it, (n,).
 
-        Enter with margin 0 and leave with more, so that no road user is taken over and handed back in turn at the rim.
+        Takeover uses margin 0 and hand-back a larger margin, so that road users at the border do not alternate.
         """
         if self.discs is not None:
             near = [
@@ -95,8 +95,8 @@ class Region:
 def parse_region(given: str | RegionSpec | None, network: Network) -> Region:
     """The region of a loaded network that `given` describes: a spec, or text in one of `FORMS`; None: everywhere.
 
-    Raises InputError where the text is malformed, or where the network lacks the junction or edge; the message then
-    lists the most similar ids.
+    Raises InputError if the text is malformed, or if the network lacks the junction or edge; the message then lists the
+    most similar ids.
     """
     if given is None:
         return Region("everywhere")
@@ -165,7 +165,7 @@ def _wrong(given: str | RegionSpec, reason: str) -> InputError:
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:
-    """Which ids are there: the most similar ones, else the first ones."""
+    """A hint on existing ids: the most similar ids, else the first ids."""
     choices = sorted(known)
     near = difflib.get_close_matches(name, choices, n=3, cutoff=0.4)
     return f"is it {' or '.join(near)}?" if near else f"there are {', '.join(choices[:5])}{' …' * (len(choices) > 5)}"

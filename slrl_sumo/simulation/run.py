@@ -27,18 +27,18 @@ from slrl_sumo.sumo.session import SumoSession
 OUTPUTS_OF_WALKS = ("tripinfo-output", "personinfo-output", "vehroute-output", "personroute-output")
 """SUMO's outputs with an element for each walk of a person."""
 SHORT_RUN = 150
-"""Decisions of a run that neither its settings nor the scenario's end or traffic limit."""
+"""Number of decisions of a run without a limit from its settings, the scenario's end or its traffic."""
 
 
 def run(
     settings: RunSettings, views_at: frozenset[int] = frozenset(), *, traced: bool = False
 ) -> Generator[Event, None, None]:
-    """Run learned road users in a scenario: yields one Started, then a Decision for every 0.4 s.
+    """Run learned road users in a scenario: yields one Started, then a Decision for each 0.4 s.
 
-    Before the Decisions whose numbers (from 0) are in `views_at`, also yields the Views that the first learned road
-    user of each type had in them. `traced`: whether its steps go into a trace, see CoSimulation. PyTorch's thread count
-    is the caller's between two events.
-    Raises InputError before SUMO has run where the settings are wrong, SumoError where SUMO fails.
+    Before each Decision whose number (from 0) is in `views_at`, also yields the Views of the first learned road user of
+    each type. `traced`: whether the steps go into a trace, see CoSimulation. Between two events, PyTorch's thread count
+    is the caller's.
+    Raises InputError, before SUMO runs, if the settings are wrong; SumoError if SUMO fails.
     """
     with closing(_run(settings, views_at, traced)) as events:
         while True:
@@ -103,8 +103,10 @@ def _run(settings: RunSettings, views_at: frozenset[int], traced: bool) -> Gener
 
 
 def _about_walks(settings: RunSettings, scenario: Scenario) -> list[str]:
-    """What to know about SUMO's own outputs where persons are taken over: their walk is replaced edge by edge, so that
-    19 persons had 97 walks, some with a time loss below 0."""
+    """Notice on SUMO's outputs for persons that are taken over.
+
+    Their walk is replaced edge by edge: 19 persons had 97 walks, some with a time loss below 0.
+    """
     written = [name for name in OUTPUTS_OF_WALKS if name in scenario.options]
     takes_persons = settings.takeover is not None and parse_shares(settings.takeover)[RoadUserType.PEDESTRIAN] > 0.0
     if not (settings.sumo_outputs and takes_persons and written):
@@ -127,7 +129,7 @@ def _views(world: WorldState, learned: WorldState, cosimulation: CoSimulation) -
 
 
 def _decisions(settings: RunSettings, begin: float, end: float | None) -> int | None:
-    """How many decisions the settings or the scenario ask for; None where neither does."""
+    """Number of decisions from the settings or the scenario; None if neither sets a limit."""
     if settings.steps is not None:
         return settings.steps
     if settings.until is not None:

@@ -1,4 +1,4 @@
-"""What to run, checked at once: plain values that can cross a process border. No simulator, no torch."""
+"""Settings of runs, checked on construction: plain values that can cross a process border. No SUMO, no PyTorch."""
 
 import math
 import operator
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from slrl_sumo.simulation.region import RegionSpec  # scipy takes its time
 
 MOST_AGENTS = 1_000_000
-"""No network holds more."""
+"""Greatest number of spawned road users; no network has room for more."""
 
 
 def constraint_names(without: Sequence[str]) -> tuple[str, ...]:
-    """The names in `without`. Raises InputError where it is no sequence of texts."""
+    """The names in `without`. Raises InputError if `without` is not a sequence of texts."""
     if isinstance(without, str) or not isinstance(without, Sequence) or not all(isinstance(i, str) for i in without):
         raise InputError("give a list of names of constraints", argument="without", value=without)
     return tuple(without)
@@ -32,32 +32,33 @@ def constraint_names(without: Sequence[str]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class LearnedSettings:
-    """Which road users of a simulation are learned, and how they decide. Raises InputError where that is unclear."""
+    """Which road users of a simulation are learned, and how they decide. Raises InputError for invalid settings."""
 
     agents: int | None = None
-    """Road users to spawn; None spawns none."""
+    """Number of road users to spawn; None: no spawned road users."""
     mix: Shares | None = None
     """Shares of the types among spawned road users; None: half cars, a fifth bicycles, the rest pedestrians."""
     takeover: Shares | None = None
-    """Share of each type of the scenario's own road users that becomes learned; None takes over none."""
+    """Share of each type of the scenario's road users that is taken over; None: no takeover."""
     region: "str | RegionSpec | None" = None
-    """Where road users are taken over; None: everywhere."""
+    """Region in which road users are taken over; None: everywhere."""
     exclude: Excluded = ()
-    """Ids of road users that are neither taken over nor held for learned ones, as an ego vehicle of a script."""
+    """Ids of road users that are neither taken over nor held for learned road users, such as an ego vehicle of a
+    script."""
     bundle: str | Path = DEFAULT_BUNDLE
-    """Shipped bundle, or folder of one."""
+    """Name of a shipped bundle, or folder of a bundle."""
     selector: str | None = None
-    """prior, rule, greedy, sampled or lane; None: that of the bundle (see `agent.make_driver.usual_selector`)."""
+    """prior, rule, greedy, sampled or lane; None: the bundle's default (see `agent.make_driver.usual_selector`)."""
     guard: bool = False
-    """Modes that run into a conflict are not chosen where others are left (see agent.guard)."""
+    """Exclude modes that lead into a conflict, unless all modes do (see agent.guard)."""
     without: tuple[str, ...] = ()
     """Constraints that are switched off, by their names in agent.constraints."""
     seed: int = 1
-    """Of the places, the draw of the takeover and the choices, 0 to 2147483647."""
+    """Seed of the starting places, the draw of the takeover and the choices, 0 to 2147483647."""
     background_yields: bool = True
-    """Whether SUMO's vehicles and persons stop for learned ones."""
+    """Whether background vehicles and persons stop for learned road users."""
     threads: int = 1
-    """Over which the road users of a decision are distributed; the results are the same for any number."""
+    """Number of threads over which the road users of a decision are distributed; results do not depend on it."""
 
     def __post_init__(self) -> None:
         check_type("bundle", self.bundle, (str, Path), "the name or the folder of a bundle")
@@ -94,21 +95,21 @@ class RunSettings(LearnedSettings):
     """A run in a scenario."""
 
     scenario: str | Path | Scenario
-    """Shipped name, folder, .sumocfg file, or a scenario that was read."""
+    """Name of a shipped scenario, folder, .sumocfg file, or a loaded scenario."""
     _: KW_ONLY
     steps: int | None = None
-    """Decisions of 0.4 s; None runs until `until`, else until the scenario's own end, else until its
-    road users have left."""
+    """Number of decisions of 0.4 s; None: until `until`, else until the scenario's end, else until its road users have
+    left."""
     until: float | None = None
     """Simulation time to stop at, s."""
     step_length: float | None = None
-    """SUMO's step in s, which must divide 0.4 s; None: the scenario's own where it does, else 0.4 s."""
+    """SUMO's step, s, which must divide 0.4 s; None: the scenario's step if it divides 0.4 s, else 0.4 s."""
     sumo_outputs: bool = False
-    """Whether the scenario writes its own output files."""
+    """Whether the scenario writes its output files."""
     sumo_options: str = ""
     """Options for SUMO itself, as on its command line."""
     gui: bool = False
-    """Whether SUMO opens the window of sumo-gui, which shows the run and may stop it; needs a display."""
+    """Whether SUMO opens the window of sumo-gui, which shows the run and can stop it; needs a display."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -130,7 +131,7 @@ class RunSettings(LearnedSettings):
             raise InputError("give a simulation time in seconds", argument="until", value=self.until)
 
     def found(self) -> Scenario:
-        """The scenario with `sumo_options`. Raises InputError where there is none, or they are no options."""
+        """The scenario with `sumo_options`. Raises InputError for an unknown scenario or invalid options."""
         scenario = self.scenario if isinstance(self.scenario, Scenario) else find_scenario(str(self.scenario))
         try:
             words = shlex.split(self.sumo_options)
@@ -139,7 +140,7 @@ class RunSettings(LearnedSettings):
         return with_options(scenario, words)
 
     def options(self) -> dict[str, Any]:
-        """All settings as values that JSON and TOML can hold: `slrl_sumo.run(**options)` repeats the run."""
+        """All settings as values for JSON and TOML: `slrl_sumo.run(**options)` repeats the run."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         for name in ("mix", "takeover"):
             if values[name] is not None:
@@ -152,5 +153,5 @@ class RunSettings(LearnedSettings):
 
     @property
     def where(self) -> str:
-        """The scenario as messages name it."""
+        """Name of the scenario in messages."""
         return str(self.scenario.config if isinstance(self.scenario, Scenario) else self.scenario)

@@ -1,4 +1,4 @@
-"""Shares of the road user types, as arguments and options give them."""
+"""Shares of the road user types, from arguments and options."""
 
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from slrl_sumo.models.bundle import ModelBundle  # torch takes its time
 
 Shares = Mapping[str, float] | str
-"""By type name: {"car": 0.3, "bicycle": 1}, or as text 'car=0.3,bicycle=1'."""
+"""Shares by type name: {"car": 0.3, "bicycle": 1}, or as text 'car=0.3,bicycle=1'."""
 
 
 def parse_shares(given: Shares) -> Floats:
@@ -23,7 +23,7 @@ def parse_shares(given: Shares) -> Floats:
 
 
 def served_shares(given: Shares, bundle: "ModelBundle") -> Floats:
-    """As `parse_shares`. Raises InputError as well where the bundle has no models for a type with a share above 0."""
+    """Like `parse_shares`; also raises InputError if the bundle has no models for a type with a share above 0."""
     shares = parse_shares(given)
     if unserved := bundle.missing(shares > 0):
         raise InputError(
@@ -37,12 +37,12 @@ def served_shares(given: Shares, bundle: "ModelBundle") -> Floats:
 def parse_mix(given: Shares) -> Floats:
     """Shares of the types among spawned road users, (3,), normalised. Types left out get 0. Raises InputError."""
     shares = _parsed(given, "mix", float(np.finfo(np.float64).max))
-    shares /= shares.max()  # first, so that vast shares do not add up to infinity
+    shares /= shares.max()  # before the sum, so that huge shares do not overflow
     return np.asarray(shares / shares.sum())
 
 
 def shares_text(given: Shares) -> str:
-    """The shares as on the command line: 'car=0.3,bicycle=1'."""
+    """The shares as text for the command line: 'car=0.3,bicycle=1'."""
     return given if isinstance(given, str) else ",".join(f"{name}={share}" for name, share in given.items())
 
 

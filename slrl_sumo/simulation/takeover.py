@@ -1,4 +1,4 @@
-"""Which of the scenario's own road users become learned ones, and when they are SUMO's again."""
+"""Takeover of road users of the scenario, and their hand-back to SUMO."""
 
 import hashlib
 import math
@@ -25,43 +25,45 @@ from slrl_sumo.sumo.reader import Snapshot
 from slrl_sumo.sumo.taken_over import TakenOverControl
 
 HYSTERESIS = 5.0
-"""m that a road user may be outside the region before it is handed back."""
+"""Distance (m) outside the region from which a road user is handed back."""
 
 FAST_LANE_RATIO = 1.2
-"""Ratio of a lane's speed limit to the top speed of learned cars above which they do not use it."""
+"""Ratio of a lane's speed limit to the top speed of learned cars above which learned cars do not use the lane."""
 SHARP_TURN_TIME = 10.0
-"""s for which SUMO drives a road user before a turn that its models cannot follow; it may be handed back again."""
+"""Time (s) for which SUMO drives a road user before a turn that its models cannot follow; then it may be taken over
+again."""
 FAST_LANE_REASON = "fast lane"
-"""Why a road user stays SUMO's there."""
+"""Reason why a road user on a fast lane is not taken over."""
 EXCLUDED_REASON = "excluded"
-"""Why one stays SUMO's, or the script's, by its id."""
+"""Reason why a road user in `exclude` is not taken over."""
 NEAR_JUNCTION = 2.0
-"""m before the end of its lane, and those of one decision, within which a vehicle is not taken over: after its first
-step it could be in a turn that it cannot follow, or beyond its destination, where SUMO does not take it back."""
+"""Distance (m) before the end of its lane, in addition to the way of one decision, within which a vehicle is not taken
+over: after its first step it could be in a turn that it cannot follow, or past its destination, where SUMO does not
+take it back."""
 JUNCTION_STANDING_SPEED = 0.5
-"""m/s: slower vehicles are taken over in junctions, too; in one decision they go 0.2 m at most."""
+"""Speed (m/s) up to which vehicles are taken over inside junctions, too; in one decision they move by 0.2 m at most."""
 REAR_TOLERANCE = 0.2
-"""m of a vehicle's length that may still be before its lane: SUMO's depart within 0.1 m of the whole length."""
+"""Length (m) of a vehicle that may still be before its lane: SUMO's vehicles depart within 0.1 m of their length."""
 RIM = 8.0
-"""m outside the network's bounding box that a road user of the scenario may be."""
+"""Distance (m) outside the network's bounding box up to which a road user of the scenario may be."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """Which road users of the scenario become learned: a share of each type, (3,), inside a region, drawn by seed."""
+    """Rule of the takeover: a share of each type, (3,), of the scenario's road users in a region, drawn by seed."""
 
     shares: Floats
     region: Region
     seed: int
     most: float = np.inf
-    """Road users that are learned at the same time; further ones stay SUMO's until there is room."""
+    """Greatest number of learned road users at the same time; further road users stay SUMO's until there is room."""
 
 
 class Handover:
-    """Takes road users of the scenario over, but none in `exclude`, and hands them back to SUMO.
+    """Takes road users of the scenario over, except those in `exclude`, and hands them back to SUMO.
 
-    `left`: road users in the network that a takeover wants but cannot take, and why; `finished`: ids of those that are
-    not taken over again; `handed_back`: ids of those that were learned before, and have not arrived.
+    `left`: road users that match the takeover but cannot be taken over, with the reason. `finished`: ids of road users
+    that are not taken over again. `handed_back`: ids of road users that were learned and have not arrived.
     """
 
     def __init__(
@@ -82,22 +84,25 @@ class Handover:
         self.finished: set[str] = set()
         self.handed_back: set[str] = set()
         self._turning: dict[str, float] = {}
-        """Until when (s) SUMO keeps road users that cannot follow a turn."""
+        """Time (s) until which SUMO keeps road users that cannot follow a turn."""
 
     def return_to_route(self) -> tuple[str, ...]:
-        """Taken-over road users that have left the scene do not wrap around: SUMO puts them back on their route."""
+        """Let SUMO put taken-over road users that have left the scene or their route back on their route.
+
+        Unlike spawned road users, they do not wrap around. Returns their ids.
+        """
         if not self._population.taken_over.any():
             return ()
         learned = self._population.world
         # Walks lead around the ends of streets, on the rim of the network.
         gone = left_scene(learned, self._road_map, rim=RIM) | self._driver.off_route(learned.ids)
         returned = self._population.hand_back(gone, off_route=True)
-        # They would leave it again: from here on SUMO drives them.
+        # They would leave their route again: from now on SUMO drives them.
         self.finished.update(returned)
         return returned
 
     def hand_back(self, snapshot: Snapshot, time: float) -> tuple[str, ...]:
-        """Hand back those that leave the region, or that their models cannot drive any further; `time`: now, s."""
+        """Hand back road users that leave the region, or that their models cannot drive on; `time`: now, s."""
         if self._takeover is None or not self._population.taken_over.any():
             return ()
         learned = self._population.world
@@ -123,15 +128,15 @@ class Handover:
         time: float,
         yielding: Yielding | None,
     ) -> tuple[str, ...]:
-        """Take over those of `users`, SUMO's in this `snapshot`, that the takeover wants; not those just `handed_back`.
+        """Take over the `users`, SUMO's in this `snapshot`, that match the takeover and were not just `handed_back`.
 
-        `time`: now, s; `yielding` may hold some of them.
+        `time`: now, s. `yielding`: may hold some of these road users, and then releases them.
         """
         rule = self._takeover
         if rule is None:
             return ()
         learned_before = self._population.ids
-        # In the turn itself SUMO goes on, however long it takes: at its end a learned vehicle would not be on its lane.
+        # During the turn, SUMO keeps the vehicle at any rate: at the end, a learned vehicle would not be on its lane.
         if self._turning:
             lane = dict(zip(snapshot.ids, snapshot.lane, strict=True))
             inside = {user for user in self._turning if lane.get(user, "").startswith(":")}
@@ -139,17 +144,18 @@ class Handover:
         skip = learned_before.union(handed_back, self.finished, self._turning)
         wanted = drawn(users.ids, users.type, rule.shares, rule.seed)
         wanted &= rule.region.inside(users.x, users.y)
-        # Ids of spawned road users are those of road users without a route.
+        # Ids with the prefix of spawned road users mark road users without a route.
         wanted &= np.array([i not in skip and not i.startswith(SPAWNED_PREFIX) for i in users.ids], np.bool_)
         excluded = [users.ids[row] for row in np.flatnonzero(wanted) if users.ids[row] in self._exclude]
         wanted &= np.array([i not in self._exclude for i in users.ids], np.bool_)
         vehicles = np.flatnonzero(wanted & (users.type != RoadUserType.PEDESTRIAN))
         if len(vehicles):
             wanted[vehicles] = ~self._near_junction(vehicles, users, snapshot)
-        # SUMO sets the heading of a person with its first step: until then it may face the other way.
+        # SUMO sets the heading of a person at its first step: until then, the heading may be wrong.
         persons = np.flatnonzero(users.type == RoadUserType.PEDESTRIAN)
         wanted[persons] &= users.speed[persons] > STANDING_SPEED
-        # Persons of a flow depart inside each other: SUMO leads them apart, learned ones would stay in single file.
+        # Persons of a flow depart inside each other: SUMO separates them, but learned pedestrians would stay in single
+        # file.
         wanted[persons[colliding_pairs(users.take(persons))]] = False
         room = int(min(rule.most - len(learned_before), len(users)))
         rows = np.flatnonzero(wanted) if room > 0 else np.zeros(0, np.intp)
@@ -158,7 +164,7 @@ class Handover:
         if self._fast:
             fast = self._on_fast_lane(ids, snapshot).tolist()
             obstacles = tuple(why or FAST_LANE_REASON * on for why, on in zip(obstacles, fast, strict=True))
-        # Where one was learned before, it is counted as handed back.
+        # A road user that was learned before already counts as handed back.
         self.left = {
             user: why for user, why in zip(ids, obstacles, strict=True) if why and user not in self.handed_back
         } | dict.fromkeys(excluded, EXCLUDED_REASON)
@@ -172,28 +178,30 @@ class Handover:
         return taken
 
     def _near_junction(self, rows: NDArray[np.intp], users: WorldState, snapshot: Snapshot) -> NDArray[np.bool_]:
-        """Which of the vehicles in n `rows` move in a junction, at least with their rear, or may do so after one
+        """Whether each vehicle of n `rows` moves in a junction, at least with its rear, or may do so after one
         decision, (n,)."""
         lanes, front = [snapshot.lane[row] for row in rows.tolist()], snapshot.lane_position[rows]
         left = np.array([self._lane_ends.get(lane, -math.inf) for lane in lanes]) - front
         near = left < NEAR_JUNCTION + DECISION_INTERVAL * users.speed[rows]
-        # Behind a sharp turn SUMO's vehicles are not yet in the direction of the lane.
+        # After a sharp turn, SUMO's vehicles do not have the direction of their lane yet.
         near |= front < users.length[rows] - REAR_TOLERANCE
-        # Those that stand could be in the way of learned ones for ever.
+        # Standing vehicles are taken over: otherwise they could block learned vehicles for ever.
         near &= users.speed[rows] > JUNCTION_STANDING_SPEED
-        # On no lane: why these cannot be taken over is said later.
+        # Vehicles on no lane get their own reason later.
         return np.asarray(near & np.array([lane != "" for lane in lanes]))
 
     def _on_fast_lane(self, ids: tuple[str, ...], snapshot: Snapshot) -> NDArray[np.bool_]:
-        """Which road users are on a lane where SUMO's vehicles are faster than learned ones can be, (n,)."""
+        """Whether each road user is on a fast lane (see `fast_lanes`), (n,)."""
         lane = dict(zip(snapshot.ids, snapshot.lane, strict=True))
         return np.array([lane.get(road_user, "") in self._fast for road_user in ids], np.bool_)
 
 
 def fast_lanes(network: Network, max_speed: Floats) -> frozenset[str]:
-    """Ids of car lanes with a limit above FAST_LANE_RATIO times the top speed of learned cars (`max_speed`: of each
-    type, (3,) m/s): no vehicle is learned there, because all others would queue behind it. None where no cars are
-    learned."""
+    """Ids of car lanes with a speed limit above FAST_LANE_RATIO times the top speed of learned cars.
+
+    No vehicle is learned there, because all other vehicles would queue behind it. `max_speed`: of each type, m/s, (3,);
+    with 0 for cars, the result is empty.
+    """
     most = FAST_LANE_RATIO * float(max_speed[RoadUserType.CAR]) or np.inf
     return frozenset(
         lane.id
@@ -203,17 +211,17 @@ def fast_lanes(network: Network, max_speed: Floats) -> frozenset[str]:
 
 
 def drawn(ids: Sequence[str], types: NDArray[np.int8], shares: Floats, seed: int) -> NDArray[np.bool_]:
-    """Which of n road users are to be taken over, (n,).
+    """Whether each of n road users is drawn for the takeover, (n,).
 
-    `types`: RoadUserType, (n,); `shares`: by type, (3,). The draw depends on the seed and the id alone, so that the
-    same road users are learned in every run, whatever happens in it, and a larger share adds to a smaller one.
+    `types`: RoadUserType, (n,). `shares`: by type, (3,). The draw depends only on the seed and the id, so that the same
+    road users are learned in each run, and a larger share includes the road users of a smaller share.
     """
     return np.array([_position(i, seed) for i in ids], np.float64) < shares[types]
 
 
 @lru_cache(maxsize=100_000)
 def _position(road_user: str, seed: int) -> float:
-    """A number in [0, 1) that is the id's own. Python's hash() would differ from process to process."""
+    """A pseudo-random number in [0, 1) from id and seed; Python's hash() would differ from process to process."""
     digest = hashlib.blake2b(f"{seed}:{road_user}".encode(), digest_size=8).digest()
-    # 53 bits are what a float holds: all 64 could round up to 1.
+    # A float has 53 bits: 64 bits could round up to 1.
     return (int.from_bytes(digest) >> 11) / 2.0**53

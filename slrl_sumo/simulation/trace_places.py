@@ -1,5 +1,4 @@
-"""What a trace says of where road users are: learned persons on the edge, crossing or walking area under them, and
-heights."""
+"""Places of road users in a trace: learned persons on the edge, crossing or walking area under them, and heights."""
 
 from dataclasses import replace
 
@@ -16,10 +15,10 @@ from slrl_sumo.sumo.network.foot_lanes import FootLanes
 
 
 class TracePlaces:
-    """Corrects the places of learned persons for a trace; to be called in every SUMO step.
+    """Corrects the places of learned persons for a trace; call `complete` in each SUMO step.
 
-    SUMO's own are wrong for them: their walk is one ordinary edge at a time, so that SUMO never has them on crossings
-    and walking areas, and in 6 to 22 % of the rows names an edge that is more than 1 m away.
+    SUMO's places of learned persons are wrong: their walk contains one ordinary edge at a time, so that SUMO never has
+    them on crossings and walking areas, and in 6 to 22 % of the rows names an edge that is more than 1 m away.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
@@ -27,14 +26,14 @@ class TracePlaces:
         self._areas = frozenset(self._foot_lanes.lanes[k].edge for k in np.flatnonzero(self._foot_lanes.area))
         self._elevation = Elevation(api, network) if has_elevation(api, network) else None
         self._walked: dict[str, tuple[int, float, float, float]] = {}
-        """Those on walking areas: the area, x and y (m), and m walked since they came onto it."""
+        """For each person on a walking area: the area, x and y (m), and the distance (m) walked on the area."""
 
     def complete(self, places: Places, world: WorldState) -> Places:
-        """`places` of all road users of `world`, with edges and positions of learned persons by where they are, and
-        with heights where the network has them.
+        """`places` of all road users of `world`, with corrected edges and positions of learned persons, and heights.
 
-        As SUMO writes them for its persons, positions count from the begin of an edge or crossing, whichever way the
-        person walks (measured: equal within rounding); on a walking area, they are m walked on it.
+        Heights are given if the network has them. As in SUMO's output for its persons, positions count from the begin
+        of an edge or crossing in both walking directions (measured: equal within rounding); on a walking area, they are
+        the distance (m) walked on the area.
         """
         rows = np.flatnonzero(places.person & world.learned)
         x, y = front_from_centre(world.x[rows], world.y[rows], world.heading[rows], world.length[rows])
@@ -50,7 +49,7 @@ class TracePlaces:
         return replace(places, heights=self._heights(self._elevation, places, world, rows, lanes, along))
 
     def _walk_on(self, ids: list[str], lanes: NDArray[np.intp], x: Floats, y: Floats, along: Floats) -> None:
-        """Set `along` for the persons on walking areas: n persons, their lanes (-1: none) and positions (m), (n,)."""
+        """Set `along` of the persons on walking areas; `lanes` (-1: none), `x`, `y` (m) of n persons, (n,)."""
         on_lane = np.flatnonzero(lanes >= 0)
         walked = {}
         for k in on_lane[self._foot_lanes.area[lanes[on_lane]]].tolist():
@@ -69,7 +68,7 @@ class TracePlaces:
         lanes: NDArray[np.intp],
         along: Floats,
     ) -> Heights:
-        """Heights of all road users; those of the learned persons `rows` from the `lanes` under them, `along` m."""
+        """Heights of all road users; for the learned persons `rows` from the `lanes` under them, `along` m."""
         z, slope = elevation.of_road_users(world.ids, places.person)
         for row, number, place in zip(rows.tolist(), lanes.tolist(), along.tolist(), strict=True):
             if number < 0:
@@ -78,7 +77,7 @@ class TracePlaces:
                 z[row] = elevation.in_area(self._foot_lanes.lanes[number], world.x.item(row), world.y.item(row))
             else:
                 z[row], slope[row] = elevation.on_lane(self._foot_lanes.lanes[number], place)
-        # A walking area has no direction. SUMO takes the slope of its outline there, -86 degrees where that is steep.
+        # A walking area has no direction. SUMO uses the slope of the outline, which may be as steep as -86 degrees.
         slope[[edge in self._areas for edge in places.lane]] = 0.0
         elevation.keep(world.ids, places.person, z)
         return Heights(z, slope)

@@ -1,1 +1,1 @@
-"""Where learned road users are put: at the start, at a new start, and at the other end of the scene."""
+"""Placement of learned road users: at the start, at a new start, and at the other end of the scene."""

@@ -1,4 +1,4 @@
-"""Speeds at which a road user can be put at a place so that all can stop in comfort, as SUMO inserts vehicles."""
+"""Speeds at which a road user can be inserted at a place so that all road users can stop comfortably, as in SUMO."""
 
 import math
 
@@ -9,14 +9,14 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 
 BRAKING, REACTION = 2.0, 1.0
-"""m/s² with which a road user that is put somewhere can stop behind the one ahead, and the one behind it can stop
-behind it, after a reaction time (s), as in the model of Krauss (1998)."""
+"""Deceleration (m/s²) and reaction time (s) with which an inserted road user can stop behind its leader, and its
+follower behind it, as in the model of Krauss (1998)."""
 
 SIDE = 0.5
-"""m beside a road user's box that count as its way ahead."""
+"""Lateral clearance (m) beside a road user's box that belongs to its way ahead."""
 
 ROUNDING = 1e-6
-"""m by which squares of distances are less exact than distances."""
+"""Tolerance (m) for comparisons of squared distances."""
 
 
 def boxes_of(*worlds: WorldState) -> Floats:
@@ -32,21 +32,21 @@ def safe_speed(free: Floats) -> Floats:
 
 @compiled
 def insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -> tuple[Floats, Floats, Floats]:
-    """What road user `own` of a `crowd` (see boxes_of) finds at each of n places, (n,) each.
+    """Gap, least and greatest speed of road user `own` of a `crowd` (see boxes_of) at each of n places, (n,) each.
 
-    m from the circle around it to the nearest other one; and the speeds, m/s, between which BRAKING is enough for the
-    next one behind it, and for itself behind the next one ahead, along a straight line.
+    The gap (m) is the distance of its circle to the nearest other circle. Between the two speeds (m/s), BRAKING
+    suffices for its follower, and for itself behind its leader, along a straight line.
     """
     long, wide = crowd[own, 4], crowd[own, 5]
     radius, lost = 0.5 * math.hypot(long, wide), BRAKING * REACTION
     radii, top, longest = np.empty(len(crowd)), crowd[0, 3], crowd[0, 4]
     for one in range(len(crowd)):
         radii[one] = 0.5 * math.hypot(crowd[one, 4], crowd[one, 5])
-        # Not crowd.max(): to load the machine code of numpy's, numba imports scipy's BLAS, a sixth of a start.
+        # A loop instead of crowd.max(), for which numba imports scipy's BLAS, a sixth of a start.
         top, longest = max(top, crowd[one, 3]), max(longest, crowd[one, 4])
     reach = top * REACTION + top * top / (2.0 * BRAKING) + 2.0 * longest
     gaps, slowest, fastest = np.full(len(x), reach), np.zeros(len(x)), np.full(len(x), np.inf)
-    # Those within reach of the box around all places, which lie close together.
+    # Select the road users within reach of the box around all places, which lie close together.
     west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
     for place in range(len(x)):
         west, east, south, north = min(west, x[place]), max(east, x[place]), min(south, y[place]), max(north, y[place])
@@ -59,7 +59,7 @@ def insertions(x: Floats, y: Floats, heading: Floats, crowd: Floats, own: int) -
         c, s = math.cos(heading[place]), math.sin(heading[place])
         for one in near[:many]:
             dx, dy = crowd[one, 0] - x[place], crowd[one, 1] - y[place]
-            # Anything more for each of 400,000 pairs takes longer than a decision of 64 road users.
+            # Any further computation for each of 400,000 pairs takes longer than a decision of 64 road users.
             square = dx * dx + dy * dy
             if square > reach * reach:
                 continue

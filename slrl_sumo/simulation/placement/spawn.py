@@ -1,4 +1,4 @@
-"""Where learned road users may start, and how many of each type."""
+"""Starting places of learned road users, and their numbers by type."""
 
 from typing import Any, NamedTuple
 
@@ -15,43 +15,45 @@ from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.network.lanes import Lane, LanePoints
 
 DEFAULT_MIX = np.array([0.5, 0.2, 0.3])
-"""Shares of cars, bicycles and pedestrians when the user gives none."""
+"""Default shares of cars, bicycles and pedestrians."""
 
 START_SPACING = np.array([9.0, 4.0, 2.0])
-"""m between two road users at the start, per type: a car's length and a gap in which it can stop at low speed."""
+"""Spacing (m) of road users at the start, by type: for a car its length and a gap in which it can stop from low
+speed."""
 
 TIGHT_START_SPACING = np.array([6.5, 2.4, 1.0])
-"""The same where so many are wanted that they must start closer together: no box touches another."""
+"""The same for numbers of road users that need closer starting places: boxes do not touch."""
 
 START_SIDE_GAP = 0.3
-"""m that the claim of a road user is wider than its box at the start."""
+"""Distance (m) by which the reserved box of a road user is wider than its own box at the start."""
 
 LANE_STRIP = np.array([np.inf, np.inf, 0.9])
-"""m of a lane's width that a road user takes: on wide lanes several pedestrians start side by side. Vehicles start in
-the middle of their lane, where they drive: from side by side they would meet there."""
+"""Width (m) of a lane that a road user takes: on wide lanes several pedestrians start side by side. Vehicles start in
+the middle of their lane, where they drive: side by side, they would collide there."""
 
 POINT_SPACING = START_SPACING / 4
-"""m between the places that are tried."""
+"""Spacing (m) of the candidate places."""
 
 MOST_STARTING_POINTS = 200_000
-"""Of one type: without a limit a city of 10 km x 10 km had 7.6 million for pedestrians, in 1 GB."""
+"""Approximate greatest number of starting points per type: without a limit, a city of 10 km x 10 km had 7.6 million for
+pedestrians, in 1 GB."""
 
 MAX_SHARED_LANE_SPEED = 8.4
-"""m/s (30 km/h). A carriageway that also admits pedestrians is a place for them up to this limit; SUMO's networks
-without sidewalks admit all road users everywhere, which says nothing about walking on a fast road."""
+"""Speed limit (m/s, 30 km/h) up to which pedestrians may start on a carriageway that admits them: SUMO's networks
+without sidewalks admit all road users everywhere, also pedestrians on fast roads."""
 
 MAX_CYCLING_LANE_SPEED = 20.0
-"""m/s (72 km/h): the same for bicycles, which SUMO admits on nearly every road."""
+"""The same for bicycles (m/s, 72 km/h), which SUMO admits on nearly every road."""
 
 
 SLOWER = 0.1
-"""m/s less that make a difference to the road user behind."""
+"""Reduction of speed (m/s) that requires a check of the follower."""
 
 NO_OTHERS = np.zeros((0, 6))
 
 
 def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
-    """Lanes outside junctions on which a road user of this type may be, in the ordinary sense."""
+    """Lanes outside junctions that a road user of this type ordinarily uses."""
     lanes = [lane for lane in network.lanes if not lane.internal]
     if kind == RoadUserType.CAR:
         return [lane for lane in lanes if "passenger" in lane.allowed]
@@ -66,9 +68,9 @@ def legal_lanes(network: Network, kind: RoadUserType) -> list[Lane]:
 
 
 def starting_points(network: Network) -> tuple[LanePoints, ...]:
-    """Places to start at per type, indexed by RoadUserType; empty where the network has no surface for the type.
+    """Starting points by RoadUserType; empty for types without a surface in the network.
 
-    About MOST_STARTING_POINTS per type at most: in a city they are farther apart.
+    There are at most about MOST_STARTING_POINTS per type: in a city they are farther apart.
     """
     points = []
     for kind in RoadUserType:
@@ -86,10 +88,10 @@ def type_counts(
     where: str,
     bundle: ModelBundle | None = None,
 ) -> tuple[NDArray[np.int64], list[str]]:
-    """How many road users of each type, (3,), and notices.
+    """Numbers of road users by type, (3,), and notices.
 
-    Without a `mix` the shares of types that the network has no surface for, or the bundle no models, go to the others;
-    a given mix that asks for such a type is an InputError.
+    Without a `mix`, the shares of types without a surface in the network, or without models in the bundle, go to the
+    other types; a mix that contains such a type raises InputError.
     """
     if agents < 1:
         raise InputError("at least one learned road user is needed", argument="agents", value=agents)
@@ -116,7 +118,7 @@ def type_counts(
     shares = shares / shares.sum()
     exact = agents * shares
     counts = np.floor(exact).astype(np.int64)
-    # Largest remainders get what is left, so that the counts add up.
+    # The types with the largest remainders get the rest, so that the counts add up to `agents`.
     for kind in np.argsort(counts - exact, kind="stable")[: agents - counts.sum()]:
         counts[kind] += 1
     return counts, notices
@@ -136,19 +138,19 @@ class Starts(NamedTuple):
     limit: Floats
     """Speed limit of the lane, m/s."""
     rest: Floats
-    """m to where a vehicle must be able to stop, the end of the lane; inf for pedestrians."""
+    """Distance (m) to the end of the lane, where a vehicle must be able to stop; inf for pedestrians."""
 
 
 def draw_starts(counts: NDArray[np.int64], points: tuple[LanePoints, ...], rng: np.random.Generator) -> Starts:
-    """Starting places drawn without overlap.
+    """Draw starting places without overlap.
 
-    Pedestrians walk either way along their lane. Where not all fit at a comfortable distance they are packed as tightly
-    as boxes allow. Raises InputError when not all of them fit even so.
+    Pedestrians walk in both directions along their lane. If not all road users fit at a comfortable distance, they are
+    packed as tightly as their boxes allow. Raises InputError if not all of them fit even then.
     """
     orders = [rng.permutation(len(source)) for source in points]
     chosen = _choose(counts, points, orders, START_SPACING)
     if any(len(rows) < count for rows, count in zip(chosen, counts, strict=True)):
-        # Along the lanes one after the other is the densest order there is.
+        # The densest order is along the lanes, one place after the other.
         chosen = _choose(counts, points, [np.arange(len(source)) for source in points], TIGHT_START_SPACING)
     for kind, rows in enumerate(chosen):
         if len(rows) < counts[kind]:
@@ -171,14 +173,18 @@ def draw_starts(counts: NDArray[np.int64], points: tuple[LanePoints, ...], rng: 
 
 
 def starting_speeds(starts: Starts, max_speed: Floats, rng: np.random.Generator, others: Floats = NO_OTHERS) -> Floats:
-    """Speeds (m/s, (n,)) at the start (see starting_speed), at which each road user can stop behind the next one, and
-    before the junction. `max_speed`: per type, m/s, (3,); `others`: further road users (see insertion.boxes_of)."""
+    """Speeds (m/s, (n,)) at the start (see starting_speed), at which each road user can stop behind its leader, and
+    before the junction.
+
+    `max_speed`: by type, m/s, (3,). `others`: further road users (see insertion.boxes_of).
+    """
     usual = starting_speed(max_speed[starts.type], starts.limit, rng.random(len(starts.type)))
     speed = np.minimum(usual, safe_speed(starts.rest))
     size = np.stack([DEFAULT_LENGTH[starts.type], DEFAULT_WIDTH[starts.type]], axis=1)
     crowd = np.concatenate([np.column_stack([starts.x, starts.y, starts.heading, speed, size]), others])
     changed = True
-    # Each that has to be slower can make the next one behind it slower: as often as the longest queue is long.
+    # A road user that must be slower may require its follower to be slower, too: repeat up to the length of the longest
+    # queue.
     while changed:
         changed = False
         for row in range(len(speed)):
@@ -190,18 +196,20 @@ def starting_speeds(starts: Starts, max_speed: Floats, rng: np.random.Generator,
 
 
 def starting_speed(max_speed: Any, limit: Any, draw: Any) -> Any:
-    """Speed (m/s) at the start: road users are under way already, between slow and usual for the type, and no faster
-    than the lane allows. `max_speed` of the type and the lane's `limit` in m/s, `draw` from [0, 1); scalars or (n,)."""
+    """Speed (m/s) at the start: road users already move, at a slow to usual speed of their type, within the limit.
+
+    `max_speed`: of the type, m/s. `limit`: of the lane, m/s. `draw`: from [0, 1). Scalars or (n,).
+    """
     return np.minimum(0.5 * max_speed, limit) * (0.5 + 0.5 * draw)
 
 
 def _choose(
     counts: NDArray[np.int64], points: tuple[LanePoints, ...], orders: list[NDArray[np.intp]], spacing: Floats
 ) -> list[NDArray[np.intp]]:
-    """For each type the first points in its order that keep their distance, as many as wanted or as there are.
+    """For each type, the first points in its order that keep their distance, up to the number in `counts`.
 
-    Each road user claims a box along the lane, as long as the type's spacing and a little wider than itself; no two
-    claims overlap. The largest type first: a car needs a place of its own, a pedestrian fits in between.
+    Each road user reserves a box along the lane, as long as the type's spacing and slightly wider than its own box;
+    reserved boxes do not overlap. The largest type comes first, because pedestrians fit between cars.
     """
     taken = np.zeros((0, 5))
     chosen = []
@@ -235,7 +243,7 @@ def _first_free(claims: Floats, taken: Floats, wanted: int) -> NDArray[np.intp]:
         apart = 0.5 * (reach + float(np.hypot(box[3], box[4])))
         near = order[slice(*np.searchsorted(from_west, (box[0] - apart, box[0] + apart)))]
         near = near[free[near] & (np.abs(claims[near, 1] - box[1]) <= apart)]
-        # A hair of slack, so that places exactly one spacing apart do not touch.
+        # Shrink the box by 1 cm, so that places exactly one spacing apart do not touch.
         mine = np.repeat((box - [0.0, 0.0, 0.0, 0.01, 0.01])[None], len(near), axis=0)
         free[near[boxes_overlap(mine, claims[near])]] = False
 

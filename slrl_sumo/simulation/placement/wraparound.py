@@ -1,4 +1,4 @@
-"""Road users that leave the scene come back on its other side (paper, section 3.4)."""
+"""Wraparound: road users that leave the scene return on its other side (paper, section 3.4)."""
 
 from dataclasses import replace
 
@@ -15,24 +15,27 @@ from slrl_sumo.simulation.placement.spawn import starting_speed
 from slrl_sumo.sumo.network.lanes import LanePoints
 
 ENTRY_CANDIDATES = (24, 384)
-"""Numbers of entry places that are tried for each returning road user: the second where the first ones are taken."""
+"""Numbers of entry places that are tried for each returning road user; the second if the first places are occupied."""
 
 ENTRY_ROOM = np.array([4.7, 2.3, 1.0])
-"""m between the circles around two boxes that a returning road user of each type needs."""
+"""Gap (m) between the circles around two boxes that a returning road user needs, by type."""
 
 NO_EXITS = np.zeros((0, 4))
 
 BEYOND, ASIDE = 12.0, 1.5
-"""m behind a lane's end, and beside it, within which a road user off every surface has driven off that end."""
+"""Distance (m) past a lane's end, and beside it, within which a road user off every surface has left at this end."""
 
 ENTRANCE = np.array([15.0, 8.0, 2.0])
-"""m from the begin of a lane within which road users of each type do not return: SUMO lets new ones depart there, and
-does not see one that returns in the same step."""
+"""Distance (m) from the begin of a lane within which road users do not return, by type: SUMO's vehicles depart there,
+and SUMO does not see a road user that returns in the same step."""
 
 
 def left_scene(world: WorldState, roadmap: RoadMap, exits: Floats = NO_EXITS, *, rim: float = 0.0) -> NDArray[np.bool_]:
-    """Which road users have left the scene, (n,): more than `rim` m outside the network's bounding box, about 10 m away
-    from every surface, or off the end of a lane at one of the `exits` (see Network.exits)."""
+    """Whether each road user has left the scene, (n,).
+
+    It is then more than `rim` m outside the network's bounding box, about 10 m away from every surface, or past the end
+    of a lane at one of the `exits` (see Network.exits).
+    """
     x0, y0, x1, y1 = roadmap.bounds
     inside = (world.x >= x0 - rim) & (world.x <= x1 + rim) & (world.y >= y0 - rim) & (world.y <= y1 + rim)
     gone = ~(inside & roadmap.near_surface(world.x, world.y))
@@ -49,10 +52,10 @@ def reinsert(
 ) -> WorldState:
     """`world` with the road users `gone` (n,) moved to the other side of the scene.
 
-    A torus as in the paper: the position is shifted back along the heading by the extent of the scene, then snapped to
-    the nearest legal place of the type that leads into the same half-plane, free of the road users of `world` and
-    `others`; where none is free, to the one with the widest gap. Speed is kept up to the limit there, and up to what
-    is safe behind the next road user and before the junction: places with a lower one come last.
+    The scene is a torus as in the paper: the position is shifted back along the heading by the extent of the scene,
+    then moved to the nearest legal place of the type that leads into the same half-plane and is free of the road users
+    of `world` and `others`; if no place is free, to the place with the widest gap. The speed is limited by the lane,
+    and by the safe speeds behind the leader and before the junction; places with lower safe speeds come last.
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     x0, y0, x1, y1 = roadmap.bounds
@@ -76,13 +79,13 @@ def reinsert(
             free = (gap >= ENTRY_ROOM[kind]) & (source.offset[rows] >= ENTRANCE[kind])
             free &= slowest <= np.minimum(wish, fastest)
             away = np.hypot(source.x[rows] - wrapped_x, source.y[rows] - wrapped_y)
-            # On the other side; at the end that it has left there is room, but it would leave again.
+            # Use places on the other side only: near the place where the road user has left, it would leave again.
             near = away > np.hypot(source.x[rows] - x[row], source.y[rows] - y[row])
             free &= ~near
             if (free & (fastest >= wish) & (turn <= 0.5 * np.pi)).any():
                 break
-        # By priority: the other side; room to stop, else as much as there is; the same direction; its speed; near the
-        # mirrored point.
+        # Priorities: the other side; room to stop, else the widest gap; the same direction; its speed; the distance to
+        # the shifted point.
         crowded = np.where(free, -np.inf, -gap)
         order = np.lexsort((away, np.maximum(wish - fastest, 0.0), turn > 0.5 * np.pi, crowded, near))
         best = rows[order[0]]
@@ -104,9 +107,9 @@ def start_anew(
     max_speed: Floats,
     rng: np.random.Generator,
 ) -> WorldState:
-    """`world` with its road users `rows` at places drawn anew, with room to stop, under way as at the very start.
+    """`world` with its road users `rows` at newly drawn places, with room to stop, and with speeds as at the start.
 
-    `max_speed`: per type, m/s, (3,). Where no free place is among those drawn, the one with the widest gap is taken.
+    `max_speed`: by type, m/s, (3,). If no drawn place is free, the place with the widest gap is taken.
     """
     x, y, heading, speed = world.x.copy(), world.y.copy(), world.heading.copy(), world.speed.copy()
     acceleration, yaw_rate = world.acceleration.copy(), world.yaw_rate.copy()
