@@ -1,1 +1,1 @@
-"""All calls of SUMO's API; the only folder that imports libsumo. Modules elsewhere pass a SumoApi on to it."""
+"""All calls of SUMO's API; only this folder imports libsumo. Modules of other folders pass a SumoApi to it."""

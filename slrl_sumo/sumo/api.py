@@ -1,8 +1,8 @@
 """The part of SUMO's API that this package calls, typed: libsumo, the traci module and a TraCI connection all fit.
 
-libsumo and traci carry no type information. Only modules of slrl_sumo.sumo call the methods below; all other modules
-pass a SumoApi on to them. Names are SUMO's (https://sumo.dlr.de/docs/TraCI.html): m, m/s, s; positions are those of
-front bumpers, angles are in degrees clockwise from north.
+libsumo and traci have no type information. Only modules of slrl_sumo.sumo call the methods below; all other modules
+pass a SumoApi to them. Names are SUMO's (https://sumo.dlr.de/docs/TraCI.html). Units are m, m/s and s; positions are
+those of front bumpers, and angles are in degrees clockwise from north.
 """
 # ruff: noqa: N802, N803, N815
 
@@ -23,13 +23,13 @@ class StageRecord(Protocol):
 
 
 class RouteRecord(Protocol):
-    """What `findRoute` returns; `edges` is empty where there is no route."""
+    """The result of `findRoute`; `edges` is empty without a route."""
 
     edges: Sequence[str]
 
 
 class RoadUserDomain(Protocol):
-    """What vehicles and persons have in common."""
+    """Methods that vehicles and persons have in common."""
 
     def getIDList(self) -> tuple[str, ...]: ...
     def getIDCount(self) -> int: ...

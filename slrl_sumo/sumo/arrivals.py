@@ -1,4 +1,4 @@
-"""Where vehicles of the scenario end on the last edge of their routes."""
+"""Arrival positions of the scenario's vehicles on the last edge of their routes."""
 
 from functools import cached_property
 
@@ -7,15 +7,16 @@ from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, ROUT
 
 
 class Arrivals:
-    """The `arrivalPos` of vehicles, which libsumo does not tell; read from SUMO's files when it is first asked for."""
+    """The `arrivalPos` of vehicles, read from SUMO's files on first use, because libsumo does not provide it."""
 
     def __init__(self, api: SumoApi) -> None:
         self._api = api
 
     def of(self, vehicle: str) -> float | None:
-        """m along the last lane, below 0 from its end; None where a vehicle has none of its own, or a random one."""
+        """Position (m along the last lane, negative from its end); None for vehicles without one or with a random
+        one."""
         positions = self._positions
-        # Vehicles of a flow have a number behind its id.
+        # Ids of vehicles of a flow end with a number.
         return positions.get(vehicle, positions.get(vehicle.rpartition(".")[0])) if positions else None
 
     @cached_property

@@ -12,13 +12,13 @@ from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 
 SLOPE_REACH = 0.05
-"""m to both sides of a place between which its slope is measured: pieces of lanes are longer."""
+"""Distance (m) to both sides of a place between which its slope is measured: segments of lanes are longer."""
 WALKING_AREA_MARGIN = 0.5
-"""m around a walking area within which lanes and crossings end on it."""
+"""Distance (m) around a walking area within which lanes and crossings end on it."""
 
 
 def has_elevation(api: SumoApi, network: Network) -> bool:
-    """Whether a lane has a height other than 0, which is when SUMO writes z: 1 us a point of the lanes in a flat
+    """Whether any lane has a height other than 0: only then SUMO writes z. Takes 1 us per point of all lanes in a flat
     network."""
     return any(
         api.simulation.convert3D(lane.edge, place, lane_index(lane.id))[2] != 0.0
@@ -28,7 +28,7 @@ def has_elevation(api: SumoApi, network: Network) -> bool:
 
 
 class Elevation:
-    """Heights and slopes of road users, as SUMO has them, and of places."""
+    """Heights and slopes of road users, from SUMO, and of places."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self._api = api
@@ -39,10 +39,11 @@ class Elevation:
         self._last: dict[tuple[str, bool], float] = {}
 
     def of_road_users(self, ids: Sequence[str], person: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-        """Height (m) and slope (degrees) of n road users where SUMO has them, (n,) each.
+        """Height (m) and slope (degrees) of n road users in SUMO, (n,) each.
 
-        Of one that SUMO has removed, the height is the last one, else 0, and the slope NaN; beside all lanes, a vehicle
-        has a height and no slope. Those of moved persons are wrong: 0 m off their edge, and else of another place.
+        A road user that SUMO has removed has its last height, else 0, and a slope of NaN; a vehicle beside all lanes
+        has a height, but no slope. Values of moved persons are wrong: 0 m off their edge, and otherwise of another
+        place.
         """
         domains = self._api.vehicle, self._api.person
         present = [frozenset(domain.getIDList()) for domain in domains]
@@ -57,11 +58,11 @@ class Elevation:
         return z, slope
 
     def last(self, person: str) -> float:
-        """Height (m) that a person had in the last step, 0 where there is none."""
+        """Height (m) of a person in the last step; 0 if unknown."""
         return self._last.get((person, True), 0.0)
 
     def keep(self, ids: Sequence[str], person: NDArray[np.bool_], z: Floats) -> None:
-        """Note the heights (m) of all road users in this step."""
+        """Store the heights (m) of all road users in this step."""
         self._last = dict(zip(zip(ids, person.tolist(), strict=True), z.tolist(), strict=True))
 
     def on_lane(self, lane: Lane, place: float) -> tuple[float, float]:
@@ -71,9 +72,9 @@ class Elevation:
         return self._at(lane, min(max(place, 0.0), lane.length))[2], degrees(atan2(bz - az, hypot(bx - ax, by - ay)))
 
     def in_area(self, area: Lane, x: float, y: float) -> float:
-        """Height (m) at a position in a walking area, between those of the lanes and crossings that end there.
+        """Height (m) at a position in a walking area, interpolated between the lanes and crossings that end there.
 
-        SUMO knows heights along the outline only.
+        SUMO has heights along the outline only.
         """
         ends = self._around.get(area.id)
         if ends is None:
@@ -90,7 +91,7 @@ class Elevation:
 
 
 def _corners(lane: Lane) -> list[float]:
-    """m along a lane, in SUMO's measure, of the points of its shape; those of a walking area up to its length."""
+    """Positions (m along a lane, in SUMO's measure) of the points of its shape; for walking areas up to the length."""
     drawn = np.append(0.0, np.cumsum(np.hypot(*np.diff(lane.shape, axis=0).T)))
     measure = 1.0 if is_walking_area(lane.id) else lane.length / max(drawn[-1], 1e-9)
     corners: list[float] = np.minimum(drawn * measure, lane.length).tolist()

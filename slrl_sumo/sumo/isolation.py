@@ -1,4 +1,4 @@
-"""SUMO in a process of its own: a crash of SUMO ends that process alone."""
+"""SUMO in a child process: a crash of SUMO ends only that process."""
 
 import pickle
 import signal
@@ -33,7 +33,7 @@ def isolated(work: Callable[[Argument], Answer], argument: Argument, where: obje
 def loading_error(where: object, death: WorkerDiedError) -> SlrlError:
     """The error for the death of a process that was loading the scenario or network `where`."""
     if death.exitcode in (-signal.SIGSEGV, -signal.SIGABRT):
-        # Some broken networks cause that.
+        # Some invalid networks cause such crashes.
         name = signal.Signals(-death.exitcode).name
         return InputError(
             f"{where}: SUMO crashes while loading it or in its first step ({name}); check that network and demand are "
@@ -43,7 +43,7 @@ def loading_error(where: object, death: WorkerDiedError) -> SlrlError:
 
 
 def death_message(death: WorkerDiedError, when: str) -> str:
-    """One line on the death of a process that had SUMO; `when`: what it had done by then."""
+    """A one-line message on the death of a process with SUMO; `when`: time or activity of the process at that time."""
     cause = f"exit code {death.exitcode}"
     if death.exitcode is not None and death.exitcode < 0:
         cause = signal.Signals(-death.exitcode).name

@@ -24,26 +24,25 @@ Answer = TypeVar("Answer")
 
 
 def read_net_file(net: Path) -> Network:
-    """The network of a .net.xml or .net.xml.gz, read in a child process. Raises InputError (about --net) where SUMO
-    cannot read it."""
+    """The network of a .net.xml or .net.xml.gz, read in a child process. Raises InputError (about --net) if SUMO cannot
+    read it."""
     return read_net_signals(net)[0]
 
 
 def read_net_signals(net: Path) -> tuple[Network, list[SignalLink]]:
-    """The network as `read_net_file` reads it, with the links that traffic lights control."""
+    """The network from `read_net_file`, and the links that traffic lights control."""
     return _read(_network, net, None)
 
 
 def read_net_lanes(net: Path) -> tuple[Network, dict[str, tuple[str, ...]]]:
-    """The network as `read_net_file` reads it, with the ids of the lanes that follow each lane, also inside
-    junctions."""
+    """The network from `read_net_file`, and the ids of the lanes that follow each lane, also inside junctions."""
     return _read(_lanes, net, None)
 
 
 def read_net_motors(net: Path, scenario: Scenario | None) -> tuple[Network, Mapping[str, Motor]]:
-    """The network as `read_net_file` reads it, with SUMO's default vehicle types and those of the scenario, by id.
+    """The network from `read_net_file`, and SUMO's default vehicle types and those of the scenario, by id.
 
-    Their top speeds are at most the speeds that vehicles of the type want on a free road.
+    Top speeds are limited to the desired speeds of the types on a free road.
     """
     types = etree.Element("additional") if scenario is None else trace_types(scenario)
     for vtype in list(types):
@@ -60,7 +59,7 @@ def _wanting(motor: Motor, speed: float | None) -> Motor:
 
 
 def _read(read: Callable[[Path], Answer], net: Path, additional: bytes | None) -> Answer:
-    """What `read` finds in a simulation of the network alone, with the file content `additional`."""
+    """The result of `read` in a simulation of only the network, with an additional file of the content `additional`."""
     if not net.exists():
         raise InputError(f"--net {net}: there is no such file; give a SUMO network (.net.xml)")
     with tempfile.TemporaryDirectory(prefix="slrl_sumo_") as folder:
@@ -98,9 +97,9 @@ def _motors(config: Path) -> tuple[Network, dict[str, Motor]]:
 
 
 def find_net(text: str, argument: str = "--net ") -> tuple[Path, Scenario | None]:
-    """The network file that `text` names; with the scenario, if it names one (shipped, a folder, or a .sumocfg).
+    """The network file that `text` names, and the scenario, if `text` names a scenario (shipped, folder or .sumocfg).
 
-    `argument`: what messages begin with."""
+    `argument`: begin of messages."""
     path = Path(text)
     if path.is_file() and path.suffix != ".sumocfg":
         return path, None

@@ -18,12 +18,12 @@ VEHICLES, PERSONS = 0xA4, 0xAE
 VEHICLE_VARIABLES = (POSITION, ANGLE, SPEED, LANE_ID, LANE_POSITION, TYPE)
 PERSON_VARIABLES = (POSITION, ANGLE, SPEED, ROAD_ID, LANE_POSITION, TYPE, RIDES_IN)
 EVERYWHERE = 1e7
-"""m; wider than any network."""
+"""Distance (m) greater than any network."""
 INVALID = -1e9
 """A position below this means that SUMO has the vehicle on no lane (it writes -2^30)."""
 
 _Row = tuple[str, str, tuple[float, float], float, float, str, float]
-"""Id, vType, position, angle, speed, lane or edge, and m along it."""
+"""Id, vType, position, angle, speed, lane or edge, and position (m) along the lane or edge."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Snapshot:
     ids: tuple[str, ...]
     person: NDArray[np.bool_]
     type: NDArray[np.int8]
-    """RoadUserType; every vehicle that is no bicycle counts as CAR."""
+    """RoadUserType; each vehicle that is not a bicycle counts as CAR."""
     x: Floats
     y: Floats
     heading: Floats
@@ -46,19 +46,19 @@ class Snapshot:
     sumo_type: tuple[str, ...]
     """vType id."""
     lane: tuple[str, ...]
-    """Lane id of vehicles, edge id of persons; '' where SUMO has them on none."""
+    """Lane id of vehicles, edge id of persons; '' for road users that SUMO has on no lane or edge."""
     lane_position: Floats
-    """m from the begin of the lane or edge; 0 where `lane` is ''."""
+    """Position, m from the begin of the lane or edge; 0 if `lane` is ''."""
 
 
 class Reader:
     """Reads all road users of a simulation with one call.
 
-    With libsumo, every value is one call. Over a TraCI connection, where each call is a message, two context
-    subscriptions with unlimited range, of an edge and of a lane, deliver all vehicles and all persons; for these SUMO
-    visits every lane of the network in every step, which took 26 ms in a city of 81,000 lanes, and twice the time of
-    the step elsewhere. Subscriptions to the road users themselves would mix with those of a user's script: SUMO keeps
-    one per road user, adds the variables together, and cancels all of them at once.
+    With libsumo, each value needs a call. Over a TraCI connection, each call is a message; there, two context
+    subscriptions with unlimited range, of an edge and of a lane, deliver all vehicles and all persons. For them, SUMO
+    visits each lane of the network in each step, which took 26 ms in a city of 81,000 lanes, and elsewhere twice the
+    time of the step. Subscriptions to the road users themselves would mix with the subscriptions of a user's script:
+    SUMO has one subscription per road user, merges the variables, and cancels all of them together.
     """
 
     def __init__(self, api: SumoApi) -> None:
@@ -69,10 +69,10 @@ class Reader:
         self._edge, self._lane = min(api.edge.getIDList(), default=""), min(api.lane.getIDList(), default="")
         self._subscribed = False
         self._headings: tuple[tuple[str, ...], Floats] = (), np.zeros(0)
-        """Road users and their headings at the last reading."""
+        """Ids and headings of the road users at the last reading."""
 
     def read(self) -> Snapshot:
-        """All road users on the network now. Costs about 2 us a road user with libsumo."""
+        """All road users on the network now. Takes about 2 us per road user with libsumo."""
         of_edge: Mapping[str, Mapping[int, Any]] = {}
         of_lane = of_edge
         if self._subscribes:
@@ -109,8 +109,11 @@ class Reader:
         )
 
     def _without_nan(self, ids: tuple[str, ...], heading: Floats) -> Floats:
-        """`heading`, and where SUMO has none, that of the last reading, else 0. libsumo 1.28 gave NaN for one step for
-        a vehicle of 0.6 m that started again 4 m beside the middle of its lane."""
+        """`heading` with NaN replaced by the heading of the last reading, else 0.
+
+        libsumo 1.28 returned NaN in one step for a vehicle of 0.6 m that started again 4 m beside the middle of its
+        lane.
+        """
         unknown = np.flatnonzero(~np.isfinite(heading))
         if len(unknown):
             before = dict(zip(*self._headings, strict=True))
@@ -119,7 +122,7 @@ class Reader:
         return heading
 
     def forget(self) -> None:
-        """Cancel the subscriptions that this reader made."""
+        """Cancel the subscriptions of this reader."""
         if self._subscribed:
             self._api.edge.unsubscribeContext(self._edge, VEHICLES, EVERYWHERE)
             self._api.lane.unsubscribeContext(self._lane, PERSONS, EVERYWHERE)
@@ -132,7 +135,8 @@ class Reader:
             self._subscribed = True
 
     def _static(self, sumo_type: str, person: bool) -> tuple[int, float, float]:
-        """RoadUserType, length and width (m) of a vType. A vehicle with changed parameters gets its own vType."""
+        """RoadUserType, length and width (m) of a vType; SUMO gives vehicles with changed parameters their own
+        vType."""
         static = self._types.get((sumo_type, person))
         if static is None:
             types = self._api.vehicletype
@@ -145,10 +149,10 @@ class Reader:
 
 
 def _vehicles(domain: VehicleDomain, subscribed: Mapping[str, Mapping[int, Any]]) -> list[_Row]:
-    """The vehicles on the network, without those that teleport or are not inserted yet."""
+    """The vehicles on the network, without vehicles that teleport or are not inserted yet."""
     rows = []
     for vehicle in domain.getIDList():
-        # A vehicle beside all lanes, as moved ones may be, is missing in the context subscription.
+        # The context subscription lacks vehicles beside all lanes, where moved vehicles may be.
         values = subscribed.get(vehicle)
         if values is not None:
             if _is_place(values[POSITION]):
@@ -192,14 +196,16 @@ def _persons(domain: PersonDomain, subscribed: Mapping[str, Mapping[int, Any]]) 
 
 
 def _finite(values: Sequence[float]) -> Floats:
-    """The values, (n,), with 0 for those that are not finite: libsumo 1.28 gave a person in a walking area NaN for its
-    speed and its position along it."""
+    """The values, (n,), with 0 for values that are not finite.
+
+    libsumo 1.28 returned NaN for the speed and the position of a person in a walking area.
+    """
     given = np.array(values, np.float64)
     return np.where(np.isfinite(given), given, 0.0)
 
 
 def _is_place(position: tuple[float, ...]) -> bool:
-    """Whether a position is one: SUMO gives INVALID to what is not on the network, and infinity on lanes without a
+    """Whether a position is valid: SUMO gives INVALID to road users off the network, and infinity on lanes without
     width."""
     return abs(position[0]) < MAX_POSITION and abs(position[1]) < MAX_POSITION
 

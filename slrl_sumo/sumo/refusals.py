@@ -1,8 +1,8 @@
-"""Calls that SUMO refuses for one road user: it loses its turn, and the run goes on.
+"""Calls that SUMO refuses for a single road user: the calls for it are skipped, and the run continues.
 
 All calls for single road users that learned models move, or that are held back for them, are made inside
-`Refusals.of`. SUMO refuses them where a person rides or is in an <access> stage, and where a user's script or SUMO
-itself has removed the road user.
+`Refusals.of`. SUMO refuses calls for a person that rides or is in an <access> stage, and for road users that a user's
+script or SUMO has removed.
 """
 
 from types import TracebackType
@@ -15,8 +15,8 @@ class Refusals:
         with refusals.of(road_user):
             api.vehicle.setSpeed(road_user, 3.0)
 
-    A refusal ends the block, and is kept with SUMO's reason until `take`. Other errors, such as a closed simulation,
-    come through.
+    A refusal ends the block and is stored with SUMO's reason until `take`. Other errors, such as of a closed
+    simulation, are raised.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class Refusals:
         self._road_user = ""
 
     def of(self, road_user: str) -> Self:
-        """For a with statement around the calls for one road user; such blocks are not nested."""
+        """Context manager for the calls for one road user; such blocks must not be nested."""
         self._road_user = road_user
         return self
 
@@ -40,7 +40,7 @@ class Refusals:
         return True
 
     def add(self, road_user: str, reason: str) -> None:
-        """Do not make calls for a road user, although SUMO would not refuse them."""
+        """Add a road user for which no calls are made, although SUMO would not refuse them."""
         self._reasons.setdefault(road_user, reason)
 
     def take(self) -> dict[str, str]:
@@ -50,18 +50,18 @@ class Refusals:
 
 
 def is_refusal(error: BaseException) -> bool:
-    """Whether SUMO has refused a call, and the simulation goes on."""
+    """Whether an error is a call that SUMO refused, so that the simulation continues."""
     return _is_a(error, "TraCIException")
 
 
 def is_end(error: BaseException) -> bool:
-    """Whether the simulation has ended: it was closed, or the connection to it is lost."""
+    """Whether an error means the end of the simulation: it was closed, or the connection is lost."""
     return _is_a(error, "FatalTraCIError")
 
 
 def _is_a(error: BaseException, name: str) -> bool:
-    # libsumo and traci have classes of these names each, and neither is imported for a simulation of the other. Where
-    # both are imported, traci.exceptions names libsumo's class, but a TraCI connection raises traci's.
+    # libsumo and traci have separate classes of these names, and a simulation of one does not import the other. If both
+    # are imported, traci.exceptions refers to libsumo's class, but a TraCI connection raises traci's class.
     return any(
         base.__name__ == name and base.__module__.partition(".")[0] in ("libsumo", "traci")
         for base in type(error).__mro__

@@ -1,4 +1,4 @@
-"""Reading and inserting single road users: routes, walks, lanes, limits and leaders of vehicles and persons."""
+"""Access to single road users: routes, walks, lanes, limits and leaders of vehicles and persons, and insertion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +11,12 @@ WALKING_STAGE = 2
 
 
 def loaded_ids(api: SumoApi) -> frozenset[str]:
-    """Ids of all vehicles and persons in the simulation, teleporting and riding ones included."""
+    """Ids of all vehicles and persons in the simulation, including teleporting vehicles and riding persons."""
     return frozenset(api.vehicle.getIDList()) | frozenset(api.person.getIDList())
 
 
 def loaded_count(api: SumoApi) -> int:
-    """Number of vehicles and persons that SUMO has loaded, also of those that have not departed yet."""
+    """Number of vehicles and persons that SUMO has loaded, including those before their departure."""
     return api.vehicle.getIDCount() + api.person.getIDCount()
 
 
@@ -36,12 +36,13 @@ def type_id(api: SumoApi, road_user: str, walks: bool) -> str:
 
 
 def wanted_speed(api: SumoApi, road_user: str, walks: bool) -> float:
-    """m/s: of a person its walking speed, of a vehicle its lane's limit times its speed factor, at most its own."""
+    """Desired speed (m/s): the walking speed of a person; for a vehicle the limit of its lane times its speed factor,
+    at most its own top speed."""
     return api.person.getMaxSpeed(road_user) if walks else api.vehicle.getAllowedSpeed(road_user)
 
 
 def departure_delay(api: SumoApi, vehicle: str) -> float:
-    """s that a vehicle waited for room on its first lane."""
+    """Time (s) for which a vehicle waited for room on its first lane."""
     return api.vehicle.getDepartDelay(vehicle)
 
 
@@ -61,7 +62,7 @@ class VehicleParameters:
     max_speed: float
     speed_factor: float
     tau: float
-    """Headway of car-following."""
+    """Headway of the car-following model, s."""
 
 
 def vehicle_parameters(api: SumoApi, vehicle: str) -> VehicleParameters:
@@ -79,7 +80,7 @@ def vehicle_parameters(api: SumoApi, vehicle: str) -> VehicleParameters:
 
 
 class TypeParameters(NamedTuple):
-    """What a vehicle type can do."""
+    """Parameters of a vehicle type."""
 
     limits: tuple[float, float, float]
     """Acceleration, deceleration and emergency deceleration, m/s²."""
@@ -94,16 +95,16 @@ def type_parameters(api: SumoApi, vehicle_type: str) -> TypeParameters:
 
 
 class Motor(NamedTuple):
-    """How fast vehicles of a type are, and what they emit."""
+    """Top speed, emission class and vehicle class of a vehicle type."""
 
     max_speed: float
-    """m/s, on any lane."""
+    """Top speed on any lane, m/s."""
     emission_class: str
     vehicle_class: str
 
 
 def motors(api: SumoApi) -> dict[str, Motor]:
-    """Of all vehicle types that SUMO has loaded, by id."""
+    """The `Motor` of each vehicle type that SUMO has loaded, by id."""
     domain = api.vehicletype
     return {
         name: Motor(domain.getMaxSpeed(name), domain.getEmissionClass(name), domain.getVehicleClass(name))
@@ -112,7 +113,7 @@ def motors(api: SumoApi) -> dict[str, Motor]:
 
 
 def vehicle_lane(api: SumoApi, vehicle: str) -> str:
-    """The lane under a vehicle; '' where SUMO has it on none."""
+    """The lane under a vehicle; '' if SUMO has it on no lane."""
     return api.vehicle.getLaneID(vehicle)
 
 
@@ -127,22 +128,23 @@ def route_id(api: SumoApi, vehicle: str) -> str:
 
 
 def vehicle_speed(api: SumoApi, vehicle: str) -> float:
-    """m/s."""
+    """Speed of a vehicle, m/s."""
     return api.vehicle.getSpeed(vehicle)
 
 
 def waiting_time(api: SumoApi, vehicle: str) -> float:
-    """s for which a vehicle has been slower than 0.1 m/s."""
+    """Time (s) for which a vehicle has been slower than 0.1 m/s."""
     return api.vehicle.getWaitingTime(vehicle)
 
 
 def lane_position(api: SumoApi, vehicle: str) -> float:
-    """m from the begin of a vehicle's lane to its front."""
+    """Distance (m) from the begin of a vehicle's lane to its front."""
     return api.vehicle.getLanePosition(vehicle)
 
 
 def allowed_speed(api: SumoApi, vehicle: str) -> float:
-    """m/s: the limit of a vehicle's lane times its speed factor, at most the speed that the vehicle wants."""
+    """Allowed speed (m/s): the limit of a vehicle's lane times its speed factor, at most the vehicle's desired
+    speed."""
     return api.vehicle.getAllowedSpeed(vehicle)
 
 
@@ -152,33 +154,33 @@ def vehicles_on_lane(api: SumoApi, lane: str) -> tuple[str, ...]:
 
 
 def leader_of(api: SumoApi, vehicle: str, distance: float) -> tuple[str, float] | None:
-    """SUMO's leader of a vehicle within `distance` m, and the gap to it in m less the minGap of the vehicle."""
+    """SUMO's leader of a vehicle within `distance` m, and the gap (m) minus the minGap of the vehicle."""
     leader = api.vehicle.getLeader(vehicle, distance)
     return leader if leader and leader[0] else None
 
 
 def person_edge(api: SumoApi, person: str) -> str:
-    """The edge, walking area or crossing under a person; '' where SUMO has it on none."""
+    """The edge, walking area or crossing under a person; '' if SUMO has it on none."""
     return api.person.getRoadID(person)
 
 
 def walk_of(api: SumoApi, person: str) -> tuple[tuple[str, ...], float]:
-    """The remaining edges of a person's walk, the present one first, and m along the last one where the walk ends."""
+    """The remaining edges of a person's walk, from the present edge on, and the position (m) of its end on the last."""
     return tuple(api.person.getEdges(person, 0)), api.person.getStage(person, 0).arrivalPos
 
 
 def walking_speed(api: SumoApi, person: str) -> float:
-    """m/s at which a person walks."""
+    """Walking speed of a person, m/s."""
     return api.person.getMaxSpeed(person)
 
 
 def find_route(api: SumoApi, start: str, end: str, vehicle_type: str) -> tuple[str, ...]:
-    """The edges of SUMO's fastest route from one edge to another; () where there is none."""
+    """The edges of SUMO's fastest route from one edge to another; () without a route."""
     return tuple(api.simulation.findRoute(start, end, vehicle_type).edges)
 
 
 def find_walk(api: SumoApi, start: str, end: str) -> tuple[StageRecord, ...]:
-    """The stages of a person's walk from one edge to another; () where there is none."""
+    """The stages of a person's walk from one edge to another; () without a walk."""
     return tuple(api.simulation.findIntermodalRoute(start, end, ""))
 
 
@@ -194,7 +196,8 @@ def insert_vehicle(
 def insert_pedestrian(
     api: SumoApi, person: str, person_type: str, edge: str, position: float, walk: Sequence[StageRecord]
 ) -> None:
-    """Insert a person that SUMO lets walk from `position` (m) on `edge`; without a walk to 1 m behind its begin."""
+    """Insert a person that walks from `position` (m) on `edge`; with an empty `walk`, to 1 m from the begin of
+    `edge`."""
     api.person.add(person, edge, position, typeID=person_type)
     for stage in walk or (api.simulation.Stage(type=WALKING_STAGE, edges=[edge], arrivalPos=1.0),):
         api.person.appendStage(person, stage)

@@ -1,4 +1,4 @@
-"""Running SUMO simulations: started here with libsumo, or started by a user's script."""
+"""Running SUMO simulations: started by this module with libsumo, or by a user's script."""
 
 import os
 import shutil
@@ -28,23 +28,23 @@ ATTACHED = "slrl_sumo.attached"
 SYSTEM_LIBRARIES = (
     "where it misses a library of the system: apt-get install libx11-6 libxext6 libxrender1 libgl1 libatomic1"
 )
-"""What SUMO's wheels 1.28 need of Debian, which small images of containers lack."""
+"""Hint on Debian libraries that SUMO's wheels 1.28 need, and that small container images lack."""
 
 
 class SumoSession:
     """A SUMO simulation of one scenario, from start to close; a context manager.
 
-    libsumo holds one simulation per process: opening a second session is an error. After `__enter__`:
+    libsumo allows one simulation per process: opening a second session is an error. After `__enter__`:
 
-    - `api`: libsumo; `network`: lanes and junctions; `reader`: reads all road users; `spawned`: adds and moves learned
-      ones;
+    - `api`: libsumo; `network`: lanes and junctions; `reader`: reads all road users; `spawned`: adds and moves spawned
+      road users;
     - `time`: simulation time in s; `step_length`: SUMO's step in s; `substeps`: SUMO steps per decision interval;
     - `notices`: the changes to the scenario, one line each.
 
     `gui`: with the window of sumo-gui; the process must end after the session.
 
-    Raises InputError when SUMO refuses the scenario, with SUMO's reason; SumoError when SUMO fails later, in `step` or
-    because it is closed within the with block.
+    Raises InputError if SUMO refuses the scenario, with SUMO's reason; SumoError if SUMO fails later, in `step` or
+    because the simulation is closed within the with block.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class SumoSession:
         self.api: SumoApi = libsumo
         if not self._keep_outputs:
             self._scratch = Path(tempfile.mkdtemp(prefix="slrl_sumo_"))
-            # Also at the end of a process that does not close its simulation.
+            # The folder is also removed at the end of a process that does not close its simulation.
             self._remove_scratch = weakref.finalize(self, _remove, self._scratch)
         command = start_command(
             self.scenario, step_length=self.step_length, seed=self._seed, outputs_to=self._scratch, gui=self._gui
@@ -91,7 +91,7 @@ class SumoSession:
             try:
                 libsumo.start(command)
             except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-                # After a refusal while reading routes, SUMO stays half loaded and would block every later session.
+                # After a refusal while it reads routes, SUMO stays partly loaded and would block each later session.
                 self.close()
                 added = " ".join(f"--{name} {value}" for name, value in self.scenario.added.items())
                 where = f"{self.scenario.config}{f' with --sumo-options {added!r}' if added else ''}"
@@ -119,21 +119,21 @@ class SumoSession:
 
     @property
     def time(self) -> float:
-        """Simulation time in s: that of the next step, as libsumo counts."""
+        """Simulation time of the next step, s, as in libsumo."""
         return self.api.simulation.getTime()
 
     @property
     def end(self) -> float | None:
-        """The scenario's end in s, None where it has none."""
+        """The scenario's end, s; None without an end."""
         return self.scenario.seconds("end")
 
     @property
     def expected(self) -> int:
-        """Road users that are under way or wait for their departure: at 0, SUMO ends a scenario that has no end."""
+        """Number of road users in the network or before their departure: at 0, SUMO ends a scenario without an end."""
         return self.api.simulation.getMinExpectedNumber()
 
     def step(self) -> None:
-        """One SUMO step. Raises SumoError when SUMO fails."""
+        """Run a SUMO step. Raises SumoError if SUMO fails."""
         import libsumo
 
         time = self.time
@@ -147,9 +147,9 @@ class SumoSession:
         import libsumo
 
         try:
-            # After this session was closed, another one may have been opened: that one must stay open.
-            # On 2 of 5 tries the window of sumo-gui never answered `close`: without outputs to finish, it closes with
-            # the process.
+            # After this session was closed, another session may have been opened, which must stay open.
+            # In 2 of 5 attempts, the window of sumo-gui never answered `close`: without outputs to finish, it closes
+            # with the process.
             if self._open and libsumo.isLoaded() and (self._keep_outputs or not self._gui):
                 libsumo.close()
         finally:
@@ -162,15 +162,15 @@ def _remove(folder: Path) -> None:
 
 
 _ATTACHMENTS = count(1)
-"""Numbers the attachments of this process."""
+"""Counter for the attachments of this process."""
 
 
 class AttachedSession:
-    """A simulation that a user's script has started, seen through `api`: libsumo, traci or a TraCI connection.
+    """A simulation that a user's script has started, accessed by `api`: libsumo, traci or a TraCI connection.
 
-    `network`, `reader`, `spawned`, `time` and `step_length` are those of SumoSession. Raises InputError where `api` is
-    none of these or holds no simulation, for a step that does not divide the decision interval, and where learned road
-    users are attached already.
+    `network`, `reader`, `spawned`, `time` and `step_length`: see SumoSession. Raises InputError if `api` is none of
+    these or has no simulation, if the step does not divide the decision interval, and if learned road users are already
+    attached.
     """
 
     def __init__(self, api: SumoApi) -> None:
@@ -204,7 +204,7 @@ class AttachedSession:
         return float(self.api.simulation.getTime())
 
     def step(self) -> None:
-        """One SUMO step."""
+        """Run a SUMO step."""
         self.api.simulationStep()
         self._steps += 1
         self.mark(attached=True)
@@ -215,7 +215,7 @@ class AttachedSession:
 
     @property
     def attached(self) -> bool:
-        """Whether the simulation is open and still the one that this session was made for."""
+        """Whether the simulation of this session is still open, and no other one was loaded."""
         try:
             return self._read_mark().startswith(f"{self._name} ")
         except Exception as error:
@@ -224,9 +224,9 @@ class AttachedSession:
             raise
 
     def check(self) -> None:
-        """Raise InputError where the script has loaded another simulation or state since the last step.
+        """Raise InputError if the script has loaded another simulation or state since the last step.
 
-        States contain the mark: one that was saved after another step shows.
+        States contain the mark, so that a state that was saved after another step is detected.
         """
         if self._read_mark() != self._marking:
             raise InputError(
@@ -236,7 +236,7 @@ class AttachedSession:
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """What SUMO raises meanwhile becomes a SumoError."""
+        """Context manager that converts SUMO's errors to SumoError."""
         try:
             yield
         except Exception as error:
@@ -254,13 +254,13 @@ class AttachedSession:
         try:
             return self.api.vehicletype.getParameter(LEARNED_TYPES[0], ATTACHED)
         except Exception as error:
-            if is_refusal(error):  # the type is not there
+            if is_refusal(error):  # the type does not exist
                 return ""
             raise
 
 
 def _sumo_reason(printed: IO[bytes], message: str) -> str:
-    """SUMO's reason for refusing a scenario as one line: its first error with the lines that continue it."""
+    """SUMO's reason for refusing a scenario, as one line: its first error with its continuation lines."""
     printed.seek(0)
     lines = [line.rstrip() for line in printed.read().decode(errors="replace").splitlines()]
     starts = [i for i, line in enumerate(lines) if line.startswith("Error:")]
@@ -277,7 +277,7 @@ def _sumo_reason(printed: IO[bytes], message: str) -> str:
 
 @contextmanager
 def _captured_output() -> Iterator[IO[bytes]]:
-    """Everything that this process, C++ code included, prints to stdout and stderr meanwhile goes to a file."""
+    """Context manager that redirects stdout and stderr of this process, including C++ code, to a file."""
     sys.stdout.flush()
     sys.stderr.flush()
     with tempfile.TemporaryFile() as file:
@@ -293,7 +293,7 @@ def _captured_output() -> Iterator[IO[bytes]]:
 
 
 def library_version() -> str:
-    """Version that the library itself reports; it may differ from its package's where PYTHONPATH points elsewhere."""
+    """Version that the library reports; it may differ from the version of the package because of PYTHONPATH."""
     import libsumo
 
     return str(libsumo.getVersion()[1]).removeprefix("SUMO ").strip()

@@ -1,14 +1,14 @@
-"""Learned road users that are added to SUMO, moved and removed, in a way that was measured not to crash.
+"""Spawned road users: added to SUMO, moved and removed with calls that do not crash SUMO, according to measurements.
 
 Rules (measured with libsumo 1.28, see docs/architecture.md):
 
-- A vehicle's very first `moveToXY` must put it on a lane that it may use, else SUMO crashes; hence `add` stages it on
-  the nearest carriageway for one SUMO step, and the second `move` puts it at its position.
-- Afterwards cars and bicycles move with keepRoute 2 (may be anywhere). Bit 4 (ignore permissions) crashes SUMO where a
-  long vehicle is mapped to a pedestrian lane beside a crossing, so it is used for the staging step only.
-- Bicycles are a vehicle type of class "passenger": SUMO then maps them to car lanes, and cars stop for them.
+- The first `moveToXY` of a vehicle must put it on a lane that it may use, else SUMO crashes. Therefore `add` stages the
+  vehicle on the nearest carriageway for one SUMO step, and the second `move` puts it at its position.
+- Afterwards cars and bicycles move with keepRoute 2 (any position). Bit 4 (ignore permissions) crashes SUMO if a long
+  vehicle is mapped to a pedestrian lane beside a crossing, so it is used for the staging step only.
+- Bicycles have a vehicle type of class "passenger": SUMO then maps them to car lanes, and cars stop for them.
 - Persons move with keepRoute 7 (2 crashes); their walk is renewed when the edge under them changes.
-- Every road user is moved in every SUMO step: a vehicle beside its lane vanishes in the first step without a move.
+- Each road user is moved in each SUMO step: a vehicle beside its lane disappears in the first step without a move.
 - No vehicle is moved to an edge with a calibrator or a vaporizer: see `removing_edges`.
 - With the sublane model, SUMO crashes later when a vehicle has left all lanes: see `sublanes`.
 """
@@ -35,16 +35,16 @@ LEARNED_TYPES = tuple(f"{SPAWNED_PREFIX}{name}" for name in TYPE_NAMES)
 SUMO_TEMPLATES = ("DEFAULT_VEHTYPE", "DEFAULT_BIKETYPE", "DEFAULT_PEDTYPE")
 KEEP_ROUTE_VEHICLE, KEEP_ROUTE_STAGING, KEEP_ROUTE_PERSON = 2, 6, 7
 MATCH_THRESHOLD = 5.0
-"""m; SUMO's default of 100 m makes a call up to 40 times slower."""
+"""matchThreshold (m) of vehicles; SUMO's default of 100 m makes a call up to 40 times slower."""
 MATCH_THRESHOLD_PERSON = 0.1
-"""m; with 5 m SUMO moves about 1 % of the persons by up to 8 m, to the edge of another lane."""
+"""matchThreshold (m) of persons; with 5 m, SUMO moves about 1 % of them by up to 8 m, to the edge of another lane."""
 
 SHORT_LANE = 1.0
-"""m: lanes up to this length are used only where a network has no others."""
+"""Length (m) up to which lanes are used only in networks without longer lanes."""
 
 
 class SpawnedControl:
-    """Adds, moves and removes learned road users. `refusals`: those for which SUMO has refused a call."""
+    """Adds, moves and removes spawned road users. `refusals`: road users for which SUMO has refused a call."""
 
     def __init__(self, api: SumoApi, network: Network) -> None:
         self.refusals = Refusals()
@@ -74,7 +74,7 @@ class SpawnedControl:
             types.setLength(name, float(DEFAULT_LENGTH[kind]))
             types.setWidth(name, float(DEFAULT_WIDTH[kind]))
             types.setMaxSpeed(name, 70.0)
-            # Spawned road users have no route: a rerouting device for all vehicles of a scenario would fail.
+            # Spawned road users have no route, so that a rerouting device for all vehicles of a scenario would fail.
             types.setParameter(name, "has.rerouting.device", "false")
         types.setVehicleClass(LEARNED_TYPES[RoadUserType.CAR], self._vehicle_class)
         types.setVehicleClass(LEARNED_TYPES[RoadUserType.BICYCLE], self._vehicle_class)
@@ -136,13 +136,13 @@ class SpawnedControl:
         self._staged.difference_update(ids)
 
     def loaded(self) -> frozenset[str]:
-        """Ids that are in use in the simulation."""
+        """Ids of all road users in the simulation."""
         return loaded_ids(self._api)
 
     def remove(self, ids: tuple[str, ...]) -> None:
-        """Remove those of the road users that were added here and are still in the simulation."""
-        # SUMO does not list a staged one, which departs in the next step, nor one that was left beside all lanes. These
-        # calls are refused for one that is gone.
+        """Remove road users that were added here and are still in the simulation."""
+        # SUMO lists neither staged road users, which depart in the next step, nor vehicles beside all lanes. For
+        # removed road users, SUMO refuses these calls.
         gone, on_road = Refusals(), set(self._api.vehicle.getIDList())
         for road_user in self._added.intersection(ids):
             with gone.of(road_user):
@@ -192,7 +192,7 @@ class SpawnedControl:
         self._staged.add(road_user)
 
     def _renew_walk(self, road_user: str, lane: int) -> None:
-        """Let a person walk on the edge under it; `lane` -1 (no edge under it) keeps the last one."""
+        """Set the walk of a person to the edge under it; `lane` -1 (no edge under it) keeps the last edge."""
         if lane < 0:
             return
         edge = self._walks.lanes[lane].edge
@@ -203,18 +203,18 @@ class SpawnedControl:
 
 
 def _staging_points(lanes: list[Lane], vehicle_class: str) -> LanePoints:
-    """Points on the lanes for a class: on short ones only where there are no others (grids with streets of 8 m)."""
+    """Points on the lanes for a class; on short lanes only without longer lanes (grids with streets of 8 m)."""
     admitting = [lane for lane in lanes if vehicle_class in lane.allowed]
     return LanePoints([lane for lane in admitting if lane.length > SHORT_LANE] or admitting, spacing=2.0)
 
 
 def arrival_on(lane: Lane) -> float:
-    """Where the walk of a person that is moved ends (m along the lane): SUMO refuses places beyond the lane's end."""
+    """End of the walk of a moved person (m along the lane): SUMO refuses positions past the lane's end."""
     return min(1.0, 0.5 * lane.length)
 
 
 def bare_moves(api: SumoApi, learned: WorldState) -> Callable[[], None]:
-    """The `moveToXY` calls for learned road users, to where they are, without any work around them: for benchmarks."""
+    """Only the `moveToXY` calls for learned road users, to their present positions: for benchmarks."""
     present = loaded_ids(api)
     x, y = front_from_centre(learned.x, learned.y, learned.heading, learned.length)
     rows = zip(learned.ids, x.tolist(), y.tolist(), heading_to_sumo(learned.heading).tolist(), strict=True)

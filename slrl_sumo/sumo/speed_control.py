@@ -1,4 +1,4 @@
-"""Road users of SUMO that are held back from outside, and vehicles that pass others waiting inside a junction."""
+"""Control of background road users: held vehicles and persons, and vehicles that pass others inside a junction."""
 
 from collections.abc import Iterable
 
@@ -6,13 +6,13 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.refusals import Refusals
 
 MAX_DECELERATION_BIT = 4
-"""Of a speed mode: brake no harder than `decel` (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html)."""
+"""Bit of a speed mode: brake no harder than `decel` (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html)."""
 DISREGARDS_INSIDE_BIT = 32
-"""Of a speed mode: disregard the right of way of others that are inside the junction."""
+"""Bit of a speed mode: disregard the right of way of vehicles inside the junction."""
 
 
 class SpeedControl:
-    """Sets speeds and speed modes of vehicles and gives them back to SUMO with the modes that they had before.
+    """Sets speeds and speed modes of vehicles, and returns the vehicles to SUMO with their former modes.
 
     `refusals`: vehicles for which SUMO has refused a call.
     """
@@ -21,11 +21,11 @@ class SpeedControl:
         self.refusals = Refusals()
         self._api = api
         self._own: dict[str, int] = {}
-        """Speed modes before, of vehicles that are held or pass others."""
+        """Former speed modes of vehicles that are held or pass others."""
         self._set: dict[str, int] = {}
-        """Speed modes now, where they differ."""
+        """Present speed modes that differ from the former ones."""
         self._hard: dict[str, bool] = {}
-        """Of the held vehicles: whether they may brake harder than `decel`."""
+        """For each held vehicle, whether it may brake harder than `decel`."""
         self._passing: set[str] = set()
 
     @property
@@ -35,18 +35,19 @@ class SpeedControl:
 
     @property
     def passing(self) -> frozenset[str]:
-        """Ids of the vehicles that pass others inside a junction."""
+        """Ids of the vehicles that pass other vehicles inside a junction."""
         return frozenset(self._passing)
 
     def hold(self, vehicle: str, speed: float, hard: bool) -> None:
-        """Drive at `speed` (m/s) or slower from the next step on; `hard`: brake for that up to `emergencyDecel`."""
+        """Let a vehicle drive at `speed` (m/s) or slower from the next step on; `hard`: brake up to
+        `emergencyDecel`."""
         with self.refusals.of(vehicle):
             self._hard[vehicle] = hard
             self._renew(vehicle)
             self._api.vehicle.setSpeed(vehicle, speed)
 
     def release(self, vehicles: Iterable[str]) -> None:
-        """Let SUMO choose the speed of those of `vehicles` that are held."""
+        """Return the speeds of the held vehicles among `vehicles` to SUMO."""
         releasing = [v for v in vehicles if v in self._hard]
         present = frozenset(self._api.vehicle.getIDList()) if releasing else frozenset()
         for vehicle in releasing:
@@ -59,7 +60,7 @@ class SpeedControl:
                 self._renew(vehicle)
 
     def let_pass(self, vehicles: Iterable[str]) -> None:
-        """Let these vehicles, and no others, disregard those that are inside their junction; they are all present."""
+        """Let exactly these vehicles, all present, disregard the vehicles inside their junction."""
         wanted = set(vehicles)
         changed, self._passing = self._passing ^ wanted, wanted
         present = frozenset(self._api.vehicle.getIDList()) if changed - wanted else frozenset(wanted)
@@ -78,7 +79,7 @@ class SpeedControl:
             self._passing.discard(vehicle)
 
     def _renew(self, vehicle: str) -> None:
-        """Give a vehicle the speed mode that is right for it now."""
+        """Set the speed mode of a vehicle according to its present state."""
         if vehicle not in self._own:
             self._own[vehicle] = self._api.vehicle.getSpeedMode(vehicle)
         own = mode = self._own[vehicle]
@@ -94,25 +95,25 @@ class SpeedControl:
 
 
 HELD_SPEED_FACTOR = 0.001
-"""Speed factor of persons that are held. With 0, SUMO 1.28 moves one that stands on a walking area over the whole next
-edge in one step, as far as 115 m."""
+"""Speed factor of held persons. With 0, SUMO 1.28 moves a person that stands on a walking area over the whole next edge
+in one step, up to 115 m."""
 
 
 class WalkControl:
-    """Stops persons and lets them walk on at their own pace; `refusals`: persons for which SUMO has refused a call.
+    """Stops persons, and lets them walk on at their own speed; `refusals`: persons for which SUMO has refused a call.
 
-    By their speed factor: unlike the speed of a walk, it can be read, and so be restored. A walk with a `speed` of its
-    own in the scenario does not heed it.
+    It uses the speed factor of persons, which, unlike the speed of a walk, can be read and restored. The factor has no
+    effect on a walk with a `speed` in the scenario.
     """
 
     def __init__(self, api: SumoApi, refusals: Refusals) -> None:
         self._api, self._refusals = api, refusals
         self._factor: dict[str, float] = {}
-        """Speed factors before, of the persons that are held."""
+        """Former speed factors of the held persons."""
 
     @property
     def held(self) -> frozenset[str]:
-        """Ids of the persons that are held."""
+        """Ids of the held persons."""
         return frozenset(self._factor)
 
     def hold(self, persons: Iterable[str]) -> None:
@@ -123,7 +124,7 @@ class WalkControl:
                 self._api.person.setSpeedFactor(person, HELD_SPEED_FACTOR)
 
     def release(self, persons: Iterable[str]) -> None:
-        """Let those of `persons` that are held walk on."""
+        """Let the held persons among `persons` walk on."""
         releasing = self._factor.keys() & set(persons)
         present = frozenset(self._api.person.getIDList()) if releasing else frozenset()
         for person in sorted(releasing):

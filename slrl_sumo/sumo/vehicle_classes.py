@@ -1,4 +1,4 @@
-"""SUMO's vehicle classes: their usual sizes, and which vehicles are like those that the models learned from."""
+"""SUMO's vehicle classes: their default sizes, and the vehicles that are similar to the recorded vehicles."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,19 +9,20 @@ CAR_CLASSES = frozenset(
         *("authority", "army", "vip", "custom1", "custom2"),
     }
 )
-"""Classes that SUMO drives as it drives passenger cars. Buses, coaches, lorries, trams, motorcycles, mopeds and
-scooters speed up, brake and change lanes otherwise, and emergency vehicles pass at red
+"""Classes that SUMO drives like passenger cars. Buses, coaches, lorries, trams, motorcycles, mopeds and scooters
+accelerate, brake and change lanes differently, and emergency vehicles pass red signals
 (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html)."""
 LEARNED_CLASSES = CAR_CLASSES | {"bicycle"}
 MAX_LENGTH, MAX_WIDTH = 5.7, 2.1
-"""m: a tenth more than the longest (5.2 m) and the widest (1.9 m) car that netgen draws. The shipped models were
-recorded from these cars. Where its centre takes a turn of radius 6 m, such a car needs 0.2 m more room outside than the
-longest recorded one, a delivery van of 6.5 m 0.4 m more, and a bus of 12 m 2 m more."""
+"""Greatest length and width (m) of learned cars: a tenth more than the longest (5.2 m) and the widest (1.9 m) car of
+netgen, from which the shipped models were recorded. If its centre follows a turn of radius 6 m, a car of this size
+needs 0.2 m more room outside than the longest recorded car, a delivery van of 6.5 m 0.4 m more, and a bus of 12 m 2 m
+more."""
 SIZE = "size"
 
 
 class Shape(NamedTuple):
-    """What decides on whose models suit a vehicle: its class, and its length and width in m."""
+    """Class, length (m) and width (m) of a vehicle, which decide whether learned models suit it."""
 
     vehicle_class: str
     length: float
@@ -48,9 +49,9 @@ CLASS_SIZES: Mapping[str, tuple[float, float]] = {
     "rail_fast": (200.0, 2.95),
     "ship": (17.0, 4.0),
 }
-"""Length and width in m, defaults of SUMO 1.28; all classes that are not named are as long as cars."""
+"""Length and width (m), defaults of SUMO 1.28; classes that are missing here have the size of cars."""
 DESIRED_SPEEDS: Mapping[str, float] = {"bicycle": 20.0 / 3.6}
-"""m/s that vehicles want at most (desiredMaxSpeed), defaults of SUMO 1.28 that are below the top speeds of classes."""
+"""Greatest desired speeds (m/s, desiredMaxSpeed), defaults of SUMO 1.28 that are below the top speeds of classes."""
 PASSENGER = 5.0, 1.8
 
 
@@ -60,7 +61,7 @@ def usual_shape(vehicle_class: str) -> Shape:
 
 
 def without_models(shape: Shape) -> str:
-    """Why models of cars and bicycles do not suit a vehicle, by its class or its SIZE; '' where they do."""
+    """Reason why models of cars and bicycles do not suit a vehicle: its class or SIZE; '' if they do."""
     if shape.vehicle_class not in LEARNED_CLASSES:
         return f"class {shape.vehicle_class}"
     if shape.vehicle_class in CAR_CLASSES and (shape.length > MAX_LENGTH or shape.width > MAX_WIDTH):

@@ -1,4 +1,4 @@
-"""The lane, crossing or walking area that a person is on, found from its position."""
+"""The lane, crossing or walking area under a person, found from its position."""
 
 from collections.abc import Sequence
 
@@ -12,33 +12,35 @@ from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.loaded import is_crossing, is_walking_area
 
 FOOT_LANE_MARGIN = 1.0
-"""m beside a lane at which a person still counts as on it: from there on a run says that it has left its surface."""
+"""Distance (m) beside a lane up to which a person counts as on the lane; beyond it, a run counts the person as off its
+surface."""
 TILE = 40.0
-"""m. A tile in a junction has about 20 lanes for pedestrians, and a city stays far below the most pieces."""
+"""Side (m) of a tile. In a junction, a tile has about 20 lanes for pedestrians, and a city stays far below the greatest
+number of pieces."""
 
 
 class FootLanes:
-    """The lanes of a network that admit pedestrians, with crossings and walking areas, by position.
+    """The lanes of a network that admit pedestrians, including crossings and walking areas, by position.
 
-    `lanes`: these m lanes.
+    `lanes`: the m lanes.
     """
 
     def __init__(self, lanes: Sequence[Lane]) -> None:
-        # Lanes of vehicles inside junctions are no places for persons: SUMO has crossings and walking areas there.
+        # Vehicle lanes inside junctions are left out: SUMO has crossings and walking areas for persons there.
         self.lanes = tuple(
             lane
             for lane in lanes
             if ("pedestrian" in lane.allowed and not lane.internal) or is_crossing(lane.id) or is_walking_area(lane.id)
         )
         self.area = np.array([is_walking_area(lane.id) for lane in self.lanes], np.bool_)
-        """Which lanes are walking areas, (m,)."""
+        """Whether each lane is a walking area, (m,)."""
         self._half = np.where(self.area, 0.0, [0.5 * lane.width for lane in self.lanes])
         shapes = [
             Area(lane.surface, lane.shape) if area else Ribbon(lane.surface, lane.shape, lane.width)
             for lane, area in zip(self.lanes, self.area.tolist(), strict=True)
         ]
         self._tiles = index_by_tile(piece_boxes(shapes, TILE), TILE, FOOT_LANE_MARGIN)
-        # A side of an outline and a piece of a centre line are both a segment.
+        # Sides of outlines and parts of centre lines are both segments.
         lines = [
             np.concatenate([lane.shape, lane.shape[:1]]) if area else lane.shape
             for lane, area in zip(self.lanes, self.area.tolist(), strict=True)
@@ -53,18 +55,18 @@ class FootLanes:
         self._high = np.array([lane.shape.max(axis=0) for lane in self.lanes]).reshape(-1, 2) + reach
         walked = [np.cumsum(np.hypot(*np.diff(line, axis=0).T)) for line in lines]
         self._along = np.concatenate([np.zeros(0), *(w - np.diff(w, prepend=0.0) for w in walked)])
-        """m along its line at which each segment begins."""
+        """Position (m along the line) at which each segment begins."""
         total = np.array([w[-1] if len(w) else 1.0 for w in walked])
-        # SUMO's length of a lane may differ from that of its shape.
+        # SUMO's length of a lane may differ from the length of its shape.
         self._measure = np.array([lane.length for lane in self.lanes]) / np.maximum(total, 1e-9)
 
     def at(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], Floats]:
-        """Index of the lane that each of n positions (m) is on, and m along it in SUMO's measure, (n,) each.
+        """Index of the lane under each of n positions (m), and position (m along it, in SUMO's measure), (n,) each.
 
-        Of lanes that hold a position it is the one that it is deepest in, else the nearest one within FOOT_LANE_MARGIN;
-        -1 and 0 where there is none. Beyond the end of a lane or crossing a walking area within FOOT_LANE_MARGIN comes
-        first: SUMO's persons wait for crossings out there. m are 0 on a walking area, where SUMO counts them along ways
-        across it.
+        If several lanes contain a position, the lane in which it is deepest; if none does, the nearest lane within
+        FOOT_LANE_MARGIN; else -1 and 0. Past the end of a lane or crossing, a walking area within FOOT_LANE_MARGIN
+        comes first, because SUMO's persons wait for crossings there. On a walking area the position is 0: SUMO measures
+        it along ways across the area.
         """
         lane, along = np.full(len(x), -1, np.intp), np.zeros(len(x))
         keys = np.floor(np.column_stack([x, y]) / TILE).astype(np.int64).tolist()
@@ -85,8 +87,8 @@ class FootLanes:
         return lane, along
 
     def _distances(self, x: Floats, y: Floats, lane: NDArray[np.intp]) -> tuple[Floats, NDArray[np.bool_], Floats]:
-        """m from each position to the rim of its lane, negative inside, whether it is beyond the lane's end, and m
-        along the lane, (p,) each."""
+        """Distance (m) from each position to the border of its lane (negative inside), whether it is past the lane's
+        end, and the position (m along the lane), (p,) each."""
         count = self._count[lane]
         pair = np.repeat(np.arange(len(lane)), count)
         starts = np.cumsum(count) - count
@@ -98,9 +100,9 @@ class FootLanes:
         dx, dy = side_x / unit, side_y / unit
         ahead, aside = px * dx + py * dy, py * dx - px * dy
         inner = np.clip(ahead, 0.0, size)
-        # Outlines of netconvert repeat corners: a side without a length has no direction.
+        # netconvert's outlines repeat corners: a side without length has no direction.
         distance = np.hypot(px - inner * dx, py - inner * dy)
-        # A ribbon ends square: there the distance is that to its last edge.
+        # A ribbon has square ends: past its end, the distance to the end counts.
         ends = ~area & (((nth == 0) & (ahead < 0.0)) | ((nth == count[pair] - 1) & (ahead > size)))
         square = np.hypot(ahead - inner, np.maximum(np.abs(aside) - half, 0.0))
         rim = np.where(ends, square, distance - half)

@@ -1,6 +1,6 @@
-"""Streets that cross without a junction, as at bridges: their lanes are on different levels.
+"""Streets that cross without a junction, such as at bridges: their lanes are on different levels.
 
-SUMO needs no heights for that: vehicles of different lanes meet at junctions only. Networks rarely have heights.
+SUMO needs no heights for this: vehicles of different lanes interact at junctions only. Networks rarely have heights.
 """
 
 import math
@@ -17,31 +17,34 @@ from slrl_sumo.scene.levels import FLAT, Levels
 from slrl_sumo.sumo.network.lanes import Lane
 
 FROM_ENDS = 5.0
-"""m. Lanes that meet at a junction may touch over this length; those that cross beyond it do so on two levels."""
+"""Distance (m) from the ends of lanes within which lanes that meet at a junction may touch; lanes that cross farther
+away are on different levels."""
 ACROSS = 0.35
-"""rad between the directions of two lanes from which they cross, instead of lying side by side."""
+"""Angle (rad) between two lanes from which they cross instead of lying side by side."""
 CROSSING_REACH = 20.0
-"""m from a crossing in which road users have a level: half of a vehicle of 16.5 m, and the way across a lane of 3.2 m
-at the angle ACROSS."""
+"""Distance (m) from a crossing within which road users have a level: half of a vehicle of 16.5 m, and the way across a
+lane of 3.2 m at the angle ACROSS."""
 LEVEL_SPACING = 2.0
-"""m between the points with a level."""
+"""Spacing (m) of the points with a level."""
 ROOM = 1000
-"""Crossings from which on they are searched twice."""
+"""Number of crossings above which the search runs twice."""
 
 
 class GradeSeparation(NamedTuple):
-    """A place where a lane of each of two edges cross on different levels."""
+    """A place where lanes of two edges cross on different levels."""
 
     edges: tuple[str, str]
-    """In alphabetical order."""
+    """Both edges in alphabetical order."""
     x: float
     """m."""
     y: float
 
 
 def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
-    """Where carriageways cross farther than FROM_ENDS from the ends of their lanes: 1.6 s for 66,000 lanes on a
-    busy core."""
+    """Places where carriageways cross farther than FROM_ENDS from the ends of their lanes.
+
+    The search takes 1.6 s for 66,000 lanes on a busy core.
+    """
     lanes = [lane for lane in lanes if lane.surface == Surface.ROAD and not lane.internal and len(lane.shape) > 1]
     if len(lanes) < 2:
         return ()
@@ -60,7 +63,7 @@ def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
     order = np.argsort(np.minimum(segments[:, 0], segments[:, 2]), kind="stable")
     segments, edge = segments[order], edge[order]
     pairs, places = np.empty((ROOM, 2), np.int64), np.empty((ROOM, 2))
-    # The kernel makes no arrays: those that grow take numba as long to compile as all the rest of it.
+    # The kernel makes no arrays: growing arrays would take numba as long to compile as the rest of the kernel.
     while (count := _crossings(segments, edge, np.sin(ACROSS), FROM_ENDS, pairs, places)) > len(pairs):
         pairs, places = np.empty((count, 2), np.int64), np.empty((count, 2))
     names = list(edges)
@@ -72,9 +75,9 @@ def grade_separations(lanes: Sequence[Lane]) -> tuple[GradeSeparation, ...]:
 
 
 def levels_of(lanes: Sequence[Lane], separations: Sequence[GradeSeparation]) -> Levels:
-    """Points on all lanes, also sidewalks, of the streets of `separations`, around these.
+    """Points near `separations` on all lanes, including sidewalks, of the streets there.
 
-    Lanes are extended straight beyond their ends: bridges are often edges of their own that end soon.
+    Lanes are extended straight beyond their ends, because bridges are often short separate edges.
     """
     if not separations:
         return FLAT
@@ -101,8 +104,10 @@ def levels_of(lanes: Sequence[Lane], separations: Sequence[GradeSeparation]) -> 
 
 
 def _around(line: Floats, places: Floats) -> Floats:
-    """Points every LEVEL_SPACING m of a polyline within CROSSING_REACH of one of the `places` (k, 2): x, y, cosine and
-    sine of the direction, (p, 4)."""
+    """Points of a polyline every LEVEL_SPACING m within CROSSING_REACH of any of the `places` (k, 2).
+
+    Returns x, y, cosine and sine of the direction, (p, 4).
+    """
     steps = np.diff(line, axis=0)
     lengths = np.hypot(*steps.T)
     steps, lengths = steps[lengths > 0.0], lengths[lengths > 0.0]
@@ -122,11 +127,11 @@ def _around(line: Floats, places: Floats) -> Floats:
 def _crossings(
     segments: Floats, edge: NDArray[np.int64], across: float, margin: float, pairs: NDArray[np.int64], places: Floats
 ) -> int:
-    """Number of the crossings of `segments` of different edges, farther than `margin` m from the ends of their lanes;
-    `across`: sine of the least angle. Their edges and x, y go to `pairs` and `places`, (k, 2), as many as fit.
+    """Count the crossings of `segments` of different edges, farther than `margin` m from the ends of their lanes.
 
-    `segments`: x, y of both ends, m from the first one back to the begin of the lane and on to its end, (s, 6), by
-    their western ends.
+    The edges and positions of the crossings go to `pairs` and `places`, (k, 2), as many as fit. `across`: sine of the
+    least angle. `segments`, (s, 6): x, y of both ends, and distances (m) from the first end to the begin and to the end
+    of the lane, sorted by the western ends.
     """
     found = 0
     for i in range(len(segments)):

@@ -1,18 +1,18 @@
-"""What SUMO changes of lanes while it runs, by variable speed signs, closings and scripts: limits and permissions."""
+"""Limits and permissions of lanes that change during a run, by variable speed signs, closings and scripts."""
 
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network.lanes import ALL_CLASSES
 
 
 def allowed_classes(api: SumoApi, lane: str) -> frozenset[str]:
-    """The vehicle classes that may use a lane now; ALL_CLASSES where none is excluded."""
+    """The vehicle classes that may use a lane now; ALL_CLASSES if none is excluded."""
     allowed, disallowed = api.lane.getAllowed(lane), api.lane.getDisallowed(lane)
     # An empty list means "all" or "none", depending on the other list.
     return frozenset(allowed) if allowed or disallowed else ALL_CLASSES
 
 
 class LaneState:
-    """Limits of lanes in SUMO's last step, read once a step, and changes of permissions. Call `renew` after each."""
+    """Limits of lanes, read once per SUMO step, and changes of permissions. Call `renew` after each step."""
 
     def __init__(self, api: SumoApi) -> None:
         self._api = api
@@ -20,7 +20,7 @@ class LaneState:
         self._disallowed: dict[str, tuple[str, ...]] = {}
 
     def renew(self) -> None:
-        """Forget the limits of the last step."""
+        """Drop the limits of the last step."""
         self._limits.clear()
 
     def limit(self, lane: str) -> float:
@@ -31,7 +31,7 @@ class LaneState:
         return limit
 
     def newly_allowed(self, lane: str) -> frozenset[str] | None:
-        """The classes that may use a lane now; None where they are as in the last call for it."""
+        """The classes that may use a lane now; None if they have not changed since the last call for this lane."""
         disallowed = tuple(self._api.lane.getDisallowed(lane))
         if self._disallowed.get(lane) == disallowed:
             return None

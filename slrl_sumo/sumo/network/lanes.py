@@ -1,4 +1,4 @@
-"""The lanes of a network, and points sampled along them: places to start at, and the lane under a position."""
+"""The lanes of a network, and points sampled along them: starting points, and the lane under a position."""
 
 from collections.abc import Sequence
 from copy import copy
@@ -16,8 +16,8 @@ from slrl_sumo.scene.nearest import PointIndex
 MOTOR_CLASSES = frozenset(
     {"passenger", "private", "taxi", "bus", "coach", "truck", "trailer", "motorcycle", "hov", "evehicle"}
 )
-"""A lane that admits one of these SUMO classes is carriageway. "delivery" and "emergency" are not among them: they may
-often use footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
+"""SUMO classes that make a lane a carriageway. "delivery" and "emergency" are left out, because they often may use
+footpaths (https://sumo.dlr.de/docs/Simulation/VehiclePermissions.html)."""
 ALL_CLASSES = MOTOR_CLASSES | {"bicycle", "pedestrian"}
 """The classes listed for a lane that admits every class."""
 
@@ -33,18 +33,18 @@ class Lane:
     width: float
     """m."""
     length: float
-    """m, as SUMO counts it: it may differ from that of `shape` (attribute "length" of the network file)."""
+    """Length (m) in SUMO; it may differ from the length of `shape` (attribute "length" of the network file)."""
     max_speed: float
-    """m/s."""
+    """Speed limit, m/s."""
     allowed: frozenset[str]
-    """SUMO vehicle classes that may use it."""
+    """SUMO vehicle classes that may use the lane."""
     internal: bool
-    """Part of a junction."""
+    """Whether the lane is part of a junction."""
     surface: Surface
 
     @cached_property
     def points(self) -> tuple[tuple[float, float], ...]:
-        """`shape` as pairs of numbers, which are faster to read one by one."""
+        """`shape` as pairs of numbers, which are faster for single accesses."""
         return tuple((x, y) for x, y in self.shape.tolist())
 
     def admits(self, vehicle_class: str) -> bool:
@@ -58,27 +58,27 @@ def lane_index(lane: str) -> int:
 
 
 LANE_CANDIDATES = 12
-"""Lane points among which the lane of a road user is found."""
+"""Number of nearest lane points among which the lane of a road user is searched."""
 ALONG = np.pi / 6.0
-"""rad between a road user and its lane, at most."""
+"""Greatest angle (rad) between a road user and its lane."""
 
 
 class PointsAlong(NamedTuple):
-    """Lane points near n positions, (n, candidates) each but `best`."""
+    """Lane points near n positions, (n, candidates) each, except `best`."""
 
     rows: NDArray[np.intp]
     """Indices of the points."""
     ahead: Floats
-    """m of the position beyond the point along its lane."""
+    """Distance (m) along the lane from the point to the position."""
     aside: Floats
-    """m to the left of the lane's centre line."""
+    """Distance (m) to the left of the lane's centre line."""
     beyond: Floats
-    """m beyond the piece of the lane that the point stands for."""
+    """Distance (m) past the segment of the lane that the point represents."""
     best: NDArray[np.intp]
     """Column of the point on the nearest lane of about the same direction, else of the nearest lane, (n,)."""
 
     def own(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The best ones of values of all candidates, (n,)."""
+        """The values of the best candidates, (n,), from the values of all candidates."""
         return values[np.arange(len(self.best)), self.best]
 
 
@@ -93,7 +93,7 @@ class LanePoints:
 
     def __init__(self, lanes: Sequence[Lane], spacing: float, strip: float = np.inf) -> None:
         self.lanes = tuple(lanes)
-        # In a city there are millions of points: no array per lane is kept, and nothing is held twice.
+        # A city has millions of points: no array per lane is stored, and no copy.
         places, headings, offsets, counts = bytearray(), bytearray(), bytearray(), []
         for lane in self.lanes:
             sample = _sample(lane, spacing, strip)
@@ -115,7 +115,7 @@ class LanePoints:
         return len(self.x)
 
     def take(self, rows: NDArray[np.intp]) -> "LanePoints":
-        """Only the points `rows` (indices), on the same lanes."""
+        """The points `rows` (indices), on the same lanes."""
         some = copy(self)
         some.x, some.y, some.heading, some.offset = (a[rows] for a in (self.x, self.y, self.heading, self.offset))
         some.lane = self.lane[rows]
@@ -127,7 +127,7 @@ class LanePoints:
         return self._index.nearest(x, y, min(count, len(self)))[0]
 
     def nearest_point(self, x: Floats, y: Floats) -> NDArray[np.intp]:
-        """Index of the point nearest to each of n positions, (n,). ValueError where there is none for a position."""
+        """Index of the point nearest to each of n positions, (n,). ValueError without points."""
         return self.nearest(x, y).reshape(len(x))
 
     def max_speed(self, rows: NDArray[np.intp]) -> Floats:
@@ -135,19 +135,22 @@ class LanePoints:
         return self._max_speed[self.lane[rows]]
 
     def rest_of_lane(self, rows: NDArray[np.intp]) -> Floats:
-        """m from the points `rows` to the ends of their lanes."""
+        """Distances (m) from the points `rows` to the ends of their lanes."""
         return self._length[self.lane[rows]] - self.offset[rows]
 
     def lanes_under(self, x: Floats, y: Floats) -> NDArray[np.intp]:
-        """Index of the lane that covers each of n positions, (n,); -1 where there is none."""
+        """Index of the lane that covers each of n positions, (n,); -1 without one."""
         if not len(self):
             return np.full(len(x), -1, np.intp)
         rows, under = self.nearest_lanes(x, y)
         return np.where(under, self.lane[rows], -1)
 
     def along(self, x: Floats, y: Floats, heading: Floats) -> "PointsAlong":
-        """The points nearest to each of n positions, and the one on the nearest lane of about the direction `heading`
-        (rad, (n,)): lanes cross inside junctions."""
+        """The points nearest to each of n positions, and among them the best candidate.
+
+        That is the point on the nearest lane of about the direction `heading` (rad, (n,)), because lanes cross inside
+        junctions.
+        """
         rows = self.nearest(x, y, LANE_CANDIDATES)
         ahead, aside = to_ego(x[:, None] - self.x[rows], y[:, None] - self.y[rows], self.heading[rows])
         beyond = np.maximum(np.abs(ahead) - 0.5 * self._spacing, 0.0)
@@ -158,7 +161,7 @@ class LanePoints:
     def nearest_lanes(self, x: Floats, y: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
         """The point nearest to each of n positions, (n,), and whether the surface of its lane lies under the position.
 
-        ValueError where there are no points.
+        ValueError without points.
         """
         if not len(self):
             raise ValueError("there are no lanes")
@@ -181,7 +184,7 @@ def _sample(lane: Lane, spacing: float, strip: float) -> Floats:
     segment = np.minimum(np.searchsorted(along, s, side="right") - 1, len(steps) - 1)
     heading = np.arctan2(steps[segment, 1], steps[segment, 0])
     x, y = np.interp(s, along, lane.shape[:, 0]), np.interp(s, along, lane.shape[:, 1])
-    # A lane's length in SUMO may differ from that of its drawn shape (attribute "length" of the net).
+    # A lane's length in SUMO may differ from the length of its shape (attribute "length" of the network file).
     offset = s * lane.length / total
     strips = max(1, int(lane.width / strip))
     aside = (np.arange(strips) - 0.5 * (strips - 1)) * lane.width / strips

@@ -1,4 +1,4 @@
-"""Links: how lanes continue through junctions, with priority and signals."""
+"""Links: the connections of lanes through junctions, with priority and signals."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,12 +9,12 @@ from slrl_sumo.sumo.network import Network
 
 
 class Link(NamedTuple):
-    """The connection of a lane to a following one, as it is in SUMO's last step."""
+    """The connection of a lane to a following lane, in its state of SUMO's last step."""
 
     target: str
     """The lane after the junction, or after an internal lane."""
     via: str
-    """The internal lane before it; '' where there is none."""
+    """The internal lane before the target; '' without one."""
     has_priority: bool
     is_open: bool
     """SUMO would let a vehicle enter now."""
@@ -28,13 +28,13 @@ class SignalLink(NamedTuple):
     signal: str
     """Id of the traffic light."""
     link_index: int
-    """Of its letter in the state of the traffic light."""
+    """Index of its letter in the state of the traffic light."""
     start: str
     """The lane before the junction."""
     target: str
-    """The lane after it."""
+    """The lane after the junction."""
     via: str
-    """The internal lane between them; '' where there is none."""
+    """The internal lane between them; '' without one."""
 
 
 def read_links(api: SumoApi, lane: str) -> list[Link]:
@@ -53,19 +53,19 @@ def signal_links(api: SumoApi) -> list[SignalLink]:
 
 
 def signal_states(api: SumoApi) -> dict[str, str]:
-    """What each traffic light shows now: one letter for each of its links."""
+    """The present state of each traffic light: one letter per link."""
     return {signal: api.trafficlight.getRedYellowGreenState(signal) for signal in api.trafficlight.getIDList()}
 
 
 class SignalChanges:
-    """What traffic lights show, as far as it has changed since the last call."""
+    """States of traffic lights that have changed since the last call."""
 
     def __init__(self, api: SumoApi) -> None:
         self._api = api
         self._shown: dict[str, str] = {}
 
     def __call__(self) -> tuple[SignalState, ...]:
-        """The new states; all of them in the first call."""
+        """The new states; all states in the first call."""
         shown, lights = signal_states(self._api), self._api.trafficlight
         new = [(signal, state) for signal, state in shown.items() if self._shown.get(signal) != state]
         self._shown = shown
@@ -79,9 +79,10 @@ def signal_programs(api: SumoApi, signal: str) -> list[list[tuple[str, float]]]:
 
 
 class ShownLinks:
-    """The links from lanes as traffic lights show them now, except whether they are open. Call `renew` after each step.
+    """The links from lanes in the present states of traffic lights; `is_open` is not current.
 
-    SUMO is asked for the links of a lane once for each state of its traffic lights: nothing else changes them.
+    Call `renew` after each step. The links of a lane are read once for each state of its traffic lights, because
+    nothing else changes them.
     """
 
     def __init__(self, api: SumoApi) -> None:
@@ -93,7 +94,7 @@ class ShownLinks:
         self._links: dict[tuple[str, ...], dict[tuple[str, str], Link]] = {}
 
     def renew(self) -> None:
-        """Forget what the traffic lights showed."""
+        """Drop the states of the traffic lights."""
         self._shown.clear()
 
     def __call__(self, lane: str) -> Mapping[tuple[str, str], Link]:
@@ -134,7 +135,7 @@ class LaneLinks:
         self._links: dict[str, list[tuple[str, str]]] = {}
 
     def __call__(self, lane: str) -> list[tuple[str, str]]:
-        """Pairs of lane ids: the following lane, and the internal lane before it ('' where there is none)."""
+        """Pairs of lane ids: the following lane, and the internal lane before it ('' without one)."""
         links = self._links.get(lane)
         if links is None:
             links = self._links[lane] = [

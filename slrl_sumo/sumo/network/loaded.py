@@ -20,11 +20,11 @@ from slrl_sumo.sumo.network.lanes import MOTOR_CLASSES, Lane, LanePoints
 from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, vaporized_edges
 
 LANE_WIDTH = 3.2
-"""m: SUMO's default, which stands for widths that no lane has."""
+"""SUMO's default width (m), which replaces invalid widths."""
 WIDEST = 200.0
-"""m."""
+"""Greatest valid width, m."""
 STRIPE = 0.65
-"""m: width of one of SUMO's stripes for persons. Where a street ends, netconvert's walking areas are lines of no width
+"""Width (m) of SUMO's stripes for persons. At the end of a street, netconvert's walking areas are lines without width
 between the ends of its sidewalks; SUMO's persons walk along them as on a sidewalk, up to 1 m beside."""
 
 _WALKING_AREA = re.compile(r"^:.+_w\d+_\d+$")
@@ -44,7 +44,7 @@ class Network:
     signal_junctions: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """The junctions that each traffic light controls, by its id."""
     without_width: tuple[str, ...] = ()
-    """Lanes whose width in SUMO is not above 0 and up to WIDEST: they have LANE_WIDTH here."""
+    """Lanes with a width in SUMO outside (0, WIDEST]: they have LANE_WIDTH here."""
     infinitely_wide: frozenset[str] = frozenset()
     """Lanes of infinite width."""
     removing: frozenset[str] = frozenset()
@@ -57,19 +57,19 @@ class Network:
 
     @cached_property
     def walks(self) -> LanePoints:
-        """Points every 2 m on the lanes outside junctions that admit pedestrians, made on first use: a city has
+        """Points every 2 m on the lanes outside junctions that admit pedestrians; made on first use, because a city has
         millions."""
         walkable = [lane for lane in self.lanes if not lane.internal and "pedestrian" in lane.allowed]
         return LanePoints(walkable, spacing=2.0)
 
     @cached_property
     def grade_separations(self) -> tuple[GradeSeparation, ...]:
-        """Where streets cross without a junction."""
+        """Places where streets cross without a junction."""
         return grade_separations(self.lanes)
 
     @cached_property
     def levels(self) -> Levels:
-        """The levels of the streets there."""
+        """The levels of the streets at `grade_separations`."""
         return levels_of(self.lanes, self.grade_separations)
 
     def surfaces(self) -> SurfaceShapes:
@@ -106,7 +106,7 @@ def is_crossing(lane_id: str) -> bool:
 
 
 def _mean_width(outline: NDArray[np.float64]) -> float:
-    """m: area of a polygon (k, 2) over half of the way around it; 0 of a line."""
+    """Mean width (m) of a polygon (k, 2): its area over half of its perimeter; 0 for a line."""
     x, y = (outline - outline[:1]).T
     step_x, step_y = np.roll(x, -1) - x, np.roll(y, -1) - y
     area = 0.5 * abs(float(np.sum(x * step_y - y * step_x)))
@@ -119,12 +119,12 @@ def _is_on_foot(lane_id: str) -> bool:
 
 
 def read_network(api: SumoApi) -> Network:
-    """Read the loaded network: about 4 us a lane and call with libsumo.
+    """Read the loaded network, in about 4 us per lane and call with libsumo.
 
-    Raises InputError where a lane is nowhere, and where a crossing or a walking area admits cars.
+    Raises InputError for a lane at an invalid position, and for a crossing or walking area that admits cars.
     """
     lanes, without_width, infinitely_wide = [], [], set()
-    # Lanes share their sets of classes and the names of their edges, to save memory.
+    # To save memory, lanes share their sets of classes and the names of their edges.
     known: dict[frozenset[str], frozenset[str]] = {}
     edges: dict[str, str] = {}
     for lane_id in api.lane.getIDList():
@@ -154,15 +154,15 @@ def read_network(api: SumoApi) -> Network:
                 f"lane {lane.id} has a point without position, or farther than {MAX_POSITION:g} m from the origin; "
                 "correct the network"
             )
-        # SUMO 1.28 crashes some steps after it has mapped a moved vehicle to one.
+        # SUMO 1.28 crashes some steps after it has mapped a moved vehicle to such a lane.
         if "passenger" in lane.allowed and _is_on_foot(lane.id):
             raise InputError(
                 f'lane {lane.id} of a crossing or walking area admits cars; give it allow="pedestrian", as netconvert '
                 "does"
             )
     junctions = _junctions(api, lanes)
-    # A walking area between carriageways that admit pedestrians is part of the common surface: the middle of a shared
-    # space. Where sidewalks lie beside the carriageway, a walking area is for pedestrians only.
+    # A walking area between carriageways that admit pedestrians is part of the common surface, the middle of a shared
+    # space. Beside carriageways with sidewalks, a walking area is for pedestrians only.
     shared = _shared_junctions(api, lanes)
     lanes = [
         replace(lane, surface=Surface.ROAD)
@@ -196,7 +196,7 @@ def _removing(api: SumoApi) -> frozenset[str]:
 
 
 def _exits(api: SumoApi, lanes: list[Lane]) -> NDArray[np.float64]:
-    """Ends of lanes at junctions that have a single neighbour: see Network.exits."""
+    """Ends of lanes at junctions with a single neighbouring junction: see Network.exits."""
     neighbours: dict[str, set[str]] = {}
     between = {edge: (api.edge.getFromJunction(edge), api.edge.getToJunction(edge)) for edge in _edges(lanes)}
     for start, end in between.values():
@@ -239,7 +239,7 @@ def _lane_surface(lane_id: str, classes: frozenset[str]) -> Surface:
 
 
 def _shared_junctions(api: SumoApi, lanes: list[Lane]) -> frozenset[str]:
-    """Junctions of carriageways that admit pedestrians, without any sidewalk."""
+    """Junctions of carriageways that admit pedestrians, without sidewalks."""
     sidewalks = {lane.edge for lane in lanes if not lane.internal and lane.surface == Surface.SIDEWALK}
     mixed = {lane.edge for lane in lanes if lane.surface == Surface.ROAD and "pedestrian" in lane.allowed}
     shared = set()
@@ -260,7 +260,7 @@ def _junctions(api: SumoApi, lanes: list[Lane]) -> list[Area]:
             by_edge[lane.edge] = lane.surface
     areas = []
     for junction in api.junction.getIDList():
-        # Internal junctions have no outline, and traci cannot read an empty one.
+        # Internal junctions have no outline, and traci cannot read an empty outline.
         if junction.startswith(":"):
             continue
         outline = np.array(api.junction.getShape(junction), np.float64).reshape(-1, 2)

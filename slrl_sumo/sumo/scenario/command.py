@@ -12,8 +12,8 @@ from slrl_sumo.sumo.sublanes import OPTIONS, on_two_lanes
 def sumo_step_length(scenario: Scenario, wanted: float | None) -> tuple[float, list[str]]:
     """The length of a SUMO step (s), and notices for the user.
 
-    It must divide the decision interval of 0.4 s. A `wanted` length that does not is an InputError. If the scenario's
-    own length does not (SUMO's default is 1 s), 0.4 s are used: this changes the traffic, hence the notice.
+    It must divide the decision interval of 0.4 s; a `wanted` length that does not raises InputError. If the scenario's
+    length does not (SUMO's default is 1 s), the step is 0.4 s; this changes the traffic, hence the notice.
     """
     if wanted is not None:
         if not divides_interval(wanted):
@@ -47,8 +47,8 @@ def start_command(
 ) -> list[str]:
     """Arguments for libsumo.start; options that a run needs override those of the scenario.
 
-    `outputs_to`: folder for all outputs of the scenario's configuration and detectors; None leaves their paths as they
-    are. `gui`: the window of sumo-gui, which starts at once and closes at the end.
+    `outputs_to`: folder for all outputs of the scenario's configuration and detectors; None keeps their paths. `gui`:
+    open the window of sumo-gui, which starts the simulation immediately and closes at the end.
     """
     ours = {
         "step-length": f"{step_length:g}",
@@ -58,9 +58,9 @@ def start_command(
         "no-warnings": "true",
         "verbose": "false",
         "duration-log.disable": "true",
-        # SUMO removes vehicles that stand for long or overlap others; moved road users may do both.
+        # SUMO removes vehicles that stand for long or overlap other vehicles; moved road users may do both.
         "time-to-teleport": "-1",
-        # SUMO crashes when it checks a vehicle on two lanes that was just moved off them.
+        # SUMO crashes when it checks a vehicle on two lanes that was just moved off these lanes.
         "collision.action": "none" if on_two_lanes(*(scenario.options.get(name, "") for name in OPTIONS)) else "warn",
         # `random` would override the seed; with a port SUMO would wait for a client.
         "random": "false",

@@ -1,4 +1,4 @@
-"""SUMO scenarios: how they are found, and the options of their configuration."""
+"""SUMO scenarios: search for a scenario, and the options of its configuration."""
 
 import difflib
 from collections.abc import Mapping
@@ -20,12 +20,12 @@ class Scenario:
     name: str
     config: Path
     options: Mapping[str, str]
-    """Option name to value, from the file and added by the user."""
+    """Values by option name, from the file and added by the user."""
     added: Mapping[str, str] = field(default_factory=dict)
     """The part of `options` that is not in the file and goes on SUMO's command line."""
 
     def seconds(self, option: str) -> float | None:
-        """An option that is a time, in s; None where it is not set, or set to -1 (SUMO's "none")."""
+        """An option with a time, in s; None if it is not set, or set to -1 (SUMO's "none")."""
         text = self.options.get(option)
         if text is None:
             return None
@@ -44,8 +44,8 @@ def shipped_scenarios() -> list[str]:
 def find_scenario(text: str) -> Scenario:
     """The scenario that `text` names: a shipped name, a folder with one .sumocfg, or a .sumocfg file.
 
-    A folder without any does not hide the shipped scenario of its name: outputs lie in such folders.
-    Raises InputError when there is none or the file is not a SUMO configuration.
+    A folder without a .sumocfg does not hide the shipped scenario of the same name, because outputs are in such
+    folders. Raises InputError if there is no such scenario, or if the file is not a SUMO configuration.
     """
     path = Path(text)
     if path.is_dir():

@@ -29,10 +29,10 @@ DETECTORS = frozenset(
 
 
 DEFAULT_TYPE = "DEFAULT_VEHTYPE"
-"""Type of a vehicle that names none."""
+"""Type of vehicles without a given type."""
 
 WANTED_SPEEDS = {**DESIRED_SPEEDS, "pedestrian": 5.0 / 3.6}
-"""m/s that pedestrians and bicycles want on the average (desiredMaxSpeed), defaults of SUMO 1.28."""
+"""Mean desired speeds (m/s) of pedestrians and bicycles (desiredMaxSpeed), defaults of SUMO 1.28."""
 
 
 @dataclass
@@ -40,44 +40,47 @@ class Demand:
     """Counts over all route and additional files. Times in s."""
 
     road_users: int = 0
-    """Vehicles, trips, flows, persons and person flows; a flow counts once."""
+    """Number of vehicles, trips, flows, persons and person flows; a flow counts once."""
     first: float | None = None
     """Earliest departure."""
     stopping: int = 0
-    """Vehicles and flows with stops."""
+    """Number of vehicles and flows with stops."""
     first_stopping: str = ""
-    """Id of the first of them."""
+    """Id of the first vehicle or flow with stops."""
     riding: int = 0
-    """Persons and person flows with a ride."""
+    """Number of persons and person flows with a ride."""
     walks_of_own_speed: int = 0
-    """Persons and person flows with a walk that has a `speed` or `duration` of its own."""
+    """Number of persons and person flows with a walk that has a `speed` or `duration`."""
     wanted_speeds: dict[str, tuple[str, float]] = field(default_factory=dict)
-    """By type of pedestrians and bicycles: its class, and m/s that they want on the average."""
+    """For each type of pedestrians and bicycles, its class and mean desired speed (m/s)."""
     rerouting_types: set[str] = field(default_factory=set)
     rerouters: int = 0
     writers: int = 0
-    """Detectors and similar elements that write files."""
+    """Number of detectors and similar elements that write files."""
     types: set[str] = field(default_factory=set)
     """Ids of vTypes and vTypeDistributions."""
     shapes: dict[str, list[Shape]] = field(default_factory=dict)
-    """By type: its class and size; by distribution: those of its types."""
+    """Class and size of each type; for a distribution those of its types."""
     vehicles_of_type: Counter[str] = field(default_factory=Counter)
-    """How many vehicles, trips and flows are of a type or distribution."""
+    """Number of vehicles, trips and flows of each type or distribution."""
     types_used: dict[str, tuple[str, float]] = field(default_factory=dict)
-    """By type: the first road user of that type and its departure."""
+    """First road user of each type, and its departure."""
     edges_used: dict[str, tuple[str, float]] = field(default_factory=dict)
-    """By edge: the first road user or route that uses it and its departure."""
+    """First road user or route on each edge, and its departure."""
     own_ids: list[str] = field(default_factory=list)
     """Ids with the prefix of spawned road users."""
     own_routes: list[str] = field(default_factory=list)
     unsorted: dict[Path, tuple[int, str]] = field(default_factory=dict)
-    """By route file: how many road users depart before the preceding one, and the first of them. SUMO drops these."""
+    """For each route file, the number of road users that depart before the preceding one, and the first of them. SUMO
+    drops these road users."""
     unreadable: dict[Path, str] = field(default_factory=dict)
-    """By file: why it is no XML."""
+    """For each invalid XML file, the reason."""
 
     def without_models(self) -> dict[str, int]:
-        """How many vehicles, trips and flows are, or with a distribution may be, such as models of cars and bicycles do
-        not suit, by reason; the most frequent first."""
+        """Numbers of vehicles, trips and flows that models of cars and bicycles do not suit, by reason.
+
+        A distribution counts if any of its types is unsuitable. The most frequent reason comes first.
+        """
         found: Counter[str] = Counter()
         for name, count in self.vehicles_of_type.items():
             found.update(
@@ -91,7 +94,7 @@ def read_demand(scenario: Scenario) -> Demand:
     demand = Demand()
     demand.unreadable.update(unusable_inputs(scenario))
     stopping_routes: set[str] = set()
-    # In SUMO's order: additional files define types and routes that route files use.
+    # Use SUMO's order: additional files define types and routes that route files use.
     for name in ("additional-files", "route-files"):
         for path in input_files(scenario, name):
             if path not in demand.unreadable:
@@ -120,7 +123,7 @@ def _read_file(path: Path, demand: Demand, stopping_routes: set[str], in_order: 
 
 
 def elements(path: Path) -> Iterator[etree._Element]:
-    """The elements below the root of an XML file, plain or gzipped; each is freed before the next one."""
+    """The elements below the root of an XML file, plain or gzipped; each element is freed before the next one."""
     with open_xml(path) as stream:
         depth = 0
         for event, element in etree.iterparse(stream, events=("start", "end"), remove_comments=True, huge_tree=True):
@@ -134,7 +137,7 @@ def elements(path: Path) -> Iterator[etree._Element]:
 
 
 def reason(error: etree.XMLSyntaxError | OSError) -> str:
-    """Why a file could not be read."""
+    """The reason why a file could not be read."""
     return str((error.strerror if isinstance(error, OSError) else error.msg) or error)
 
 
@@ -149,7 +152,7 @@ def net_attributes(path: Path) -> dict[str, str]:
 
 
 def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], last: float) -> float | None:
-    """Count one element. Returns the departure of a road user that has one."""
+    """Count an element; return its departure if it is a road user with a departure."""
     tag, name = str(item.tag), item.get("id", "")
     if tag in ("vType", "vTypeDistribution"):
         demand.types.add(name)
@@ -171,7 +174,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
                 demand.own_routes.append(name)
             _use_edges(item, demand, f"route {name}", last)
     elif tag == "calibrator":
-        # A calibrator inserts traffic by flows without ids.
+        # A calibrator inserts traffic with flows without ids.
         demand.road_users, demand.first = demand.road_users + 1, 0.0
     elif tag in VEHICLES | PERSONS and name:
         # A flow without a begin starts with the simulation.
@@ -200,7 +203,7 @@ def _read_item(item: etree._Element, demand: Demand, stopping_routes: set[str], 
 
 
 def _shapes(item: etree._Element, demand: Demand) -> list[Shape]:
-    """Of a vType its own; of a distribution those of the types inside it and of those that it names."""
+    """The shape of a vType; for a distribution the shapes of the types inside it and of the types that it names."""
     if item.tag == "vTypeDistribution":
         inside = [shape for vtype in item.iterfind("vType") for shape in _shapes(vtype, demand)]
         return inside + [shape for name in item.get("vTypes", "").split() for shape in demand.shapes.get(name, ())]
@@ -214,12 +217,12 @@ def _shapes(item: etree._Element, demand: Demand) -> list[Shape]:
 
 
 def _wanted_speeds(item: etree._Element) -> Iterator[tuple[str, tuple[str, float]]]:
-    """By id: class and speed wanted of a vType, or of those inside a distribution, of WANTED_SPEEDS."""
+    """Class and desired speed of a vType, or of the vTypes in a distribution, for classes in WANTED_SPEEDS, by id."""
     for vtype in item.iter("vType"):
         of = vtype.get("vClass", "passenger")
         if of not in WANTED_SPEEDS:
             continue
-        # A factor may be a distribution, as normc(1.0,0.1,0.2,2.0).
+        # A factor may be a distribution, such as normc(1.0,0.1,0.2,2.0).
         factor = re.search(r"\d*\.?\d+", vtype.get("speedFactor", "1"))
         try:
             wanted = float(vtype.get("desiredMaxSpeed", WANTED_SPEEDS[of])) * float(factor[0] if factor else 1.0)

@@ -1,7 +1,7 @@
-"""The XML files that SUMO will read, checked before it reads them.
+"""Checks of the XML files of a scenario, before SUMO reads them.
 
-SUMO waits for the writer of a pipe, follows files that include themselves until it crashes, and unpacks and expands
-whatever a file holds.
+SUMO waits for the writer of a pipe, follows files that include themselves until it crashes, and unpacks and expands any
+content.
 """
 
 import os
@@ -16,17 +16,18 @@ from slrl_sumo.sumo.scenario.options import input_files
 
 XML_INPUTS = ("net-file", "additional-files", "route-files", "weight-files", "lane-weight-files", "load-state")
 MAX_INCLUDED = 1000
-"""Files that one file may include, directly and through others: each may include the next twice."""
+"""Greatest number of files that a file may include, directly and through others: each may include the next file
+twice."""
 
 _INCLUDE = re.compile(rb"""<include\s[^<>]*?href\s*=\s*(?:"([^"<]*)"|'([^'<]*)')""")
 MAX_DEPTH = 1000
-"""Elements within each other: SUMO's files have 6, and with 100,000 SUMO takes longer than minutes."""
+"""Greatest nesting depth of elements: SUMO's files have 6; with 100,000, SUMO takes more than several minutes."""
 _TAG = 4096
-"""Bytes: a longer <include> is not followed."""
+"""Greatest length (bytes) of an <include> that is followed."""
 
 
 def check_inputs(scenario: Scenario) -> None:
-    """Raise InputError for the first file of the scenario that SUMO must not read; SUMO itself reports missing ones."""
+    """Raise InputError for the first file of the scenario that SUMO must not read; SUMO reports missing files."""
     for path, reason in unusable_inputs(scenario):
         raise InputError(f"{scenario.config}: {path}: cannot be read ({reason})")
 
@@ -66,14 +67,15 @@ def _included(file: Path) -> list[str]:
     with open_xml(file) as stream:
         while block := stream.read(CHUNK):
             closing = block.count(b"</")
-            # Those that are open at the end of a block, give or take a few that its borders cut through.
+            # The number of elements that are open at the end of the block; elements cut by its borders cause small
+            # errors.
             others = closing + block.count(b"<!") + block.count(b"<?")
             depth += block.count(b"<") - others - closing - block.count(b"/>")
             if depth > MAX_DEPTH:
                 raise refusal(f"its elements are nested more than {MAX_DEPTH} deep")
             text = before + block
             place = 0
-            # Nearly all files have none: the search for the word is ten times faster than the expression.
+            # Nearly all files have no <include>: searching the word is ten times faster than the regular expression.
             if b"<include" in text:
                 for tag in _INCLUDE.finditer(text):
                     found.append((tag[1] or tag[2] or b"").decode(errors="replace"))

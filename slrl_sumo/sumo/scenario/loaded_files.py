@@ -1,5 +1,5 @@
-"""What libsumo does not tell, from the files that SUMO has loaded: vaporizers, from where stops have an <access>,
-where vehicles end on their last edge, and on which lanes they may overtake on the opposite one."""
+"""Data from the files that SUMO has loaded, which libsumo does not provide: vaporizers, edges with an <access> to
+stops, arrival positions of vehicles, and lanes with overtaking on the opposite lane."""
 
 import os
 import re
@@ -14,17 +14,17 @@ from slrl_sumo.sumo.scenario.demand import VEHICLES, elements
 ADDITIONAL, ROUTES, CONFIGURATION = "additional-files", "route-files", "configuration-file"
 """Options of SUMO."""
 SEARCHED_BYTES = 1 << 20
-"""Bytes of a file that are searched at once."""
+"""Number of bytes of a file that are searched at once."""
 
 
 def vaporized_edges(additional_files: str, configuration: str) -> frozenset[str]:
-    """The edges with a vaporizer; the arguments are what SUMO has for ADDITIONAL and CONFIGURATION, '' if nothing."""
+    """The edges with a vaporizer; the arguments are SUMO's values of ADDITIONAL and CONFIGURATION, '' if not set."""
     found = _loaded(additional_files, configuration, frozenset({"vaporizer"}), b"vaporizer")
     return frozenset(item.get("id", "") for item in found)
 
 
 def edges_of_access(additional_files: str, configuration: str) -> dict[str, frozenset[str]]:
-    """By id of the stops that have an <access>: the edges that these are on. Arguments as of `vaporized_edges`."""
+    """For each stop with an <access>, by id, the edges of its accesses. Arguments: see `vaporized_edges`."""
     found: dict[str, frozenset[str]] = {}
     for item in _loaded(additional_files, configuration, frozenset({"access"}), b"<access"):
         stop = item.getparent()
@@ -35,16 +35,20 @@ def edges_of_access(additional_files: str, configuration: str) -> dict[str, froz
 
 
 def overtaking_lanes(net_files: str) -> tuple[str, ...]:
-    """The lanes outside junctions with a `<neigh>`, the opposite lane on which SUMO's vehicles overtake; `net_files`:
-    paths, comma-separated."""
+    """The lanes outside junctions with a `<neigh>`, an opposite lane on which SUMO's vehicles overtake.
+
+    `net_files`: paths, comma-separated.
+    """
     found = _loaded(net_files, "", frozenset({"neigh"}), b"<neigh")
     lanes = (parent.get("id", "") for item in found if (parent := item.getparent()) is not None)
     return tuple(lane for lane in lanes if not lane.startswith(":"))
 
 
 def arrival_positions(additional_files: str, route_files: str, configuration: str) -> dict[str, float]:
-    """By id of vehicles, trips and flows that have one: `arrivalPos`, m along the lane, below 0 from its end; left out
-    where it is drawn at random. Values of the options as of `vaporized_edges`."""
+    """The `arrivalPos` (m along the lane, negative from its end) of vehicles, trips and flows, by id.
+
+    Entries without a number, such as random positions, are left out. Arguments: see `vaporized_edges`.
+    """
     found = {}
     for files in (additional_files, route_files):
         for item in _loaded(files, configuration, VEHICLES, b"arrivalPos"):
@@ -56,9 +60,9 @@ def arrival_positions(additional_files: str, route_files: str, configuration: st
 
 
 def _loaded(files: str, configuration: str, tags: frozenset[str], word: bytes) -> Iterator[etree._Element]:
-    """The elements with these tags in SUMO's `files`, and in those that they include, if they have the `word`.
+    """The elements with these tags in SUMO's `files`, and in the files that they include, if a file has the `word`.
 
-    Files that cannot be read here are left out: over TraCI, SUMO may run in another folder or on another machine.
+    Unreadable files are skipped: over TraCI, SUMO may run in another folder or on another machine.
     """
     pending = list(_paths(files, configuration))
     while pending:
@@ -77,7 +81,7 @@ def _loaded(files: str, configuration: str, tags: frozenset[str], word: bytes) -
 
 
 def _has(file: Path, *words: bytes) -> bool:
-    """Whether a file, plain or gzipped, has one of some short words: files of routes may be large."""
+    """Whether a file, plain or gzipped, contains any of some short words; route files may be large."""
     with open_xml(file) as stream:
         before = b""
         while chunk := stream.read(SEARCHED_BYTES):
@@ -88,7 +92,8 @@ def _has(file: Path, *words: bytes) -> bool:
 
 
 def _paths(files: str, configuration: str) -> Iterator[Path]:
-    """SUMO writes the configuration's folder before all that is no absolute path there, spaces and ${VARIABLES} too."""
+    """The paths of an option. SUMO prepends the configuration's folder to relative paths, also before spaces and
+    ${VARIABLES}."""
     folder = configuration[: max(configuration.rfind(slash) for slash in r"\/") + 1]
     for item in re.split("[,;]", files):
         own = item.removeprefix(folder)

@@ -1,4 +1,4 @@
-"""Options of a scenario's configuration, as SUMO understands them."""
+"""Options of a scenario's configuration, interpreted as in SUMO."""
 
 import os
 import re
@@ -24,7 +24,7 @@ YES = ("true", "1", "yes", "on", "x", "t")
 
 
 def option(scenario: Scenario, name: str) -> str | None:
-    """The value of an option under any of its names; None where it is not set."""
+    """The value of an option under any of its names; None if it is not set."""
     return next((scenario.options[key] for key in (name, *SYNONYMS.get(name, ())) if key in scenario.options), None)
 
 
@@ -36,7 +36,7 @@ def switched_on(scenario: Scenario, name: str) -> bool:
 def with_options(scenario: Scenario, words: Sequence[str]) -> Scenario:
     """The scenario with options added in the form of SUMO's command line: --name value, --name=value, or --name.
 
-    They override those of the file; SUMO checks their names when it starts. Raises InputError where `words` name
+    They override the options of the file; SUMO checks their names when it starts. Raises InputError if `words` name
     another scenario or are no options.
     """
     full = {short: name for name, shorts in SYNONYMS.items() for short in shorts} | {"srand": "seed"}
@@ -64,10 +64,10 @@ def is_output(name: str) -> bool:
 
 
 def named_files(scenario: Scenario) -> list[Path]:
-    """The configuration and the files that it names: those that exist, and those that SUMO writes."""
+    """The configuration, and the existing files and output files that it names."""
     files = [scenario.config]
     for name, value in scenario.options.items():
-        # SUMO reads paths in the configuration from its folder on, those on the command line from the current one on.
+        # Paths in the configuration are relative to its folder, paths on the command line to the current folder.
         folder = Path() if name in scenario.added else scenario.config.parent
         for item in (item.strip() for item in re.split("[,;]", value)):
             path = folder / os.path.expandvars(item)
