@@ -1,1 +1,1 @@
-"""How it is learned."""
+"""Learning: supervised models, reinforcement learning of the selector, rewards and environments."""

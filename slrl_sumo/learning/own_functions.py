@@ -1,4 +1,4 @@
-"""Calls of functions that users give: observations and rewards of their own."""
+"""Calls of users' functions for observations and rewards."""
 
 import traceback
 from collections.abc import Callable
@@ -11,7 +11,7 @@ Returned = TypeVar("Returned")
 
 
 def called(argument: str, function: Callable[[Given], Returned], given: Given) -> Returned:
-    """What the user's function returns, which came as this argument. Raises InputError that says where it failed."""
+    """The result of the user's function in this argument. Raises InputError with the place of the error if it fails."""
     try:
         return function(given)
     except Exception as error:

@@ -1,4 +1,4 @@
-"""One running simulation as an environment: each learned road user is a slot with episodes of its own."""
+"""A running simulation as an environment: each learned road user is a slot with its own episodes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
@@ -39,63 +39,62 @@ STANDING_STARTS = 0.25
 
 @dataclass(frozen=True)
 class ArenaSettings:
-    """What happens in the arena, besides the scenario and the models."""
+    """Settings of an arena, in addition to the scenario and the models."""
 
     agents: int = 64
     mix: tuple[float, float, float] | None = None
-    """Shares of cars, bicycles and pedestrians; None is the usual mix, as far as the network has room for it."""
+    """Shares of cars, bicycles and pedestrians; None: the default mix, as far as the network has room for it."""
     weights: RewardWeights = field(default_factory=RewardWeights)
     desired_speed: tuple[float, float, float] | None = None
-    """m/s per type; None is the mean of what the bundle's recordings show of road users in motion."""
+    """Desired speed by type, m/s; None: the mean speed of moving road users in the bundle's recordings."""
     episode_steps: int = EPISODE_STEPS
     warm_up: float = 60.0
-    """s of plain SUMO before learned road users are added, so that there is traffic."""
+    """Duration (s) of plain SUMO traffic before learned road users are added."""
     teacher: CostWeights | None = None
     """Weights of the teacher's costs of modes; None: no teacher. For training only."""
     preset: str = "paper"
-    """What road users perceive, one of perception.presets.PRESETS: whether they have routes, and how they see them."""
+    """Preset of the observations, one of perception.presets.PRESETS, which decides on routes."""
     image: bool = True
     """Whether images are drawn."""
     state: str = "paper"
-    """The vector (`features.STATES`), as the bundle's models and the preset need it (`presets.vector_for`)."""
+    """The vector (`features.STATES`) that the bundle's models and the preset need (`presets.vector_for`)."""
     takeover: tuple[float, float, float] | None = None
-    """With trips: shares of cars, bicycles and pedestrians that are learned; None is all that the bundle has models
-    for."""
+    """With trips: shares of cars, bicycles and pedestrians that are learned; None: all types with models."""
     trips: bool = False
-    """Whether the scenario's own road users are learned, at most `agents` at a time, from departure to destination
-    (TripArena); otherwise `agents` road users that come back elsewhere when their episodes end."""
+    """Whether the scenario's road users are learned, at most `agents` at a time, from departure to destination
+    (TripArena); otherwise `agents` spawned road users that restart elsewhere when their episodes end."""
     staggered: bool = False
-    """Whether first episodes are cut short at random, so that not all slots end theirs at the same step."""
+    """Whether first episodes are shortened at random, so that the episodes of all slots end at different steps."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one decision led to; all arrays have one entry per slot, (n,)."""
+    """The outcome of a decision; arrays have one entry per slot, (n,)."""
 
     situation: Situation
-    """What all slots decide from next; where an episode has ended, the start of the next one."""
+    """Situation of all slots for the next decision; after the end of an episode, the start of the next one."""
     reward: Floats
     terms: dict[str, Floats]
     """The terms of the reward before weighting, by name."""
     terminated: NDArray[np.bool_]
-    """In contact with a road user by own fault, or lost: off the ground, or away from SUMO."""
+    """Whether the episode ended by a contact through own fault, or by loss: off the ground, or removed by SUMO."""
     truncated: NDArray[np.bool_]
-    """The episode's time is over."""
+    """Whether the episode's time is over."""
     final: Situation | None
-    """The last look of the episodes that have ended, in the order of their slots; None where none has."""
+    """Last situation of the episodes that have ended, in the order of their slots; None if no episode has ended."""
     world: WorldState
     """All road users at the end of the decision, before new episodes begin elsewhere."""
     steps: NDArray[np.int64]
-    """Decisions of the current episode so far, before a new one began."""
+    """Number of decisions of the episode, before a new one began."""
     speed: Floats
-    """m/s at the end of the decision."""
+    """Speed (m/s) at the end of the decision."""
 
 
 class OpenedSimulation(ABC):
-    """A simulation that is open inside a `with` block, set up by `_start`. One per process: SUMO allows no more.
+    """A simulation that is open inside a `with` block, set up by `_start`. SUMO allows one per process.
 
-    `reward`: in place of the weighted sum of the terms. `image`: whether images are drawn; None: as in `settings`.
-    `exclude`: ids of road users that are neither taken over nor held for learned ones.
+    `reward`: replaces the weighted sum of the terms. `image`: whether images are drawn; None: as in `settings`.
+    `exclude`: ids of road users that are neither taken over nor held for learned road users.
     """
 
     def __init__(
@@ -156,16 +155,16 @@ class OpenedSimulation(ABC):
 
     @property
     def seconds_left(self) -> float:
-        """s until the scenario ends; infinite where it has no end."""
+        """Time (s) until the scenario ends; infinite without an end."""
         end = self._scenario.seconds("end")
         return np.inf if end is None else end - self._session.time
 
 
 class Arena(OpenedSimulation):
-    """A scenario with learned road users whose modes are given from outside; a context manager.
+    """A scenario with learned road users with externally given modes; a context manager.
 
-    Road users come back at a new place when their episode ends, so the slots are always filled; the scene loops on
-    itself (paper, section 3.4).
+    Road users restart at a new place when their episode ends, so that all slots are always in use; the scene is a torus
+    (paper, section 3.4).
     """
 
     def _start(self) -> None:
@@ -188,7 +187,7 @@ class Arena(OpenedSimulation):
         self._limit = np.full(n, self.settings.episode_steps)
         if self.settings.staggered:
             self._limit = self._random.integers(1, self.settings.episode_steps + 1, n)
-        # Road users that start in contact with each other have not collided by driving.
+        # Contacts at the start are not caused by driving.
         self._touching = touching(self.simulation.world)
         self._row = {road_user: row for row, road_user in enumerate(self.simulation.population.world.ids)}
         self._was_off = np.zeros(n, np.bool_)
@@ -196,7 +195,7 @@ class Arena(OpenedSimulation):
         self.consider()
 
     def _stop_some(self, rows: NDArray[np.intp]) -> None:
-        """Let some new episodes begin at a stand: road users with a route wait, and must start again."""
+        """Let some new episodes begin at a stand: road users with a route must learn to start."""
         if not PRESETS[self.settings.preset].knows_route:
             return
         learned = self.simulation.population.world
@@ -207,12 +206,12 @@ class Arena(OpenedSimulation):
         self.simulation.world = self.simulation.population.world.join(background)
 
     def consider(self) -> None:
-        """Look anew at what all slots decide from."""
+        """Compute the situation of all slots again."""
         simulation = self.simulation
         self.situation = self.driver.consider(simulation.world, len(simulation.population.world), simulation.road_map)
 
     def _last_look(self, rows: NDArray[np.intp]) -> Situation:
-        """What the slots `rows` see at the end of their episodes."""
+        """The situation of the slots `rows` at the end of their episodes."""
         simulation = self.simulation
         n = len(simulation.population.world)
         scene = self.driver.scene(simulation.world, n, simulation.road_map, rows)
@@ -224,11 +223,11 @@ class Arena(OpenedSimulation):
 
     @property
     def world(self) -> WorldState:
-        """All road users as they are now, those of the slots first."""
+        """All road users now, those of the slots first."""
         return self.simulation.world
 
     def step(self, modes: NDArray[np.int64]) -> Outcome:
-        """One decision: `modes` (n,) in 0..modes-1 for the road users as they were observed last."""
+        """Run one decision with `modes` (n,) in 0..modes-1, chosen from the last situation."""
         before, begin = self.situation, self.simulation.world
         self._modes.modes = modes
         decision = self.simulation.decide()

@@ -19,9 +19,9 @@ def parallel_env(
         env = slrl_sumo.parallel_env("intersection", agents=32)
         env = slrl_sumo.parallel_env("my.sumocfg", agents=64, takeover={"car": 0.5, "bicycle": 1})
 
-    `agents`: road users that are added, or with `takeover` the road users of the scenario that are agents in an
-    episode. The other keywords, observations and rewards are those of RoadUserEnv; agents and episodes:
-    ParallelRoadUserEnv. Needs `pip install slrl-sumo[rl]`. Raises InputError for what cannot be used.
+    `agents`: number of road users that are added; with `takeover`, number of road users of the scenario that are agents
+    in an episode. For the other keywords, observations and rewards see RoadUserEnv; for agents and episodes see
+    ParallelRoadUserEnv. Needs `pip install slrl-sumo[rl]`. Raises InputError for invalid arguments.
     """
     require("pettingzoo", "the parallel environment")
     from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
@@ -35,8 +35,8 @@ def vector_env(
 ) -> SimulationVectorEnv:
     """All learned road users of one simulation as a gymnasium vector environment, in this process.
 
-    `num_envs`: how many are learned; the other keywords are those of RoadUserEnv. Raises InputError for what cannot be
-    used.
+    `num_envs`: number of learned road users. The other keywords are those of RoadUserEnv. Raises InputError for invalid
+    arguments.
     """
     check_keywords(options, "scenario", "num_envs", "others")
     return SimulationVectorEnv(make_source(scenario, num_envs, others, **options))

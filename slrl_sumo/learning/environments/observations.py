@@ -1,4 +1,4 @@
-"""What the environments show of a road user: the observation, its space, and observations of one's own."""
+"""Observations of the environments: the observation of a road user, its space, and users' own observations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from slrl_sumo.perception.features import STATES
 
 Arrays = dict[str, NDArray[Any]]
 Seen = Arrays | NDArray[Any]
-"""An observation: of one road user, or of n as arrays of n rows."""
+"""An observation of one road user, or of n road users as arrays of n rows."""
 ObserveFunction = Callable[[Situation], Seen]
-"""An observation of one's own: from what n road users decide from, to arrays of n rows."""
+"""A user's observation function: from the situation of n road users to arrays of n rows."""
 
 ONLY = "observation"
-"""Name of the array of an observation that is no dict."""
+"""Name of the array of an observation that is not a dict."""
 COUNTED = 10_000
 """Upper bound of the numbers of road users within 20 m."""
 VECTOR_BOUNDS = (
@@ -36,8 +36,8 @@ VECTOR_BOUNDS = (
     ("other_", 0.0, COUNTED),
     ("near_", -200.0, 200.0),
 )
-"""Beginnings of the names of columns of the vector, lowest and highest values; 0 and 1 for the others. 100 m/s is
-reached or lost, and half a turn made, within one decision."""
+"""Prefixes of the names of columns of the vector, with lowest and highest values; 0 and 1 for all other columns. The
+bounds allow a change of 100 m/s, and a turn by half a circle, within one decision."""
 MOST_ROLLOUT, MOST_ROUTE = 100.0, 10.0
 """Bounds of the fields of mode rollouts (speeds in m/s are the largest) and of route features (tens of metres)."""
 
@@ -53,8 +53,7 @@ def vector_space(state: str) -> spaces.Box:
 
 
 def observation_space(settings: ArenaSettings) -> spaces.Dict:
-    """Observation of one road user: the fields of `Observation` of these names, and the modes' rollouts, where the
-    preset has them."""
+    """Space of the observation of one road user: fields of `Observation`, and the mode rollouts of the preset."""
     config = PolicyConfig(preset=settings.preset)
     seen: dict[str, spaces.Space[Any]] = {
         "vector": vector_space(settings.state),
@@ -74,26 +73,28 @@ def observation_space(settings: ArenaSettings) -> spaces.Dict:
 
 @dataclass(frozen=True, eq=False)
 class OwnObservation:
-    """An observation of one's own: the function and the space of one road user (a Box, or a Dict of them)."""
+    """A user's observation: the function, and the space of one road user (a Box, or a Dict of Boxes)."""
 
     function: ObserveFunction
     space: spaces.Space[Any]
 
 
 class Observer:
-    """Arrays of n rows from a situation: the observation of selectors, or one of the user's own."""
+    """Converts a situation to arrays of n rows: the observation of selectors, or the user's observation."""
 
     def __init__(self, settings: ArenaSettings, own: OwnObservation | None) -> None:
         self._own, self._image = own, settings.image
         self._config = PolicyConfig(preset=settings.preset)
         self.space: spaces.Space[Any] = observation_space(settings) if own is None else own.space
-        """Of one road user."""
+        """Space of the observation of one road user."""
         self.tells_active = settings.trips and own is None
         """Whether the observation has `active`."""
 
     def __call__(self, situation: Situation) -> Arrays:
-        """The observation of n road users by name; the name ONLY where it is one array. Raises InputError where a
-        function of the user returns something else than its space has."""
+        """The observation of n road users by name; a single array has the name ONLY.
+
+        Raises InputError if the result of the user's function does not match its space.
+        """
         if self._own is not None:
             return self._checked(called("observe", self._own.function, situation), len(situation.observation))
         observation, rollouts = situation.observation, situation.rollouts
@@ -109,7 +110,7 @@ class Observer:
         return seen | {"action_mask": action_mask(situation)}
 
     def shown(self, arrays: Arrays) -> Seen:
-        """The arrays as the space has them."""
+        """The arrays in the form of the space."""
         return arrays if isinstance(self.space, spaces.Dict) else arrays[ONLY]
 
     def _checked(self, seen: Seen, n: int) -> Arrays:
@@ -135,7 +136,7 @@ class Observer:
 
 
 def action_mask(situation: Situation) -> NDArray[np.int8]:
-    """1 for the modes that each road user may choose, else 0, (n, modes)."""
+    """1 for allowed modes of each road user, else 0, (n, modes)."""
     assert situation.rollouts is not None
     mask = situation.mask
     return np.ones(situation.rollouts.collision.shape, np.int8) if mask is None else mask.astype(np.int8)

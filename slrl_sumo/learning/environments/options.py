@@ -33,7 +33,7 @@ MOST_AGENTS, MOST_STEPS, LONGEST_WARM_UP = 10_000, 1_000_000, 86_400.0
 RESET_OPTIONS = ("scenario",)
 """Options of a reset."""
 FOREIGN_OPTIONS = ("options",)
-"""Options of a reset that PettingZoo's parallel_api_test gives every environment; they have no effect."""
+"""Options of a reset that PettingZoo's parallel_api_test passes to each environment; they have no effect."""
 
 
 class EnvOptions(TypedDict, total=False):
@@ -54,7 +54,7 @@ class EnvOptions(TypedDict, total=False):
 
 
 def make_source(scenario: str | Path, agents: int, others: str | None, **options: Unpack[EnvOptions]) -> ArenaSource:
-    """What the keywords of an environment ask for: see RoadUserEnv. Raises InputError."""
+    """The source for the keywords of an environment, see RoadUserEnv. Raises InputError."""
     check_type("scenario", scenario, (str, Path), "the name, folder or .sumocfg of a scenario")
     named = options.get("bundle", DEFAULT_BUNDLE)
     check_type("bundle", named, (str, Path), "the name or the folder of a bundle")
@@ -101,7 +101,7 @@ def make_source(scenario: str | Path, agents: int, others: str | None, **options
 
 
 def check_keywords(given: Mapping[str, object], *own: str) -> None:
-    """Raise InputError where a keyword is none of EnvOptions, and none of its `own` ones of an environment."""
+    """Raise InputError for a keyword that is neither in EnvOptions nor among the environment's `own` keywords."""
     known = (*own, *EnvOptions.__annotations__)
     for name in given:
         if name not in known:
@@ -109,7 +109,7 @@ def check_keywords(given: Mapping[str, object], *own: str) -> None:
 
 
 def scenario_wanted(options: Mapping[str, object] | None) -> str | None:
-    """The scenario among the options of a reset; None where there is none. Raises InputError for other options."""
+    """The scenario in the options of a reset; None without one. Raises InputError for other options."""
     given = options or {}
     for name in given:
         if name not in (*RESET_OPTIONS, *FOREIGN_OPTIONS):
@@ -119,7 +119,7 @@ def scenario_wanted(options: Mapping[str, object] | None) -> str | None:
 
 
 def check_known(name: str, value: str | None, known: tuple[str | None, ...]) -> None:
-    """Raise InputError where `value` is none of the `known` ones."""
+    """Raise InputError if `value` is not among the `known` values."""
     if value not in known:
         raise InputError(f"there is none of that name; use {', '.join(map(repr, known))}", argument=name, value=value)
 
@@ -152,7 +152,7 @@ def _checked_function(name: str, function: Function | None) -> Function | None:
 
 
 def _usual_preset(bundle: ModelBundle) -> str:
-    """The preset of the bundle's selector; without one that of the selector `rule`."""
+    """The preset of the bundle's policy; without a policy the preset of the selector `rule`."""
     return "extended" if bundle.policy is None else bundle.policy.config.preset
 
 

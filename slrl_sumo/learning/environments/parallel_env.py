@@ -25,13 +25,14 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
     slrl_sumo.parallel_env.
 
     Actions, observations, rewards, infos and keywords are those of RoadUserEnv. Agents are `road_user_0` to
-    `road_user_{agents - 1}`. Without `takeover` they all begin at reset. With `takeover` an agent is one road user of
-    the scenario: those that are learned at reset are the first ones, others enter when they depart. An agent that
-    terminates or is truncated does not come back before the next reset. The selector `others` drives road users that
-    are no agents: those of agents that have terminated, and those for which no agent is left.
+    `road_user_{agents - 1}`. Without `takeover`, all agents begin at reset. With `takeover`, an agent is a road user of
+    the scenario: the first agents are the road users that are learned at reset, and further agents enter with the
+    departures of their road users. An agent that terminates or is truncated does not return before the next reset. The
+    selector `others` drives all other learned road users: those of terminated agents, and those without a free agent.
 
-    An episode is over when no agent is left, at the latest after `episode_steps` decisions. `reset` loads SUMO anew:
-    same seed and actions, same episodes; without a seed the one after the last is taken, and any at first.
+    An episode is over when no agent is left, at the latest after `episode_steps` decisions. `reset` loads SUMO again:
+    equal seeds and actions give equal episodes. Without a seed, `reset` uses the last seed plus one, at first a random
+    seed.
     """
 
     metadata: dict[str, Any] = {"name": "slrl_sumo_v0", "render_modes": []}  # noqa: RUF012 (PettingZoo's own way)
@@ -65,7 +66,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Seen], dict[str, dict[str, Any]]]:
-        """See the class; `options={"scenario": ...}` puts another scenario in place, from then on."""
+        """See the class; `options={"scenario": ...}` changes the scenario from then on."""
         wanted = scenario_wanted(options)
         self._seed = next_seed(given_seed(seed), self._seed)
         self._ready, self._steps = False, 0
@@ -83,7 +84,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         if not self.agents:
             return {}, {}, {}, {}, {}
         modes = self._modes(actions)
-        self._ready = False  # so that an error asks for a reset
+        self._ready = False  # so that a reset is required after an error
         reply = self._simulation.step(modes)
         self._ready = True
         self._steps += 1
@@ -103,7 +104,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         return result
 
     def render(self) -> None:
-        """There is nothing to render; RoadUserEnv does."""
+        """Do nothing; RoadUserEnv renders."""
 
     def close(self) -> None:
         """End the simulation and its process; a reset opens it again."""
@@ -124,7 +125,7 @@ class ParallelRoadUserEnv(ParallelEnv[str, Seen, np.int64]):
         return modes
 
     def _enter(self, reply: Reply) -> list[str]:
-        """Agents that enter now: road users that have a slot for the first time in this episode, while names last."""
+        """Add and return the agents that enter now: road users new to a slot in this episode, while names are left."""
         known, entered = set(self._id.values()), []
         for slot, road_user in enumerate(reply.ids):
             if road_user is None or road_user in known or len(self._id) == len(self.possible_agents):

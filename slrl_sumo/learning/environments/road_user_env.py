@@ -1,4 +1,4 @@
-"""A gymnasium environment in which one learned road user is driven from outside."""
+"""A gymnasium environment in which the user controls one learned road user."""
 
 from pathlib import Path
 from typing import Any, Literal, Unpack, get_args
@@ -31,46 +31,46 @@ Ego = Literal["car", "bicycle", "pedestrian"]
 
 
 class RoadUserEnv(gymnasium.Env[Any, np.int64]):
-    """One learned road user, the ego, among other learned ones and SUMO's traffic: a view of SimulationVectorEnv.
+    """One learned road user, the ego, among other learned road users and SUMO's traffic: a view of SimulationVectorEnv.
 
     - Action: the mode, 0 to 19, of the next decision (0.4 s).
-    - Observation: a row of what SimulationVectorEnv gives: `vector` float32, (12,) or, with a bundle of `fit --preset
-      history`, (33,), columns as in perception.features.STATES; `rollouts` (20, 9) float32, the prediction for each
-      mode; `action_mask` (20,) int8, 1 for modes that constraints allow; `route` (14,) float32, columns as in
-      perception.route_features.ROUTE_FEATURES; with `image` `image` (20, 40, 3) uint8. In the preset `paper` `rollouts`
-      have 4 columns, and there is no `route`. In the preset `image` `vector` is (33,), `route` (30,) with the path
-      ahead (PATH_FEATURES), there is an `image`, and there are no `rollouts`.
-    - Reward: the terms of learning.rewards by `weights`; `info["terms"]` has them before weighting. `info` also has
-      `speed_mps`, `type`, `id`, `slot` (its row in the vector environment) and `action_mask`, and with `takeover`
-      `reached` and `clean` (see TripOutcome). After reset it also has `scenario`.
+    - Observation: a row of the observation of SimulationVectorEnv: `vector` float32, (12,) or, with a bundle of
+      `fit --preset history`, (33,), columns as in perception.features.STATES; `rollouts` (20, 9) float32, the rollout
+      of each mode; `action_mask` (20,) int8, 1 for modes that constraints allow; `route` (14,) float32, columns as in
+      perception.route_features.ROUTE_FEATURES; with `image` `image` (20, 40, 3) uint8. In the preset `paper`,
+      `rollouts` have 4 columns, and there is no `route`. In the preset `image`, `vector` is (33,), `route` (30,) with
+      the path ahead (PATH_FEATURES), there is an `image`, and there are no `rollouts`.
+    - Reward: the terms of learning.rewards, weighted by `weights`; `info["terms"]` has the terms before weighting.
+    `info`   also has `speed_mps`, `type`, `id`, `slot` (row in the vector environment) and `action_mask`, and with
+    `takeover`   `reached` and `clean` (see TripOutcome). After reset it also has `scenario`.
     - Terminated: in contact with a road user by own fault, or lost; with `takeover` also at the destination, where
-      `info["reached"]` is True. Truncated: after `episode_steps` decisions; with `takeover` also where SUMO drives the
-      road user again before its destination, as on a lane that is too fast for the models.
+      `info["reached"]` is True. Truncated: after `episode_steps` decisions; with `takeover` also if SUMO drives the
+      road user again before its destination, such as on a lane that is too fast for the models.
 
-    `scenario`: as `slrl-sumo run` names it, or a family of `slrl-sumo generate`, which gives a new network at every
-    reset. `options={"scenario": ...}` of a reset puts another one in its place, from then on. `ego`: its type; None
-    draws it from the learned road users. `agents`: how many are learned, the ego included. `others`: selector of all
-    but the ego, as `slrl-sumo run --selector` names it; None: the one that a run has; with "sumo" the ego is the only
-    learned one, a car unless `ego` says otherwise, and `agents` has no effect.
+    `scenario`: a scenario as for `slrl-sumo run`, or a family of `slrl-sumo generate`, of which each reset draws a new
+    network. `options={"scenario": ...}` of a reset changes the scenario from then on. `ego`: type of the ego; None:
+    drawn from the learned road users. `agents`: number of learned road users, including the ego. `others`: selector of
+    all other learned road users, as for `slrl-sumo run --selector`; None: the default of a run. With "sumo", the ego is
+    the only learned road user, a car unless `ego` is given, and `agents` has no effect.
 
-    `takeover`: shares of the scenario's own road users that are learned, as {"car": 0.3} or 'car=0.3', at most `agents`
-    at a time, from departure to destination; None: `agents` road users are added, with the types of `mix`. `exclude`:
-    ids of road users that are neither taken over nor held for learned ones. `bundle`: name or folder. `preset`,
-    `image`: what is observed; None: what the bundle's selector reads, and an image in the preset `image`. `weights`: of
-    the reward's terms. `episode_steps`: None is 128, with a takeover 1500. `warm_up`: s of traffic before the first
-    episode.
+    `takeover`: shares of the scenario's road users that are learned, as {"car": 0.3} or 'car=0.3', at most `agents` at
+    a time, from departure to destination; None: `agents` road users are added, with the types of `mix`. `exclude`: ids
+    of road users that are neither taken over nor held for learned road users. `bundle`: name or folder. `preset`,
+    `image`: contents of the observation; None: the inputs of the bundle's selector, and an image in the preset `image`.
+    `weights`: weights of the reward's terms. `episode_steps`: None: 128, with a takeover 1500. `warm_up`: duration (s)
+    of traffic before the first episode.
 
-    `reward(transition)`: a reward of one's own, (n,), of a learning.rewards.transition.Transition of n road users.
-    `observe(situation)` and `observation_space`: an observation of one's own of an agent.decide.Situation: an array of
-    n rows for a Box, a dict of such arrays for a Dict; `observation_space` is that of one road user.
+    `reward(transition)`: the user's reward, (n,), of a learning.rewards.transition.Transition of n road users.
+    `observe(situation)` and `observation_space`: the user's observation of an agent.decide.Situation, an array of n
+    rows for a Box, or a dict of such arrays for a Dict; `observation_space` is the space of one road user.
 
-    `reset(seed=...)` loads SUMO: same seed and actions, same episodes. Without a seed the ego begins at a new place in
-    the traffic as it is (with `takeover`: as another road user), which costs next to nothing; SUMO is loaded anew, by a
-    seed drawn from the last one, where an episode was broken off, the scenario's time runs out, or there is a new
-    network. Measured: docs/measurements/performance.md.
+    `reset(seed=...)` loads SUMO: equal seeds and actions give equal episodes. Without a seed, the ego begins at a new
+    place in the present traffic (with `takeover`: as another road user), at nearly no cost; SUMO is loaded again, with
+    a seed drawn from the last one, if an episode was interrupted, if the scenario's time is over, or for a new network.
+    Measured: docs/measurements/performance.md.
 
-    SUMO runs in a process of its own, from the first reset to `close`. Raises InputError for what cannot be used,
-    SumoError when SUMO gives up; then a reset begins anew.
+    SUMO runs in a child process, from the first reset to `close`. Raises InputError for invalid arguments, and
+    SumoError if SUMO fails; a reset then starts again.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 2.5}  # noqa: RUF012 (gymnasium's own way)
@@ -140,7 +140,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
             raise ResetNeeded("the episode is over: call reset() before the next step()")
         modes = np.full(self._agents, -1)
         modes[self._slot] = action
-        self._reply = None  # so that an error makes a reset begin anew
+        self._reply = None  # so that a reset starts again after an error
         self._reply = reply = self._simulation.step(modes)
         self._steps += 1
         seen, reward, terminated, ended = outcome_of(reply, self._slot, self.observation_space)
@@ -162,7 +162,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         self._simulation.close()
 
     def _goes_on(self, reply: Reply) -> bool:
-        """Whether the next episode can begin in the traffic as it is."""
+        """Whether the next episode can begin in the present traffic."""
         if not self._over or is_family(self._scenario):
             return False
         if self._trips and not len(self._candidates(reply)):
@@ -170,7 +170,7 @@ class RoadUserEnv(gymnasium.Env[Any, np.int64]):
         return reply.seconds_left >= self._steps_limit * DECISION_INTERVAL
 
     def _candidates(self, reply: Reply) -> NDArray[np.intp]:
-        """Slots of the road users that the ego may be."""
+        """Slots of the road users that may become the ego."""
         there = np.array([road_user is not None for road_user in reply.ids])
         if self._ego is not None:
             there &= reply.type == TYPE_NAMES.index(self._ego)

@@ -1,4 +1,4 @@
-"""Seeds of environments: what a reset may be given, and what is drawn where it is given none."""
+"""Seeds of environments: seeds given to a reset, and drawn seeds."""
 
 import operator
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from slrl_sumo.errors import InputError
 
 SEEDS = 2**31
-"""Seeds that are drawn are below: SUMO takes no larger one."""
+"""Upper bound (exclusive) of drawn seeds: SUMO accepts no larger seeds."""
 
 
 def drawn_seed(*numbers: int) -> int:
@@ -17,8 +17,10 @@ def drawn_seed(*numbers: int) -> int:
 
 
 def given_seed(seed: Any) -> int | None:
-    """The seed that a reset is given, a whole number of any type (numpy's, too) from 0 on; None where it is given none.
-    Raises InputError for everything else."""
+    """The seed given to a reset, a whole number of any type (including numpy's) from 0 on; None without a seed.
+
+    Raises InputError for other values.
+    """
     if seed is None:
         return None
     try:
@@ -31,8 +33,11 @@ def given_seed(seed: Any) -> int | None:
 
 
 def given_seeds(seeds: Any, num_envs: int) -> int | None:
-    """The seed of a simulation with `num_envs` sub-environments: as given_seed, or drawn by a sequence of one seed for
-    each, as gymnasium.vector allows; None where all of them are. Raises InputError."""
+    """The seed of a simulation with `num_envs` sub-environments, from one seed or a sequence of seeds.
+
+    One seed: see given_seed. A sequence with one seed per sub-environment, as in gymnasium.vector, draws a seed; None
+    if all its seeds are None. Raises InputError.
+    """
     listed = seeds.ndim > 0 if isinstance(seeds, np.ndarray) else isinstance(seeds, list | tuple | range)
     if not listed:
         return given_seed(seeds)
@@ -48,7 +53,7 @@ def given_seeds(seeds: Any, num_envs: int) -> int | None:
 
 
 def next_seed(given: int | None, last: int | None) -> int:
-    """The seed of a reset: the one `given`, else the one after the `last`, else any."""
+    """The seed of a reset: the `given` seed, else the `last` seed plus one, else a random seed."""
     if given is not None:
         return given
     return int(np.random.default_rng().integers(SEEDS)) if last is None else last + 1

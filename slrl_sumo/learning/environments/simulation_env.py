@@ -30,25 +30,26 @@ ACTION_SPACE: spaces.Discrete = spaces.Discrete(MODES)
 
 
 class SimulationVectorEnv(VectorEnv):
-    """One simulation; every slot for a learned road user is a sub-environment. Training steps this, and RoadUserEnv and
-    ParallelRoadUserEnv are views of it.
+    """One simulation as a vector environment: each slot for a learned road user is a sub-environment.
 
-    Observations are dicts of arrays `vector` (n, columns) float32, columns as in features.STATES of
-    `source.settings.state`, with `source.settings.image` `image` (n, 20, 40, 3) uint8, and `rollouts` (n, 20, 4)
-    float32, the rollout of each mode (lookahead.mode_rollouts), n = `source.settings.agents`; in the preset `extended`
-    9 columns, and `route` (n, 14); `action_mask` (n, 20): 1 for modes that may be chosen. With trips `active`
-    (n,) int8 tells which slots have a road user: the observations and rewards of the others are zero.
-    `source.observation` puts an observation of one's own in their place.
-    Actions are modes; -1 leaves a road user to the selector `source.others`, and `infos["mode"]` then has all modes.
-    Autoreset within the same step: `infos["final_obs"]` holds the last observation of the episodes that ended (rows
-    where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name, `speed_mps`,
-    `type`, `steps` (decisions of the episode so far), with trips `gone`, `reached` and `clean` (see TripOutcome), all
-    (n,), and `teacher_costs` (n, modes).
+    Training uses this class; RoadUserEnv and ParallelRoadUserEnv are views of it.
 
-    `reset(seed=...)` opens a scenario, drawn by the seed: same seed and actions, same episodes; a list of n seeds draws
-    one. Only one of these may be open in a process. `options={"scenario": ...}` of a reset puts another scenario in
-    place of the source's, from then on. Raises InputError where scenario or bundle cannot be loaded and for what is no
-    seed, InvalidAction for what is no mode, SumoError where SUMO gives up.
+    Observations are dicts of arrays, n = `source.settings.agents`: `vector` (n, columns) float32, columns as in
+    features.STATES of `source.settings.state`; with `source.settings.image` `image` (n, 20, 40, 3) uint8; `rollouts`
+    (n, 20, 4) float32, the rollout of each mode (lookahead.mode_rollouts); in the preset `extended` 9 columns, and
+    `route` (n, 14); `action_mask` (n, 20): 1 for allowed modes. With trips, `active` (n,) int8 is 1 for slots with a
+    road user; the observations and rewards of all other slots are zero. `source.observation` replaces these
+    observations by the user's own.
+    Actions are modes; with -1 the selector `source.others` decides for a road user, and `infos["mode"]` then has all
+    modes. Autoreset happens within the same step: `infos["final_obs"]` has the last observation of the episodes that
+    ended (rows where `infos["_final_obs"]`; zeros elsewhere). `infos` also has the terms of the reward by name,
+    `speed_mps`, `type`, `steps` (decisions of the episode so far), with trips `gone`, `reached` and `clean` (see
+    TripOutcome), all (n,), and `teacher_costs` (n, modes).
+
+    `reset(seed=...)` opens a scenario, drawn by the seed: equal seeds and actions give equal episodes; a list of n
+    seeds draws a seed. Only one of these environments may be open in a process. `options={"scenario": ...}` of a reset
+    replaces the source's scenario from then on. Raises InputError if scenario or bundle cannot be loaded and for an
+    invalid seed, InvalidAction for an invalid mode, SumoError if SUMO fails.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 (gymnasium's own way)
@@ -67,12 +68,12 @@ class SimulationVectorEnv(VectorEnv):
         self._slots: SpawnedSlots | TripSlots | None = None
         self._seed: int | None = None
         self.scenario = ""
-        """Name of the scenario that is open."""
+        """Name of the open scenario."""
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """See the class; without a seed the one after the last is taken, and any at first."""
+        """See the class; without a seed, `reset` uses the last seed plus one, at first a random seed."""
         wanted = scenario_wanted(options)
         self._seed = next_seed(given_seeds(seed, self.num_envs), self._seed)
         if wanted is not None:
@@ -86,7 +87,7 @@ class SimulationVectorEnv(VectorEnv):
         return self._observer.shown(seen), infos
 
     def step(self, actions: NDArray[np.int64]) -> Stepped:
-        """See gymnasium.vector.VectorEnv; `actions` (n,) are modes. Raises InvalidAction where they are not."""
+        """See gymnasium.vector.VectorEnv; `actions` (n,): modes. Raises InvalidAction for invalid modes."""
         slots = self.slots
         modes = self._checked(actions)
         if self._others is not None:
@@ -99,7 +100,7 @@ class SimulationVectorEnv(VectorEnv):
 
     @property
     def slots(self) -> SpawnedSlots | TripSlots:
-        """The slots of the simulation that is open. Raises InputError where none is."""
+        """The slots of the open simulation. Raises InputError without one."""
         if self._slots is None:
             raise InputError("no simulation is open: call reset() first")
         return self._slots
@@ -128,7 +129,7 @@ class SimulationVectorEnv(VectorEnv):
         return slots
 
     def _checked(self, actions: Any) -> NDArray[np.int64]:
-        """`actions` as an array of their own. Raises InvalidAction where they are not (n,) modes."""
+        """A copy of `actions` as an array. Raises InvalidAction unless they are (n,) modes."""
         given, least = np.asarray(actions), 0 if self._others is None else -1
         if given.shape != (self.num_envs,) or given.dtype.kind not in "iu":
             what = f"actions of shape {given.shape} and type {given.dtype}"
@@ -139,7 +140,7 @@ class SimulationVectorEnv(VectorEnv):
         raise InvalidAction(f"{what}: give {self.num_envs} whole numbers from {least} to {MODES - 1}")
 
     def _filled(self, modes: NDArray[np.int64], others: Selector) -> NDArray[np.int64]:
-        """`modes` (n,) with those of the selector `others` where they are -1."""
+        """`modes` (n,) with each -1 replaced by the mode from the selector `others`."""
         situation, rows = self.slots.situation, self.slots.slots
         if situation is None:
             return modes

@@ -1,4 +1,4 @@
-"""A simulation of an environment in a process of its own."""
+"""The simulation of an environment in a child process."""
 
 import pickle
 import weakref
@@ -18,26 +18,26 @@ from slrl_sumo.learning.environments.slots import all_masks
 from slrl_sumo.learning.environments.source import ArenaSource
 
 MEMORY_LIMIT = 1500.0
-"""MiB of a process above which it is replaced at the next reset: SUMO and its libraries do not return all memory."""
+"""Memory (MiB) of a process above which the next reset replaces it: SUMO and its libraries do not free all memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reply:
-    """What SimulationVectorEnv.reset or step returned, and what else the views tell; n slots."""
+    """The result of SimulationVectorEnv.reset or step, and further data for the views; n slots."""
 
     seen: Any
     infos: dict[str, Any]
     ids: tuple[str | None, ...]
-    """The road user that each slot has now, (n,); None where it has none."""
+    """Present road user of each slot, (n,); None for slots without one."""
     type: NDArray[np.int8]
-    """RoadUserType of each, (n,)."""
+    """RoadUserType of each slot, (n,)."""
     speed: NDArray[np.float64]
-    """m/s of each now, (n,)."""
+    """Present speed of each slot, m/s, (n,)."""
     masks: NDArray[np.int8]
-    """Modes that may be chosen, (n, modes)."""
+    """Allowed modes, (n, modes)."""
     scenario: str
     seconds_left: float
-    """s until the scenario ends."""
+    """Time (s) until the scenario ends."""
     memory: float
     """Peak memory of the process so far, MiB."""
     reward: NDArray[np.float64] | None = None
@@ -46,8 +46,10 @@ class Reply:
 
 
 class SimulationWork:
-    """The work of a process: the SimulationVectorEnv of a pickled ArenaSource, asked by (name of a method below,
-    arguments)."""
+    """The work of a process: the SimulationVectorEnv of a pickled ArenaSource.
+
+    Messages are pairs of the name of a method below and its arguments.
+    """
 
     def __init__(self, source: bytes) -> None:
         self.source = source
@@ -55,13 +57,13 @@ class SimulationWork:
 
     def __call__(self, message: tuple[str, tuple[Any, ...]]) -> Any:
         """Answer a message."""
-        torch.set_num_threads(1)  # the models are so small that more threads only wait for each other
+        torch.set_num_threads(1)  # the models are so small that several threads only wait for each other
         self._env = self._env or SimulationVectorEnv(pickle.loads(self.source))
         name, arguments = message
         return getattr(self, name)(self._env, *arguments)
 
     def reset(self, env: SimulationVectorEnv, seed: int, scenario: str | None) -> Reply:
-        """Begin anew."""
+        """Start again."""
         seen, infos = env.reset(seed=seed, options={"scenario": scenario})
         return self._reply(env, seen, infos)
 
@@ -71,8 +73,10 @@ class SimulationWork:
         return self._reply(env, seen, infos, reward, terminated, truncated)
 
     def picture(self, env: SimulationVectorEnv, road_user: str, before_reset: bool) -> NDArray[np.uint8]:
-        """The surroundings of a road user from above, (512, 512, 3) RGB: as the last decision left them, or after new
-        episodes began elsewhere."""
+        """The surroundings of a road user from above, (512, 512, 3) RGB.
+
+        `before_reset`: at the end of the last decision; otherwise after new episodes began.
+        """
         from slrl_sumo.perception.top_view import top_view
 
         world = env.slots.world if before_reset else env.slots.arena.simulation.world
@@ -96,11 +100,11 @@ class SimulationWork:
 
 
 class SimulationProcess:
-    """A SimulationVectorEnv in a process of its own, so that a Python process may have several, and survives SUMO.
+    """A SimulationVectorEnv in a child process, so that a Python process may have several and survives crashes of SUMO.
 
-    In a process that may not start another (the workers of gymnasium's AsyncVectorEnv and of SubprocVecEnv) it is in
-    that process. Raises what SimulationVectorEnv raises; SumoError also where the process died: then a reset begins
-    anew.
+    In a process that may not start another process (the workers of gymnasium's AsyncVectorEnv and of SubprocVecEnv),
+    the simulation runs in the same process. Raises the errors of SimulationVectorEnv, and SumoError if the process
+    died; a reset then starts again.
     """
 
     def __init__(self, source: ArenaSource) -> None:
@@ -110,7 +114,7 @@ class SimulationProcess:
         self._memory = 0.0
 
     def reset(self, seed: int, scenario: str | None = None) -> Reply:
-        """Open the simulation of a seed, in another scenario from now on where one is given."""
+        """Open the simulation of a seed; a given `scenario` replaces the present one from now on."""
         if self._memory > MEMORY_LIMIT:
             self.close()
         reused = self._process is not None
@@ -119,12 +123,12 @@ class SimulationProcess:
         except SumoError:
             if not reused:
                 raise
-            # A process that has simulated before may die as libsumo loads again; a fresh one gives the same.
+            # A process that has simulated before may die when libsumo loads again; a new process gives the same result.
             reply = self._asked("reset", seed, scenario)
         return reply
 
     def step(self, modes: NDArray[np.int64]) -> Reply:
-        """One decision; `modes` (n,), -1 where the selector `others` decides."""
+        """Run one decision; `modes` (n,): -1 lets the selector `others` decide."""
         reply: Reply = self._asked("step", modes)
         return reply
 
@@ -142,7 +146,7 @@ class SimulationProcess:
             self._process = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy has a process of its own: wrappers copy environments."""
+        """Copy with a separate process, because wrappers copy environments."""
         return SimulationProcess, (pickle.loads(self._work.source),)
 
     def _asked(self, name: str, *arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""One slot of a simulation, as the views show it."""
+"""The data of a slot of a simulation for the views."""
 
 from typing import Any
 
@@ -12,11 +12,11 @@ from slrl_sumo.learning.rewards.terms import TERMS
 from slrl_sumo.scene.types import TYPE_NAMES
 
 TOLD = ("reached", "clean")
-"""Infos of trips that a view passes on as bool."""
+"""Infos of trips that a view returns as bool."""
 
 
 def view_space(source: ArenaSource) -> spaces.Space[Any]:
-    """Observation of one road user; `active` is left out, because it has one."""
+    """Space of the observation of one road user, without `active`, because a view always has a road user."""
     if source.observation is not None:
         return source.observation.space
     space = observation_space(source.settings)
@@ -24,15 +24,17 @@ def view_space(source: ArenaSource) -> spaces.Space[Any]:
 
 
 def row_of(seen: Any, slot: int, space: spaces.Space[Any]) -> Seen:
-    """The observation of one slot, as its space has it."""
+    """The observation of one slot, in the form of its space."""
     if not isinstance(space, spaces.Dict):
         return np.asarray(seen[slot]).copy()
     return {name: np.asarray(seen[name][slot]).copy() for name in space}
 
 
 def outcome_of(reply: Reply, slot: int, space: spaces.Space[Any]) -> tuple[Seen, float, bool, bool]:
-    """Observation, reward, terminated and truncated of one slot after a decision; the observation is the last one of
-    its episode where that has ended."""
+    """Observation, reward, terminated and truncated of one slot after a decision.
+
+    After the end of an episode, the observation is the last one of the episode.
+    """
     assert reply.reward is not None
     assert reply.terminated is not None
     assert reply.truncated is not None
@@ -42,7 +44,7 @@ def outcome_of(reply: Reply, slot: int, space: spaces.Space[Any]) -> tuple[Seen,
 
 
 def first_info(reply: Reply, slot: int) -> dict[str, Any]:
-    """What a view tells of a slot besides its observation at the beginning of an episode."""
+    """The info of a slot at the begin of an episode."""
     return {
         "id": reply.ids[slot],
         "slot": slot,
@@ -53,7 +55,7 @@ def first_info(reply: Reply, slot: int) -> dict[str, Any]:
 
 
 def next_info(reply: Reply, slot: int, road_user: str) -> dict[str, Any]:
-    """The same after a decision of the road user with this id, which may have left the slot."""
+    """The info of a slot after a decision of the road user with this id, which may have left the slot."""
     infos = reply.infos
     return {
         "id": road_user,

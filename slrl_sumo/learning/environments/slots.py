@@ -1,4 +1,4 @@
-"""The learned road users of one simulation as slots: arrays of one row per slot."""
+"""The learned road users of one simulation as slots: arrays with one row per slot."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,11 +14,11 @@ from slrl_sumo.learning.environments.trip_arena import TripArena
 from slrl_sumo.models.displacement import MODES
 
 Stepped = tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]
-"""Observation, reward, terminated, truncated and infos, as gymnasium.vector.VectorEnv.step gives them."""
+"""Observation, reward, terminated, truncated and infos, as from gymnasium.vector.VectorEnv.step."""
 
 
 class SpawnedSlots:
-    """The slots of an Arena, whose road users come back elsewhere when their episodes end: every slot has one."""
+    """The slots of an Arena: each slot has a road user, which restarts elsewhere when its episode ends."""
 
     def __init__(self, arena: Arena, observer: Observer) -> None:
         self.arena, self._observe = arena, observer
@@ -29,11 +29,11 @@ class SpawnedSlots:
 
     @property
     def situation(self) -> Situation:
-        """What the road users decide from next."""
+        """Situation of the road users for the next decision."""
         return self.arena.situation
 
     def look(self) -> tuple[Arrays, Arrays]:
-        """The observation of all slots; `type` and `teacher_costs`."""
+        """The observation of all slots, and their `type` and `teacher_costs`."""
         kind = self.situation.observation.type
         return self._observe(self.situation), {"type": kind, "teacher_costs": self.arena.teacher_costs()}
 
@@ -56,7 +56,7 @@ class SpawnedSlots:
 
 
 class TripSlots:
-    """The slots of a TripArena: road users have them for their trips, and some slots have none."""
+    """The slots of a TripArena: a road user has a slot during its trip, and slots may be empty."""
 
     def __init__(self, arena: TripArena, observer: Observer) -> None:
         self.arena, self._observe = arena, observer
@@ -65,7 +65,7 @@ class TripSlots:
 
     @property
     def situation(self) -> Situation | None:
-        """What the road users decide from next; None without any."""
+        """Situation of the road users for the next decision; None without road users."""
         return self.arena.situation
 
     @property
@@ -74,7 +74,7 @@ class TripSlots:
         return self.arena.slots
 
     def look(self) -> tuple[Arrays, Arrays]:
-        """As SpawnedSlots.look; zeros where a slot has no road user.
+        """Like SpawnedSlots.look; zeros for slots without a road user.
 
         Raises SumoError where the scenario has no road user that can be learned.
         """
@@ -95,7 +95,7 @@ class TripSlots:
         return seen, infos
 
     def step(self, modes: NDArray[np.int64]) -> Stepped:
-        """As SpawnedSlots.step; the last observation of an episode is the one before the road user left."""
+        """Like SpawnedSlots.step; the last observation of an episode is from before the road user left."""
         assert self._last is not None
         before, _ = self._last
         outcome = self.arena.step(modes[self.slots])
@@ -128,7 +128,7 @@ class TripSlots:
 
 
 def all_masks(slots: SpawnedSlots | TripSlots) -> NDArray[np.int8]:
-    """1 for the modes that may be chosen in each slot, else 0, (n, modes); all in slots without a road user."""
+    """1 for allowed modes of each slot, else 0, (n, modes); all modes in slots without a road user."""
     masks = np.ones((slots.arena.settings.agents, MODES), np.int8)
     if slots.situation is not None:
         masks[slots.slots] = action_mask(slots.situation)
@@ -136,7 +136,7 @@ def all_masks(slots: SpawnedSlots | TripSlots) -> NDArray[np.int8]:
 
 
 def _final(seen: Arrays, final: Arrays, ended: NDArray[np.bool_]) -> dict[str, Any]:
-    """The last observations of the episodes that `ended` (n,), `final` with their rows, as gymnasium's infos."""
+    """The last observations of the episodes that `ended` (n,), from their rows in `final`, as infos of gymnasium."""
     every = {name: np.zeros_like(values) for name, values in seen.items()}
     for name, values in final.items():
         every[name][ended] = values

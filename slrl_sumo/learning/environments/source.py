@@ -1,4 +1,4 @@
-"""What an environment simulates."""
+"""The source of an environment: scenarios, bundle and settings."""
 
 import tempfile
 from contextlib import ExitStack
@@ -15,29 +15,29 @@ from slrl_sumo.sumo.scenario import Scenario, find_scenario, shipped_scenarios
 
 @dataclass(frozen=True)
 class ArenaSource:
-    """What is simulated: scenarios (as `slrl-sumo run` names them, or families of networks), a bundle (name or folder)
-    and settings."""
+    """Scenarios (as for `slrl-sumo run`, or families of networks), a bundle (name or folder) and settings."""
 
     scenarios: tuple[str, ...]
     bundle: str
     settings: ArenaSettings
     others: str | None = None
-    """Selector of the road users whose mode is not given (-1)."""
+    """Selector of the road users without a given mode (-1)."""
     observation: OwnObservation | None = None
-    """An observation of one's own; None: that of the selectors."""
+    """The user's observation; None: the observation of the selectors."""
     reward: RewardFunction | None = None
-    """A reward of one's own; None: the terms by `settings.weights`."""
+    """The user's reward; None: the terms, weighted by `settings.weights`."""
     exclude: tuple[str, ...] = ()
-    """Ids of road users that are neither taken over nor held for learned ones."""
+    """Ids of road users that are neither taken over nor held for learned road users."""
 
 
 def is_family(name: str) -> bool:
-    """Whether a scenario is drawn anew for every simulation: the name of a family of networks, but of no scenario."""
+    """Whether `name` is a family of networks, drawn again for each simulation, and not a scenario."""
     return name in get_args(Family) and name not in shipped_scenarios()
 
 
 def found_scenario(name: str, seed: int, opened: ExitStack) -> Scenario:
-    """The scenario of a name; of a family one drawn by `seed`, in a folder that is removed when `opened` is closed."""
+    """The scenario of this name; for a family a scenario drawn by `seed`, in a folder that `opened` removes on
+    close."""
     if not is_family(name):
         return find_scenario(name)
     folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="slrl_sumo_")))

@@ -1,4 +1,4 @@
-"""The costs of modes that the policy learns from at first."""
+"""The teacher: costs of modes from which the policy learns at first."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from slrl_sumo.learning.rewards.transition import RewardContext, lanes_here
 def teacher_costs(situation: Situation, weights: CostWeights | None, ground: RewardContext) -> NDArray[np.float32]:
     """Cost of each mode for each of n road users, (n, modes), not negative; zeros without `weights`.
 
-    The teacher knows what the selector knows: in the preset `paper` no routes.
+    The teacher has the same knowledge as the selector: no routes in the preset `paper`.
     """
     rollouts = situation.rollouts
     assert rollouts is not None

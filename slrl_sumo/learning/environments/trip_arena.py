@@ -1,4 +1,4 @@
-"""One running simulation as an environment: the scenario's own road users are learned for the whole of their trips."""
+"""A running simulation as an environment: the scenario's road users are learned during their whole trips."""
 
 from collections.abc import Set
 from dataclasses import dataclass
@@ -21,50 +21,50 @@ from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.takeover import Takeover
 
 EMPTY = 300
-"""Decisions (2 min) for which an empty network waits for a first road user."""
+"""Number of decisions (2 min) for which an empty network waits for a first road user."""
 
 
 @dataclass(frozen=True)
 class TripOutcome:
-    """What one decision led to, for the n road users that took it, (n,) each."""
+    """The outcome of a decision of n road users, (n,) each."""
 
     slots: NDArray[np.intp]
-    """Their slots."""
+    """Slots of the road users."""
     type: NDArray[np.int8]
     reward: Floats
     terms: dict[str, Floats]
     """The terms of the reward with a weight, before weighting, by name."""
     terminated: NDArray[np.bool_]
-    """At the destination, in contact with a road user anew by own fault, or off the route or the ground for good."""
+    """At the destination, in a new contact by own fault, or permanently off the route or the ground."""
     truncated: NDArray[np.bool_]
-    """SUMO's again for another reason."""
+    """Handed back to SUMO for another reason."""
     gone: NDArray[np.bool_]
-    """SUMO's again, whether truncated or terminated."""
+    """Handed back to SUMO, truncated or terminated."""
     reached: NDArray[np.bool_]
     """At the destination."""
     contact: NDArray[np.bool_]
-    """In contact anew with a road user that was there before, by whose fault ever."""
+    """In a new contact with a road user that was present before, regardless of the fault."""
     clean: NDArray[np.bool_]
-    """Reached the destination, and on the whole trip without contact and never off the own surface."""
+    """Reached the destination without contact and without leaving the own surfaces on the whole trip."""
     steps: NDArray[np.int64]
-    """Decisions of the current episode so far."""
+    """Number of decisions of the current episode so far."""
     speed: Floats
-    """m/s at the end of the decision."""
+    """Speed (m/s) at the end of the decision."""
     world: WorldState
-    """All road users at the end of the decision, first the n that took it."""
+    """All road users at the end of the decision, the n deciding road users first."""
 
 
 class TripArena(OpenedSimulation):
-    """A scenario whose own road users are learned, at most `settings.agents` at a time; a context manager.
+    """A scenario with learned road users of its own demand, at most `settings.agents` at a time; a context manager.
 
-    A road user has a slot from its takeover until SUMO has it again: near its destination, or where a run hands it
-    back. It is not put elsewhere before: out of a jam it must drive. A contact by own fault ends an episode, and the
-    next one of the same road user begins where it is.
+    A road user has a slot from its takeover until its hand-back, near its destination or earlier, as in a run. It is
+    not moved elsewhere before: it must drive out of a jam. A contact by own fault ends an episode, and the next episode
+    of the same road user begins at its position.
     """
 
     def _start(self) -> None:
         self._wanted = weighted_terms(self.settings.weights)
-        # From empty streets to those of a rush hour.
+        # The warm-up is random, from empty streets to those of a rush hour.
         warm_up = np.random.default_rng([self._seed, 1]).uniform(0.0, 2.0 * self.settings.warm_up)
         while self._session.time < warm_up:
             self._session.step()
@@ -88,7 +88,7 @@ class TripArena(OpenedSimulation):
         self._look()
 
     def _look(self) -> None:
-        """Give slots to new road users, and look at what all learned ones decide from next."""
+        """Assign slots to new road users, and compute the situation of all learned road users."""
         ids = self.simulation.population.world.ids
         gone = self._slot.keys() - set(ids)
         for road_user in gone:
@@ -111,7 +111,7 @@ class TripArena(OpenedSimulation):
         return teacher_costs(self.situation, self.settings.teacher, self._ground)
 
     def step(self, modes: NDArray[np.int64]) -> TripOutcome:
-        """One decision: `modes` (n,) in 0..modes-1 for the road users in `slots`, in that order."""
+        """Run one decision with `modes` (n,) in 0..modes-1 for the road users in `slots`, in this order."""
         before, begin, slots, n = self.situation, self.simulation.world, self.slots, len(self.slots)
         self._modes.modes = modes
         ids = self.simulation.population.world.ids
@@ -124,7 +124,7 @@ class TripArena(OpenedSimulation):
         if before is None:
             self._look()
             return _nothing(self._wanted, world)
-        # SUMO inserts persons without a look at who is there.
+        # SUMO inserts persons without a check for other road users.
         present = set(begin.ids)
         contact = _among(ids, {user for pair in anew if present.issuperset(pair) for user in pair})
         hit = _among(ids, at_fault(anew, begin, world))
@@ -136,7 +136,7 @@ class TripArena(OpenedSimulation):
         for row in np.flatnonzero(contact | lost | decision.left_surface):
             self._unclean.add(ids[row])
         clean = reached & ~_among(ids, self._unclean)
-        # The last value cannot stand for the time after an arrival: learned from itself alone, it diverges.
+        # An arrival terminates: a value for the time after it would be learned only from itself, and diverge.
         terminated = hit | lost | reached
         for user in ids:
             self._steps[user] += 1
@@ -162,7 +162,7 @@ class TripArena(OpenedSimulation):
 
 
 def _among(ids: tuple[str, ...], some: Set[str]) -> NDArray[np.bool_]:
-    """Which of n road users are among `some`, (n,)."""
+    """Whether each of n road users is in `some`, (n,)."""
     return np.array([user in some for user in ids], np.bool_)
 
 

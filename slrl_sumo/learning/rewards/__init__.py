@@ -1,1 +1,1 @@
-"""The terms of the reward, and what a decision led to."""
+"""The terms of the reward, and the transitions from which they are computed."""

@@ -1,7 +1,7 @@
-"""Which road users of a contact are at fault: those that moved into it.
+"""Fault in a contact: a road user is at fault if it moved into the contact.
 
-Else road users would pay for what they cannot help: of 133 contacts of learned pedestrians in networks as the training
-draws them, 57 were of SUMO's pedestrians that walked into one that stood.
+Without this rule, road users would be penalised for contacts that they cannot avoid: in networks as drawn by the
+training, in 57 of 133 contacts of learned pedestrians a SUMO pedestrian walked into a standing learned pedestrian.
 """
 
 from collections.abc import Set
@@ -13,10 +13,11 @@ from slrl_sumo.scene.state import WorldState
 
 
 def at_fault(pairs: Set[tuple[str, str]], before: WorldState, after: WorldState) -> set[str]:
-    """Ids of the road users of `pairs` that are at fault for being in contact `after` a decision: the movement of one
-    since `before` leads to the other's place of then, or the two would be apart had it stayed at its own.
+    """Ids of the road users of `pairs`, in contact `after` a decision, that are at fault.
 
-    Road users that were not there before are not at fault.
+    A road user is at fault if its movement since `before` leads into the former position of the other one, or if the
+    two would not be in contact had it stayed at its former position. Road users that are new since `before` are not at
+    fault.
     """
     found = set()
     for pair in pairs:

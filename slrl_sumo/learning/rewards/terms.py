@@ -1,6 +1,6 @@
 """Terms of the reward as pure functions on arrays, and their weights (paper, section 3.3).
 
-Each returns one number per road user, of order 1; positive is good.
+Each function returns one number per road user, of order 1; positive is good.
 """
 
 import math
@@ -18,37 +18,40 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 CLOSE_DISTANCE = 1.0
-"""m between centres; the paper's r1."""
+"""Distance of centres (m) in the paper's r1."""
 REWARDED_SPEED = 0.5
-"""m/s; the paper's r3."""
+"""Speed (m/s) in the paper's r3."""
 SURFACE_PENALTY = np.zeros((len(RoadUserType), len(Surface)))
-"""Penalty of a Surface for a RoadUserType: 1 is off its surface; cyclists and pedestrians may use roads at a small
+"""Penalty of a Surface for a RoadUserType: 1 off its own surfaces; cyclists and pedestrians may use roads at a small
 penalty (paper, r2)."""
 SURFACE_PENALTY[:, Surface.NONE] = 1.0
 SURFACE_PENALTY[RoadUserType.CAR, [Surface.SIDEWALK, Surface.CYCLEWAY]] = 1.0
 SURFACE_PENALTY[[RoadUserType.BICYCLE, RoadUserType.PEDESTRIAN], Surface.ROAD] = 0.1
 HARD_ACCELERATION = 3.0
-"""m/s²; uncomfortable, longitudinal or lateral."""
+"""Uncomfortable acceleration (m/s²), longitudinal or lateral."""
 DANGER_HORIZON = 2.4
-"""s of prediction in `danger`: within it a car stops comfortably from 25 km/h."""
+"""Time (s) of the prediction in `danger`: a car stops comfortably from 25 km/h within it."""
 DANGER_MARGIN = 0.5
-"""m between boxes below which `danger` counts: centres of pedestrians collide before their small boxes do."""
+"""Gap between boxes (m) below which `danger` counts: centres of pedestrians collide before their small boxes do."""
 DANGER_REACH = 40.0
-"""m between centres beyond which `danger` ignores road users."""
+"""Distance of centres (m) beyond which `danger` ignores road users."""
 STANDING_DISTANCE = 0.2
-"""m in a decision interval; where less is wanted, the road user is to stand."""
+"""Desired distance (m) in a decision interval below which the road user should stand."""
 LEAST_OVERSHOOT = 1.0
-"""m: what is covered beyond a distance wanted in a decision interval counts relative to at least this."""
+"""Least reference distance (m) of `excess`."""
 PATH_TOLERANCE = 0.25
-"""m of lateral offset that are not penalised."""
+"""Lateral offset (m) without a penalty."""
 RAREST_MODE = -8.0
 """Log probability of modes that count as never seen."""
 
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """Weight of each term; 0 switches it off. `close`, `off_surface` and `moving` are the paper's three; the last
-    six are for road users with a route (preset `extended`)."""
+    """Weight of each term; 0 switches a term off.
+
+    `close`, `off_surface` and `moving` are the three terms of the paper; the last six are for road users with a route
+    (preset `extended`).
+    """
 
     close: float = 1.0
     off_surface: float = 1.0
@@ -67,8 +70,8 @@ class RewardWeights:
     red: float = 10.0
     priority: float = 5.0
     arrival: float = 50.0
-    """What going on at the best would earn: `progress` of 1 for ever at a discount of 0.98. Otherwise a trip would be
-    worth less the nearer its end, and road users would crawl."""
+    """Weight of the arrival: the return of perfect driving, `progress` of 1 for ever at a discount of 0.98. With less,
+    the value of a trip would fall towards its end, and road users would crawl."""
 
 
 TERMS: tuple[str, ...] = tuple(field.name for field in fields(RewardWeights))
@@ -80,7 +83,7 @@ def weighted_terms(weights: RewardWeights) -> tuple[str, ...]:
 
 
 def weighted(terms: dict[str, Floats], weights: RewardWeights) -> Floats:
-    """The reward of each road user, (n,): the sum of the terms, each (n,), by weight."""
+    """The reward of each road user, (n,): the weighted sum of the terms, each (n,)."""
     return np.asarray(sum(getattr(weights, name) * values for name, values in terms.items()), np.float64)
 
 
@@ -102,13 +105,16 @@ def moving(speed: Floats) -> Floats:
 
 
 def alive(n: int) -> Floats:
-    """1 for each road user, (n,). Without it most decisions have a cost, and a contact, which ends the episode, would
-    avoid it: the avoided cost made up for two thirds of the penalty."""
+    """1 for each road user, (n,).
+
+    Without this term, most decisions have a cost, and a contact, which ends the episode, would avoid further costs: the
+    avoided costs compensated two thirds of the penalty.
+    """
     return np.ones(n)
 
 
 def contact(hit: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for road users that have come into contact with another by their own fault, (n,)."""
+    """Minus 1 for road users in a new contact by own fault, (n,)."""
     return -hit.astype(np.float64)
 
 
@@ -118,10 +124,11 @@ def lost(gone: NDArray[np.bool_]) -> Floats:
 
 
 def danger(world: WorldState, n: int) -> Floats:
-    """From 0 down to -1 the sooner each of the first `n` road users of `world` would come too near to another, (n,).
+    """From 0 (no danger) down to -1 (immediate) for each of the first `n` road users of `world`, (n,).
 
-    Too near: DANGER_MARGIN from box to box. All road users are predicted at constant speed and yaw rate, in steps of
-    0.4 s up to DANGER_HORIZON. Only road users ahead count: one that is hit from behind cannot avoid it.
+    Danger is a predicted gap below DANGER_MARGIN between two boxes. All road users are predicted at constant speed and
+    yaw rate, in steps of 0.4 s up to DANGER_HORIZON. Only road users ahead count, because a road user cannot avoid
+    being hit from behind.
     """
     seconds = np.arange(DANGER_HORIZON, 0.0, -DECISION_INTERVAL)
     columns = (world.x, world.y, world.heading, world.speed, world.yaw_rate, world.length, world.width)
@@ -132,8 +139,10 @@ def danger(world: WorldState, n: int) -> Floats:
 
 @compiled
 def _first_conflict(now: Floats, seconds: Floats, n: int) -> NDArray[np.intp]:
-    """The last of `seconds` (s,), which decrease, at which each of the first `n` road users conflicts with a road user
-    ahead, (n,); -1 for none. `now` (m, 7): x, y, heading, speed, yaw rate, length and width."""
+    """Index of the earliest conflict of each of the first `n` road users with a road user ahead, (n,); -1 for none.
+
+    It is an index into `seconds` (s,), which decrease. `now` (m, 7): x, y, heading, speed, yaw rate, length and width.
+    """
     boxes = np.empty((len(seconds), len(now), 4))
     for step in range(len(seconds)):
         for i in range(len(now)):
@@ -151,7 +160,7 @@ def _first_conflict(now: Floats, seconds: Floats, n: int) -> NDArray[np.intp]:
             apart = math.sqrt(dx * dx + dy * dy)
             if j == i or not apart < DANGER_REACH or not cos * dx + sin * dy > 0.0:
                 continue
-            # Pairs that cannot come near within the horizon need no comparison of boxes.
+            # Skip pairs that cannot come near each other within the horizon.
             reach = 0.5 * (corner + math.hypot(now[j, 5], now[j, 6])) + 2.0 * DANGER_MARGIN
             if not apart - reach < (now[i, 3] + now[j, 3]) * DANGER_HORIZON:
                 continue
@@ -183,26 +192,27 @@ def comfort(speed: Floats, acceleration: Floats, yaw_rate: Floats) -> Floats:
 
 
 def realism(log_probability: Floats) -> Floats:
-    """From 0 for modes that people always chose down to -1 for modes that no one chose.
+    """From 0 for modes that recorded road users always chose down to -1 for modes that they never chose.
 
-    `log_probability` (n,): that of the chosen mode under the bundle's prior, a density learned from recordings.
+    `log_probability` (n,): log probability of the chosen mode under the bundle's prior, which is learned from
+    recordings.
     """
     return np.maximum(log_probability, RAREST_MODE) / -RAREST_MODE
 
 
 def progress(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
-    """1 for road users that covered the wanted distance, down to -1 for those going back; 1 where they had to stop.
+    """1 for road users that covered the desired distance, down to -1 for the opposite direction; 1 for required stops.
 
-    `covered` and `wanted` (n,): m along the path; `known` (n,): whether there is a route; 0 without.
+    `covered` and `wanted` (n,): distances along the path, m. `known` (n,): whether there is a route; 0 without a route.
     """
     share = np.clip(covered / np.maximum(wanted, STANDING_DISTANCE), -1.0, 1.0)
     return np.where(known, np.where(wanted < STANDING_DISTANCE, 1.0, share), 0.0)
 
 
 def excess(covered: Floats, wanted: Floats, known: NDArray[np.bool_]) -> Floats:
-    """From 0 for road users that covered no more than the wanted distance down to -1 for twice as much.
+    """From 0 for road users that covered at most the desired distance down to -1 for twice the distance.
 
-    Arguments as for `progress`. Where hardly anything is wanted, what is covered counts relative to LEAST_OVERSHOOT.
+    Arguments: see `progress`. For short desired distances, the excess counts relative to LEAST_OVERSHOOT.
     """
     more = np.maximum(covered - np.maximum(wanted, STANDING_DISTANCE), 0.0) / np.maximum(wanted, LEAST_OVERSHOOT)
     return -np.where(known, np.minimum(more, 1.0), 0.0)
@@ -215,11 +225,14 @@ def off_path(aside: Floats, known: NDArray[np.bool_]) -> Floats:
 
 
 def passed(before: Floats, after: Floats, line: Floats, closed: NDArray[np.bool_]) -> Floats:
-    """Minus 1 for road users that crossed a `closed` line, (n,) each: m along the path `before` and `after` the
-    decision, and m along it at which the front is on the line."""
+    """Minus 1 for road users that crossed a `closed` line, (n,).
+
+    `before`, `after`: positions (m along the path) before and after the decision. `line`: position at which the front
+    is on the line. All (n,).
+    """
     return -(closed & (line > np.maximum(before, 0.0)) & (after > line)).astype(np.float64)
 
 
 def arrival(reached: NDArray[np.bool_] | None, n: int) -> Floats:
-    """1 for those of n road users that have reached their destination, (n,); None where road users have no trips."""
+    """1 for each of n road users at its destination, (n,); `reached` is None for road users without trips."""
     return np.zeros(n) if reached is None else reached.astype(np.float64)

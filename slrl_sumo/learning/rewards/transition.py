@@ -1,4 +1,4 @@
-"""The terms of the reward of the learned road users of a simulation, after a decision."""
+"""Transitions of the learned road users of a simulation, and their terms of the reward."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ from slrl_sumo.simulation.events import Decision
 from slrl_sumo.sumo.network.lanes import LanePoints
 
 DESTINATION_HORIZON = 4.8
-"""s from a window's moment to its destination (paper, section 3.2)."""
+"""Time (s) from the present moment of a window to its destination (paper, section 3.2)."""
 MOVING_DISTANCE = rewards.REWARDED_SPEED * DESTINATION_HORIZON
 
 
 @dataclass(frozen=True)
 class RewardContext:
-    """What the terms need of a simulation: places on its lanes by type, desired speed (m/s) by type, and models."""
+    """Data of a simulation for the terms: points on its lanes by type, desired speeds (m/s) by type, and models."""
 
     points: tuple[LanePoints, ...]
     desired: Floats
@@ -41,21 +41,21 @@ class RewardContext:
 
 @dataclass(frozen=True, eq=False)
 class Transition:
-    """A decision of n road users, which are the first ones of `world`, and what it led to."""
+    """A decision of n road users, the first road users of `world`, and its outcome."""
 
     ground: RewardContext
     before: Situation
     modes: NDArray[np.int64]
-    """Chosen, (n,)."""
+    """Chosen modes, (n,)."""
     world: WorldState
-    """All road users after it."""
+    """All road users after the decision."""
     decision: Decision
     hit: NDArray[np.bool_]
-    """In contact anew by own fault, (n,)."""
+    """In a new contact by own fault, (n,)."""
     lost: NDArray[np.bool_]
-    """Off the ground, or off its route, (n,)."""
+    """Off the ground, or off the route, (n,)."""
     reached: NDArray[np.bool_] | None = None
-    """At the destination, (n,); None where road users have no trips."""
+    """At the destination, (n,); None for road users without trips."""
 
     def terms(self, wanted: Collection[str] = TERMS) -> dict[str, Floats]:
         """The `wanted` terms of the reward before weighting, (n,) each, by name."""
@@ -86,7 +86,7 @@ class Transition:
 
     @cached_property
     def users(self) -> WorldState:
-        """The n road users after it."""
+        """The n road users after the decision."""
         return self.world.take(np.arange(len(self.modes)))
 
     @cached_property
@@ -95,14 +95,14 @@ class Transition:
 
     @cached_property
     def _log_probability(self) -> Floats:
-        """Of each chosen mode under the bundle's prior, (n,)."""
+        """Log probability of each chosen mode under the bundle's prior, (n,)."""
         with torch.inference_mode():
             every = torch.log_softmax(self.ground.bundle.prior.logits(*tensors(self.before.observation)), -1)
             return every.double().numpy()[np.arange(len(self.modes)), self.modes]
 
     @cached_property
     def _allowed(self) -> Floats:
-        """m/s that were right for the routes as they were before the decision, (n,)."""
+        """Allowed speeds (m/s) on the routes before the decision, (n,)."""
         context, scene = self.before.context, self.before.scene
         assert context is not None
         return allowed_speed(context, self.ground.capability, scene.world.take(scene.rows))
@@ -120,9 +120,12 @@ class Transition:
         return np.where(self._known, self._allowed, learned.speed)
 
     def _off_surface(self) -> Floats:
-        """With a route the penalty grows with the distance, as the cost in the lookahead does, and carriageways,
-        cycleways and crossings belong to pedestrians only where their path leads over them: at a tenth of the penalty
-        (paper, r2) they waited for their signal where cars turn."""
+        """The term `off_surface`.
+
+        With a route, the penalty grows with the distance, like the cost in the lookahead, and carriageways, cycleways
+        and crossings belong to pedestrians only where their path leads over these: with a tenth of the penalty (paper,
+        r2), pedestrians waited for their signal in the way of turning cars.
+        """
         surface, context, users = self.decision.surface, self.before.context, self.users
         if context is None:
             return rewards.off_surface(users.type, surface)
@@ -140,7 +143,7 @@ class Transition:
 
     @cached_property
     def _on_path(self) -> tuple[Floats, Floats]:
-        """m along the path, and m to its left, (n,) each; there are routes."""
+        """Position (m along the path) and lateral offset (m to the left), (n,) each; needs routes."""
         context, learned = self.before.context, self.users
         assert context is not None
         along, aside, _ = on_path(context.route, learned.x[:, None], learned.y[:, None])
@@ -153,7 +156,8 @@ class Transition:
         if context is None:
             return {name: np.zeros(len(learned)) for name in ("progress", "excess", "off_path", "red", "priority")}
         route, known = context.route, self._known
-        # Not from the begin of the path: one that stood inside of a corner paid for a red light in every decision.
+        # Count from the former projection, not from 0: a road user that stood inside a corner was penalised for a red
+        # signal in each decision.
         before, (after, aside) = context.along, self._on_path
         covered = after - before
         wanted = self._allowed * DECISION_INTERVAL
@@ -168,12 +172,15 @@ class Transition:
 
 
 RewardFunction = Callable[[Transition], NDArray[Any]]
-"""A reward of one's own: from what a decision led to, to one number for each of its n road users, (n,)."""
+"""A user's reward function: from a transition to one number for each of its n road users, (n,)."""
 
 
 def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Heading (rad) and speed limit (m/s) of the nearest lane for the type of each of n road users, and whether it is
-    on a lane with a direction, (n,) each. Pedestrians walk either way; junctions have no lanes here."""
+    """Heading (rad) and speed limit (m/s) of the nearest lane for the type of each of n road users, and whether the
+    road user is on a lane with a direction, (n,) each.
+
+    Pedestrians walk in both directions; junctions have no lanes here.
+    """
     heading, limit = np.zeros(len(users)), np.full(len(users), np.inf)
     on_lane = np.zeros(len(users), np.bool_)
     for kind, source in enumerate(points):
@@ -189,16 +196,16 @@ def lanes_here(users: WorldState, points: tuple[LanePoints, ...]) -> tuple[Float
 
 
 def recorded_speed(bundle: ModelBundle) -> tuple[float, float, float]:
-    """m/s per type: the mean, over the recordings that the bundle was fitted to, of road users in motion.
+    """Mean speed (m/s) by type of moving road users in the recordings of the bundle.
 
-    A road user is in motion if it comes farther than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
+    A road user moves if it covers more than 2.4 m in the 4.8 s of a window (0.5 m/s, the paper's r3).
     """
     types = bundle.training.get("types", {})
     recorded = [types.get(name, {}).get("moving_speed_mps") for name in TYPE_NAMES]
     if all(speed for speed, served in zip(recorded, bundle.types, strict=True) if served):
         car, bicycle, pedestrian = (speed or 0.0 for speed in recorded)  # 0 for types that the bundle lacks
         return car, bicycle, pedestrian
-    # Bundles that were fitted before this was written down: their modes are clusters of positions.
+    # Older bundles lack this record: their modes are clusters of positions.
     distance = np.hypot(bundle.mode_centres[..., 0], bundle.mode_centres[..., 1])
     count = np.where(distance > MOVING_DISTANCE, bundle.mode_counts, 0)
     car, bicycle, pedestrian = (distance * count).sum(1) / np.maximum(count.sum(1), 1) / DESTINATION_HORIZON

@@ -1,4 +1,4 @@
-"""The policy as rollouts and updates use it."""
+"""The policy for rollouts and updates."""
 
 import copy
 
@@ -10,20 +10,21 @@ from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.features import FEATURES
 
 LOWEST_PRIOR = -8.0
-"""Log probability at which the prior's end, so that a mode that was never recorded costs a bounded amount."""
+"""Lower bound of the prior's log probabilities, so that a mode that was never recorded has a bounded cost."""
 CAR = FEATURES.index("car")
 """First column of the one-hot type in the vector."""
 
 
 class Actor:
-    """The policy on a device, as rollouts use it."""
+    """The policy on a device, for rollouts."""
 
     def __init__(self, policy: Policy, prior: Prior, explore: float, device: torch.device) -> None:
         self.policy, self.prior = policy.to(device), prior.to(device)
         self.device, self.explore = device, explore
 
     def logits_and_value(self, seen: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """Log probabilities (n, modes) and values (n,) of observations on any device; 0 without a road user."""
+        """Log probabilities (n, modes) and values (n,) of observations on any device; 0 for slots without a road
+        user."""
         active = seen.get("active")
         if active is None or bool(active.all()):
             return self._logits(self.policy, seen)
@@ -53,7 +54,7 @@ def kind_of(vector: Tensor) -> Tensor:
 
 
 class Agent(Actor):
-    """The policy that is trained, with a copy of its initial state and the optimiser."""
+    """The trained policy, with a copy of its initial state and the optimiser."""
 
     def __init__(
         self, policy: Policy, prior: Prior, explore: float, learning_rate: float, device: torch.device

@@ -1,4 +1,4 @@
-"""One rollout as tensors: what was seen, done and earned, and the advantages of what was done."""
+"""A rollout as tensors: observations, actions and rewards, and the advantages of the actions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -33,7 +33,7 @@ class Batch:
 
     @property
     def active(self) -> Tensor:
-        """(T, N) bool: which slots had a road user."""
+        """(T, N) bool: whether the slot had a road user."""
         return self.seen["active"].bool() if "active" in self.seen else torch.ones_like(self.terminated)
 
 
@@ -52,8 +52,8 @@ def joined(batches: Sequence[Batch]) -> Batch:
 def gae(batch: Batch, gamma: float, gae_lambda: float) -> tuple[Tensor, Tensor]:
     """Generalised advantage estimates and returns, (T, N) each (Schulman et al. 2016, arXiv 1506.02438).
 
-    A truncated episode bootstraps from the value of its last observation, a terminated one from 0; neither depends on
-    the next episode in its slot.
+    A truncated episode bootstraps from the value of its last observation, a terminated episode from 0; neither depends
+    on the next episode in its slot.
     """
     done = (batch.terminated | batch.truncated).float()
     advantages = torch.zeros_like(batch.rewards)

@@ -1,4 +1,4 @@
-"""What a training leaves in its folder to be resumed: its checkpoint, and records in JSON."""
+"""Files in the folder of a training from which it is resumed: the checkpoint, and records in JSON."""
 
 import json
 import os
@@ -13,11 +13,11 @@ from slrl_sumo.input_files import open_input, read_json
 from slrl_sumo.learning.rl.actor import Agent
 
 STATES = ("policy", "begin", "optimizer")
-"""Parts of an Agent in a checkpoint, besides the number of updates."""
+"""Parts of an Agent in a checkpoint, in addition to the number of updates."""
 
 
 def save_checkpoint(folder: Path, agent: Agent, iteration: int) -> None:
-    """Write atomically: a training killed while it writes resumes from the checkpoint before."""
+    """Write a checkpoint atomically: a training killed while it writes resumes from the previous checkpoint."""
     state = {"iteration": iteration} | {name: getattr(agent, name).state_dict() for name in STATES}
     torch.save(state, folder / "checkpoint.new")
     os.replace(folder / "checkpoint.new", folder / "checkpoint.pt")
@@ -27,7 +27,7 @@ def read_checkpoint(file: Path) -> dict[str, Any]:
     """The state in a checkpoint: tensors and numbers, never other objects."""
     try:
         with open_input(file) as stream:
-            # PyTorch does not compress: where more is declared than the file has, it would be allocated.
+            # PyTorch does not compress: a declared size above the file's size would be allocated.
             with zipfile.ZipFile(stream) as archive:
                 if sum(info.file_size for info in archive.infolist()) > os.fstat(stream.fileno()).st_size:
                     raise ValueError("it unpacks to more than its size")
@@ -35,13 +35,13 @@ def read_checkpoint(file: Path) -> dict[str, Any]:
             state = torch.load(stream, weights_only=True)
         return {"iteration": int(state["iteration"])} | {key: dict(state[key]) for key in STATES}
     except Exception as error:
-        # zipfile and PyTorch raise many kinds of errors where a file is damaged.
+        # zipfile and PyTorch raise many kinds of errors for damaged files.
         reason = " ".join(str(getattr(error, "strerror", None) or error).split())[:200]
         raise InputError(f"{file}: is damaged ({reason}); delete it to start again") from None
 
 
 def restore(agent: Agent, state: dict[str, Any], checkpoint: Path) -> None:
-    """Set the agent to the state of `checkpoint`. Raises InputError where that is of another one."""
+    """Set the agent to the state of `checkpoint`. Raises InputError if the state does not fit."""
     try:
         for name in STATES:
             getattr(agent, name).load_state_dict(state[name])

@@ -1,7 +1,7 @@
-"""Imitation of the modes that recorded road users took, before the policy is trained by reward.
+"""Imitation of the modes of recorded road users, before the training by reward.
 
-The prior depends on the vector alone. Here the policy learns, from the same windows, what the image adds: the course of
-the road and the road users on it. PPO then does not have to discover lanes and braking by chance.
+The prior depends only on the vector. Imitation uses the same windows with images, so that the policy also learns the
+course of the road and the road users on it. PPO then need not discover lanes and braking by chance.
 """
 
 from collections.abc import Callable
@@ -30,18 +30,18 @@ class ImitationSettings:
     """Settings of the imitation before PPO."""
 
     epochs: int = 4
-    """Passes over the windows; 0: no imitation, PPO begins at the prior."""
+    """Number of passes over the windows; 0: no imitation, PPO starts from the prior."""
     seconds: float = 400.0
-    """s of SUMO's own traffic that are recorded in each scenario."""
+    """Duration (s) of plain SUMO traffic that is recorded in each scenario."""
     stride: int = 4
-    """Every stride-th frame is used: successive windows hardly differ."""
+    """Use every stride-th frame, because successive windows hardly differ."""
     learning_rate: float = 1e-3
     batch: int = 512
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstrations:
-    """M windows with observations and the modes that were taken."""
+    """M windows with observations and the modes of the recorded motion."""
 
     vector: NDArray[np.float32]
     """(M, 12)."""
@@ -75,7 +75,7 @@ def demonstrations(recording: Trajectories, roadmap: RoadMap, bundle: ModelBundl
 
 
 def recorded_traffic(scenario: Scenario, seconds: float, seed: int) -> tuple[Trajectories, RoadMap]:
-    """SUMO's own traffic in a scenario, and the road map of the scenario."""
+    """Plain SUMO traffic in a scenario, and the road map of the scenario."""
     for item in record(scenario, seconds=seconds, seed=seed):
         if isinstance(item, Trajectories):
             recording = item
@@ -91,18 +91,18 @@ def imitate(
     seed: int,
     report: Callable[[float, dict[str, float]], None],
 ) -> None:
-    """Fit `policy` (in place) to the modes that were taken, and empty `parts`.
+    """Fit `policy` (in place) to the recorded modes, and empty `parts`.
 
-    After each epoch `report` is called with the share done and the figures, on a tenth of each part that is not used
+    After each epoch, `report` is called with the completed share and figures from a tenth of each part that is not used
     for fitting: cross-entropy (nats) and accuracy of the policy, `imitation/cross_entropy` and `imitation/accuracy`,
-    and those of the prior.
+    and the same figures of the prior.
     """
     generator = torch.Generator().manual_seed(seed)
     vector, image, kind, mode = (
         torch.from_numpy(np.concatenate([getattr(part, name) for part in parts]))
         for name in ("vector", "image", "type", "mode")
     )
-    # The last tenth of each part: windows of one road user are adjacent, so these belong to other road users.
+    # Test on the last tenth of each part: windows of a road user are adjacent, so these belong to other road users.
     tested = torch.cat([torch.arange(len(part)) >= 0.9 * len(part) for part in parts])
     parts.clear()  # frees the images, which are large
     train, test = (~tested).nonzero()[:, 0], tested.nonzero()[:, 0]
@@ -125,7 +125,7 @@ def imitate(
 
 
 def _no_lookahead(bundle: ModelBundle, rows: int) -> torch.Tensor:
-    """A lookahead without collisions and departures from the surface: PPO's teacher judges those, not imitation."""
+    """A lookahead without collisions and without leaving the surface, which PPO's teacher handles, not imitation."""
     return torch.zeros(rows, bundle.config.modes, 4)
 
 

@@ -22,7 +22,7 @@ from slrl_sumo.scene.types import TYPE_NAMES
 
 @dataclass(frozen=True)
 class PpoSettings:
-    """Names as in CleanRL."""
+    """Settings of PPO, with the names of CleanRL."""
 
     num_steps: int = 64
     """T: decisions of each slot between two updates."""
@@ -37,37 +37,39 @@ class PpoSettings:
     clip_vloss: bool = False
     ent_coef: float = 0.01
     vf_coef: float = 0.05
-    """A tenth of CleanRL's: returns are of order 10, and the critic must not dominate the layers that it shares."""
+    """A tenth of CleanRL's value: returns are of order 10, and the critic must not dominate the shared layers."""
     max_grad_norm: float = 0.5
     explore: float = 0.03
-    """Share of modes drawn uniformly: a mode that is never tried is never learned, and braking is one of them."""
+    """Share of modes drawn uniformly: modes that are never tried, such as braking, would never be learned."""
     kl_coef: float = 1.0
     kl_coef_last: float = 0.1
     """First and last weight of the divergence KL(teacher || policy), interpolated linearly. The teacher is the initial
-    policy minus the cost of each mode (Arena.teacher_costs). So behaviour imitated from recordings fades only
-    where the reward opposes it (as in human-regularised PPO, arXiv 2403.19648)."""
+    policy minus the cost of each mode (Arena.teacher_costs). Thus behaviour imitated from recordings fades only where
+    it contradicts the reward (as in human-regularised PPO, arXiv 2403.19648)."""
     kl_until: float = 1.0
     """Share of the training at which kl_coef_last is reached."""
     kl_kept: tuple[str, ...] = ()
-    """Types for which kl_coef does not fall: they go their own ways only where that pays much."""
+    """Types with a constant kl_coef: they deviate from the teacher only for a large gain of reward."""
     prior_coef: float = 0.0
     """Weight of the divergence KL(policy || prior) from the bundle's prior, learned from recordings."""
     teacher_first: int = 40
-    """Updates in which the policy learns from the teacher alone while the critic learns its values: an untrained critic
-    would destroy what was imitated before."""
+    """Number of first updates in which the policy learns only from the teacher, while the critic learns its values: an
+    untrained critic would destroy the imitated behaviour."""
     only: tuple[str, ...] = ()
-    """Types that learn; all others keep their modes bit for bit, and so does what the types share. (): all."""
+    """Types that learn; the networks of all other types, and the shared layers, stay unchanged. (): all types."""
 
 
 class Rollouts(Protocol):
     """Source of rollouts: several simulations, on this machine or elsewhere."""
 
     def reset(self, seed: int) -> None:
-        """Restart all simulations, drawn by `seed` alone."""
+        """Restart all simulations, drawn only by `seed`."""
 
     def collect(self, agent: "Agent", num_steps: int, seed: int) -> tuple[Batch, list[dict[str, Any]]]:
-        """`num_steps` more steps of all slots with the current policy, modes drawn by `seed` alone; and the infos of
-        every step."""
+        """Run `num_steps` more steps of all slots with the current policy; return them with the infos of each step.
+
+        Modes are drawn only by `seed`.
+        """
 
 
 def update(
@@ -79,10 +81,10 @@ def update(
     kl_coef: float = 0.0,
     teacher_only: bool = False,
 ) -> dict[str, float]:
-    """One PPO update on a rollout. Returns the figures that CleanRL logs (losses, approx_kl, clipfrac,
+    """One PPO update on a rollout. Returns the figures of CleanRL's log (losses, approx_kl, clipfrac,
     explained_variance), kl_teacher (see PpoSettings.kl_coef) and kl_prior.
 
-    Advantages are normalised within each type: the returns of pedestrians differ less than those of cars.
+    Advantages are normalised within each type, because the returns of pedestrians vary less than those of cars.
     """
     advantages, returns = gae(batch, settings.gamma, settings.gae_lambda)
     active = batch.active.flatten()
@@ -94,7 +96,7 @@ def update(
     flat = {name: taken(getattr(batch, name)) for name in ("actions", "logprobs", "values")}
     seen = {name: taken(value) for name, value in batch.seen.items() if name != "active"}
     kind = kind_of(seen["vector"])
-    # Weights by road user.
+    # Weight of the divergence for each road user.
     kl_coefs = torch.full(kind.shape, kl_coef, device=agent.device)
     for name in settings.kl_kept:
         kl_coefs[kind == TYPE_NAMES.index(name)] = settings.kl_coef
@@ -173,8 +175,8 @@ def learn(
 ) -> None:
     """Run `iterations` (a part of range(total)) of rollout and update; `after` is called after each one.
 
-    Every `reset_every` iterations all simulations restart, drawn by `seed` and the iteration alone: a training that is
-    resumed there continues exactly as without the interruption. `iterations` must begin at such a point.
+    Every `reset_every` iterations, all simulations restart, drawn only by `seed` and the iteration: a training resumed
+    there continues exactly as without the interruption. `iterations` must begin at such an iteration.
     """
     if iterations.start % reset_every:
         raise ValueError("training can be resumed only where simulations restart")

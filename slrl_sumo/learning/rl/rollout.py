@@ -30,7 +30,7 @@ def rollout(
 ) -> tuple[Batch, dict[str, NDArray[Any]], list[dict[str, Any]], NDArray[np.float32]]:
     """T steps of all slots from `observation` on, with its `teacher_costs` (N, modes).
 
-    Returns the batch, the observation after it, the infos of every step, and the teacher_costs of that observation.
+    Returns the batch, the following observation, the infos of each step, and the teacher_costs of that observation.
     """
     shape = (num_steps, env.num_envs)
     seen = {

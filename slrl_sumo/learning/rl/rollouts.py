@@ -1,8 +1,8 @@
 """Rollouts of several simulations, each in a worker process, on this machine or on a Ray cluster.
 
-Every worker gets the weights and acts with a policy of its own: between two updates of the policy no data crosses a
-process border. What a worker simulates depends on its Request alone, not on its process: a process that dies is
-replaced by one that simulates the same again, and the training continues exactly as without the loss.
+Each worker gets the weights and acts with its own copy of the policy: between two updates of the policy, no data
+crosses a process border. The simulation of a worker depends only on its Request, not on its process: a process that
+dies is replaced by a process that simulates the same again, and the training continues exactly as without the loss.
 """
 
 import pickle
@@ -33,24 +33,24 @@ from slrl_sumo.models.policy_network import PolicyConfig
 from slrl_sumo.models.threads import one_thread
 
 TIMEOUT = 120.0
-"""s that a worker may take to begin a simulation."""
+"""Greatest time (s) of a worker for the start of a simulation."""
 WORKER_ATTEMPTS = 5
-"""Failures of a worker in a row after which training is given up."""
+"""Number of successive failures of a worker after which the training fails."""
 STEP_TIMEOUT = 2.0
-"""s more that a worker may take for each step."""
+"""Additional time (s) of a worker for each step."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What a worker simulates."""
+    """The simulation that a worker continues."""
 
     draw: tuple[int, ...]
     """Numbers that draw the simulation."""
     past: NDArray[np.uint8]
-    """(steps, n): modes chosen in it so far."""
+    """Modes chosen so far, (steps, n)."""
     num_steps: int
     seed: int
-    """Seed of the modes that are drawn."""
+    """Seed of the drawn modes."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,14 @@ class Result:
 
 
 class RolloutWorker:
-    """The work of a process: continues its simulation, or repeats the past of a request first if it is not there."""
+    """The work of a process: continues its simulation, or first repeats the past of a request in a new simulation."""
 
     def __init__(self, source: ArenaSource, config: PolicyConfig, explore: float) -> None:
         self._source, self._config, self._explore = source, config, explore
         self._env: SimulationVectorEnv | None = None  # made in the process: its spaces are large
         self._actor: Actor | None = None
         self._at: tuple[tuple[int, ...], int] | None = None
-        """Draw and number of steps of the simulation that is open."""
+        """Draw and number of steps of the open simulation."""
         self._seen: tuple[dict[str, NDArray[Any]], NDArray[np.float32]] = {}, np.zeros((0, 0), np.float32)
 
     @one_thread()
@@ -102,7 +102,8 @@ class RolloutWorker:
 class WorkerRollouts:
     """See slrl_sumo.learning.rl.ppo.Rollouts: `backend.workers` simulations of `source`, with policies of `config`.
 
-    Raises InputError if a worker cannot load scenario or bundle, SumoError if one fails WORKER_ATTEMPTS times in a row.
+    Raises InputError if a worker cannot load scenario or bundle, SumoError if a worker fails WORKER_ATTEMPTS times in
+    succession.
     """
 
     def __init__(self, source: ArenaSource, config: PolicyConfig, explore: float, backend: Backend) -> None:
@@ -143,8 +144,8 @@ class WorkerRollouts:
 
         def failed(number: int, error: SumoError) -> None:
             self.replaced += 1
-            # A process that is killed once may die for a reason outside its simulation. A second death, or a failure of
-            # SUMO, would repeat itself: another simulation is drawn.
+            # The first death of a process may have a cause outside its simulation. After a second death, or a failure
+            # of SUMO, which would happen again, another simulation is drawn.
             if not isinstance(error, WorkerDiedError | MachineLostError) or failures.deaths[number] > 1:
                 self._restart(number, failures.deaths[number])
                 restarted.add(number)

@@ -28,9 +28,9 @@ LAST = 20
 def with_selector(
     bundle: ModelBundle, policy: Policy, record: dict[str, Any], log: list[dict[str, float]]
 ) -> ModelBundle:
-    """`bundle` with a trained `policy`; `record`: settings of the training, `log`: figures of every update.
+    """`bundle` with a trained `policy`; `record`: settings of the training, `log`: figures of each update.
 
-    Where the training went on from the selector of `bundle`, how that one was trained is kept as `before`.
+    If the training started from the selector of `bundle`, the record of that selector is kept as `before`.
     """
     last = {name: _mean([row[name] for row in log[-LAST:]]) for name in (log[-1] if log else {})}
     wanted = ("episode/", "reward/", "motion/")
@@ -44,7 +44,7 @@ def with_selector(
 
 
 def shares_without_route(training: dict[str, Any]) -> str:
-    """The sentence of the card on the shares by which the selector counts without a route; '' where there are none."""
+    """The sentence of the card on the shares of the selector without a route; '' without such shares."""
     if "without_route" not in training:
         return ""
     text = f"{WITHOUT_ROUTE} {training['without_route_from']}: {_by_type(training['without_route'])}."

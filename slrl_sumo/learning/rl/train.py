@@ -42,33 +42,34 @@ from slrl_sumo.perception.presets import PRESETS, vector_for
 from slrl_sumo.sumo.scenario import find_scenario
 
 Report = Callable[[str, int, int, Figures], None]
-"""Called with a stage, how much of it is done, its total, and its figures."""
+"""Called with a stage, its completed amount, its total, and its figures."""
 
 
 @dataclass(frozen=True)
 class TrainRequest:
-    """What to train; the words are those of `slrl-sumo train`."""
+    """Request of a training; fields are named as in `slrl-sumo train`."""
 
     scenarios: str
     """Families (intersection, roundabout, shared-space, random, town) or scenarios, separated by commas."""
     bundle: str
     out: Path
     steps: int
-    """Agent-steps in total."""
+    """Total number of agent-steps."""
     workers: int = 2
     seed: int = 1
     device: str = "auto"
     threads: int | None = None
-    """Threads of PyTorch in the update; None: as many as workers, which are idle then, but at most the number of cores.
-    On busy cores, threads that wait for each other make updates slower; by ten times if they spin (OMP_WAIT_POLICY)."""
+    """Number of PyTorch threads in the update; None: the number of workers, which are idle then, but at most the number
+    of cores. On busy cores, threads that wait for each other slow updates down, ten times if they spin
+    (OMP_WAIT_POLICY)."""
 
     recordings: tuple[Path, ...] = ()
-    """Trajectories to imitate besides SUMO's own traffic in the scenarios."""
+    """Trajectories to imitate, in addition to plain SUMO traffic in the scenarios."""
 
     ray: str | None = None
-    """Where the simulations run: see slrl_sumo.jobs.pool.Backend. The result does not depend on it."""
+    """Ray cluster of the simulations, see slrl_sumo.jobs.pool.Backend. The result does not depend on it."""
     goes_on: bool = False
-    """Whether the training starts from the selector of the bundle, without imitation, and without teacher but for the
+    """Whether the training starts from the selector of the bundle, without imitation, and with a teacher only for the
     types `kl_kept`."""
 
     def __post_init__(self) -> None:
@@ -84,14 +85,14 @@ class TrainRequest:
 
 
 def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, report: Report) -> ModelBundle:
-    """Train, save the bundle with its new selector as `request.out` and return it.
+    """Train a selector, save the bundle with it as `request.out`, and return the bundle.
 
     The policy is trained by imitation first (slrl_sumo.learning.rl.imitation), then by PPO. `report` is called for the
-    stages "recording" and "imitation", then for "training" with agent-steps and the figures of every update (see
-    EpisodeFigures). With `resume` the training continues from its last checkpoint, exactly as without the interruption,
-    or for more steps than before (learning_rate and kl_coef then follow the new total); otherwise the folder must not
-    hold a checkpoint. Raises InputError, also where figures or weights are no longer finite, and SumoError (a worker
-    fails repeatedly).
+    stages "recording" and "imitation", then for "training" with agent-steps and the figures of each update (see
+    EpisodeFigures). With `resume`, the training continues from its last checkpoint, exactly as without the
+    interruption, or for more steps than before (learning_rate and kl_coef then follow the new total); otherwise the
+    folder must not contain a checkpoint. Raises InputError, also if figures or weights are no longer finite, and
+    SumoError if a worker fails repeatedly.
     """
     bundle = load_bundle(request.bundle)
     if request.goes_on:
@@ -176,8 +177,8 @@ def train(request: TrainRequest, settings: TrainSettings, *, resume: bool, repor
 
 
 def going_on(settings: TrainSettings, bundle: ModelBundle) -> TrainSettings:
-    """Settings of a training that starts from the selector of `bundle`: its shapes, no imitation, and a teacher for the
-    types alone that keep it."""
+    """Settings of a training that starts from the selector of `bundle`: its shapes, no imitation, and a teacher only
+    for the types `kl_kept`."""
     if bundle.policy is None:
         raise InputError(f"bundle {bundle.name}: it has no trained selector to go on from; give it as `bundle`")
     ppo = replace(settings.ppo, kl_coef_last=0.0, kl_until=0.0, teacher_first=0)
@@ -220,7 +221,7 @@ def _prepare(folder: Path, record: dict[str, Any], resume: bool) -> dict[str, An
 
 
 def _difference(a: Any, b: Any, where: str = "") -> str:
-    """The first key in which two JSON values differ, as section.key; empty where they are equal."""
+    """The first key in which two JSON values differ, as section.key; empty if they are equal."""
     if isinstance(a, dict) and isinstance(b, dict):
         for key in sorted(set(a) | set(b)):
             odd = _difference(a.get(key), b.get(key), f"{where}.{key}" if where else key)
@@ -231,7 +232,7 @@ def _difference(a: Any, b: Any, where: str = "") -> str:
 
 
 def _scenarios(text: str, settings: TrainSettings, folder: Path) -> tuple[str, ...]:
-    """Scenarios of the training: those named in `text`, and the generated ones of families."""
+    """Scenarios of the training: scenarios named in `text`, and generated scenarios of families."""
     found: list[str] = []
     for name in (part.strip() for part in text.split(",")):
         if name not in get_args(Family):
@@ -260,7 +261,7 @@ def _imitated(
     """Train `policy` by imitation; returns the last figures."""
     plan = settings.imitation
     last: Figures = {}
-    # Recordings have no routes: selectors that know theirs learn in simulations alone.
+    # Recordings have no routes: selectors with routes learn in simulations only.
     if not plan.epochs or PRESETS[settings.policy.preset].knows_route:
         return last
     parts = []
@@ -273,7 +274,7 @@ def _imitated(
                 raise InputError(f"--recording {source}: holds no road user; give recordings with some")
             ground = everywhere_road(recording.x, recording.y)
         else:
-            # SUMO seeds, like those of the networks, that no evaluation uses.
+            # Use SUMO seeds, like the seeds of the networks, that no evaluation uses.
             seed = settings.networks.first_seed + number
             recording, ground = recorded_traffic(find_scenario(source), plan.seconds, seed)
         parts.append(demonstrations(recording, ground, bundle, plan.stride))
@@ -287,7 +288,7 @@ def _imitated(
 
 
 def _check_finite(figures: Figures, when: str) -> None:
-    """Raise InputError where a figure is NaN or infinite."""
+    """Raise InputError if a figure is NaN or infinite."""
     for name, value in figures.items():
         if not math.isfinite(value):
             raise InputError(
@@ -297,7 +298,7 @@ def _check_finite(figures: Figures, when: str) -> None:
 
 
 def _check_weights(policy: Policy, when: str) -> None:
-    """As `_check_finite`, for the weights of the policy."""
+    """Like `_check_finite`, for the weights of the policy."""
     _check_finite({name: float(value.detach().sum()) for name, value in policy.named_parameters()}, when)
 
 

@@ -1,4 +1,4 @@
-"""Figures of a training per update: episodes, rewards and motion, by road-user type; and the file that keeps them."""
+"""Figures of each update of a training: episodes, rewards and motion, by road user type; and their log file."""
 
 import csv
 from pathlib import Path
@@ -25,16 +25,16 @@ class EpisodeFigures:
         self._return = np.zeros(slots)
 
     def start(self) -> None:
-        """All simulations restart: discard the episodes under way."""
+        """Discard the current episodes, because all simulations restart."""
         self._return[:] = 0.0
 
     def figures(self, batch: Batch, infos: list[dict[str, Any]]) -> dict[str, float]:
-        """The figures of one rollout; names have a slash, by which TensorBoard groups them. Slots with `replaced` in an
-        info restarted just before that step.
+        """The figures of one rollout; names have a slash, by which TensorBoard groups them.
 
-        `episode/return`: mean over the episodes that ended (NaN if none did); `episode/completed`: share of them that
-        ended by time or at the destination, not by contact or loss, also per type; `reward/TERM`: mean of each term
-        before weighting; `motion/…`: mean speed (m/s) and share of time standing, per type; `trips/…`: see `_trips`.
+        Slots with `replaced` in an info restarted just before that step. `episode/return`: mean over the episodes that
+        ended (NaN without any); `episode/completed`: share of these that ended by time or at the destination, not by
+        contact or loss, also by type; `reward/TERM`: mean of each term before weighting; `motion/…`: mean speed (m/s)
+        and share of standing time, by type; `trips/…`: see `_trips`.
         """
         active = batch.active.numpy()
         reward, terminated = batch.rewards.numpy(), batch.terminated.numpy()
@@ -66,8 +66,11 @@ class EpisodeFigures:
 
 
 def _trips(infos: list[dict[str, Any]], active: NDArray[np.bool_]) -> Figures:
-    """`trips/active`: share of the slots with a road user; `trips/reached`: of the road users that SUMO has again, the
-    share at their destination; `trips/clean`: of those, the share without a contact and never off the own surface."""
+    """Figures of trips.
+
+    `trips/active`: share of slots with a road user. `trips/reached`: share of the handed-back road users at their
+    destination. `trips/clean`: share of the latter without a contact and never off their own surfaces.
+    """
     reached, clean, handed_back = (np.stack([info[name] for info in infos]) for name in ("reached", "clean", "gone"))
     return {
         "trips/active": float(active.mean()),
@@ -82,7 +85,7 @@ def _mean(values: NDArray[Any]) -> float:
 
 
 def read_rows(folder: Path, done: int) -> list[Figures]:
-    """The figures of the first `done` updates. Raises InputError where the file is damaged."""
+    """The figures of the first `done` updates. Raises InputError if the file is damaged."""
     file = folder / LOG
     if not done or not file.exists():
         return []
@@ -99,7 +102,7 @@ class TrainingLog:
     """log.csv and TensorBoard; rows after the checkpoint of a stopped training are dropped."""
 
     def __init__(self, folder: Path, rows: list[Figures], done: int, rollout_size: int) -> None:
-        """`rows`: those of the updates before `done`, see `read_rows`."""
+        """`rows`: figures of the updates before `done`, see `read_rows`."""
         from torch.utils.tensorboard.writer import SummaryWriter
 
         self.rows = rows

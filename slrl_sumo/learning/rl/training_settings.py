@@ -25,16 +25,16 @@ class NetworkSettings:
     """Generated scenarios of the training."""
 
     count: int = 24
-    """Scenarios drawn from each family; every worker opens another one every `reset_every` updates."""
+    """Number of scenarios drawn from each family; each worker opens another scenario every `reset_every` updates."""
     first_seed: int = 9000
-    """Seed of the first one: shipped bundles were fitted to networks with other seeds."""
+    """Seed of the first scenario: shipped bundles were fitted to networks with other seeds."""
     reset_every: int = 4
-    """Updates after which all simulations restart; checkpoints are taken there."""
+    """Number of updates after which all simulations restart and a checkpoint is saved."""
 
 
 @dataclass(frozen=True)
 class TrainSettings:
-    """Everything that determines the training of a selector, besides scenarios, bundle, steps, workers and seed."""
+    """All settings that determine the training of a selector, except scenarios, bundle, steps, workers and seed."""
 
     ppo: PpoSettings = field(default_factory=PpoSettings)
     reward: RewardWeights = field(default_factory=RewardWeights)
@@ -46,8 +46,7 @@ class TrainSettings:
 
 
 NOT_FOR_USERS = {"arena": {"weights", "teacher", "preset", "image", "state", "takeover"}, "policy": {"modes"}}
-"""Fields that are set elsewhere: weights by [reward] and [teacher], what is perceived by [policy], modes by the
-bundle."""
+"""Fields that are set elsewhere: weights by [reward] and [teacher], observations by [policy], modes by the bundle."""
 
 RANGES = {
     ("ppo", "num_steps"): (1, 100_000),
@@ -85,18 +84,18 @@ RANGES = {
     ("networks", "first_seed"): (0, 2**31 - 20_000),
     ("networks", "reset_every"): (1, 1_000_000),
 }
-"""Lowest and highest values of all numbers: others fail in the middle of a training, or give a useless selector."""
+"""Lowest and highest values of all numbers: other values fail during a training, or give a useless selector."""
 MOST_CHANNELS = 14
-"""Convolutions of a selector: bundles with more cannot be read."""
+"""Greatest number of convolutions of a selector: bundles with more cannot be read."""
 
 NAMES = {("policy", "preset"): tuple(PRESETS), ("ppo", "only"): TYPE_NAMES, ("ppo", "kl_kept"): TYPE_NAMES}
-"""The names that settings take which are no numbers."""
+"""Valid names of the settings that are not numbers."""
 
 
 def recorded_settings(bundle: ModelBundle) -> TrainSettings:
-    """The settings with which the selector of a bundle was trained, as far as it records them; else the defaults.
+    """The recorded settings with which the selector of a bundle was trained; defaults for missing values.
 
-    Raises InputError for values that a TOML file could not have either.
+    Raises InputError for values that are also invalid in a TOML file.
     """
     settings, record = TrainSettings(), (bundle.policy_training or {}).get("settings", {})
     for name in (f.name for f in fields(TrainSettings)):
@@ -109,10 +108,10 @@ def recorded_settings(bundle: ModelBundle) -> TrainSettings:
 
 
 def read_settings(file: Path | None, settings: TrainSettings | None = None) -> TrainSettings:
-    """The settings of a TOML file, with those of `settings`, or the defaults, for missing keys; None: only these.
+    """The settings of a TOML file; missing keys, and all keys without a file, come from `settings` or the defaults.
 
-    Sections are the fields of TrainSettings, keys those of their classes. Raises InputError for an unknown section or
-    key, with the nearest known one, and for values of a wrong type or outside RANGES.
+    Sections are the fields of TrainSettings, keys the fields of their classes. Raises InputError for an unknown section
+    or key, with the nearest known name, and for values of a wrong type or outside RANGES.
     """
     settings = settings or TrainSettings()
     if file is None:

@@ -1,4 +1,4 @@
-"""Bounds of the motion of each type, from the recorded one."""
+"""Bounds of the motion of each type, from recorded motion."""
 
 from collections.abc import Sequence
 
@@ -11,24 +11,24 @@ from slrl_sumo.models.displacement import SPEED, DisplacementModels
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED, RoadUserType
 
 TURNING_RATE = 0.02
-"""rad/s; a road user with a higher yaw rate is turning."""
+"""Yaw rate (rad/s) above which a road user is turning."""
 CORNERING = 10.0
-"""m/s below which the curvature of vehicles' turns is measured."""
+"""Speed (m/s) below which the curvature of vehicles' turns is measured."""
 FREE_TURNING = 0.5
-"""m/s above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
+"""Speed (m/s) above which pedestrians reach their highest yaw rate; below, the limit falls with the speed."""
 
 HARDEST = 0.2
-"""Percentile of the recorded accelerations of moving road users with which the type brakes in need. The 1st, which
-bounds the models, is a walk that slows down: pedestrians of whom one halves its speed in 0.4 s are rarer than that."""
+"""Percentile of the recorded accelerations of moving road users for emergency braking. The 1st percentile, which bounds
+the models, corresponds to a pedestrian that slows down: halving the speed in 0.4 s is rarer."""
 
 TOP_SPEED_PERCENTILE = {"paths": 99.9}
-"""Percentile of the recorded speeds that is the top speed of the models, where it is not the 99th. Joggers among SDD's
-pedestrians are faster than 99 % of the moments; models that slow them down err by 2.7 instead of 1.5 m there, which is
+"""Percentile of the recorded speeds that is the top speed of the models, if it is not the 99th. Joggers among SDD's
+pedestrians exceed the 99th percentile; models that slow them down have an error of 2.7 instead of 1.5 m there, which is
 0.04 of constant velocity's error over all pedestrians."""
 
 
 def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadUserType], modes: str) -> None:
-    """Bound each type by its recorded motion; standing road users would only narrow the bounds."""
+    """Set the bounds of each type from its recorded motion, without standing road users, which would narrow them."""
     before = train.vector[:, SPEED].astype(np.float64)
     after = before + train.acceleration * DECISION_INTERVAL
     in_motion = _in_motion(train)
@@ -36,7 +36,7 @@ def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadU
         rows = train.type == t
         moving = rows & in_motion
         rows = moving if moving.any() else rows
-        # Most moments are straight ahead (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
+        # Most of the motion is straight (pedestrians in SUMO turn at corners only) and would dominate the percentiles.
         turning = rows & (np.abs(train.yaw_rate) > TURNING_RATE)
         turning = turning if turning.any() else rows
         for bounds, values in (
@@ -45,7 +45,7 @@ def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadU
         ):
             lowest, highest = np.percentile(values, (1, 99))
             bounds[t] = torch.tensor([min(lowest, 0.0), max(highest, 0.0)])
-        # Sharp turns are driven slowly: long straight drives in the recordings must not lower the bound.
+        # Sharp turns are slow: long straight drives in the recordings must not lower the bound.
         steering = rows & (after > 1.0) & (after < CORNERING)
         steering = steering if steering.any() else rows & (after > 1.0)
         if t == RoadUserType.PEDESTRIAN:
@@ -56,13 +56,12 @@ def set_bounds(models: DisplacementModels, train: Windows, types: Sequence[RoadU
 
 
 def _in_motion(train: Windows) -> NDArray[np.bool_]:
-    """Which windows are of road users that move, before or after the first interval, (N,). Those of others tell nothing
-    of the bounds."""
+    """Whether the road user of each window moves before or after the first interval, (N,); others do not count."""
     before = train.vector[:, SPEED].astype(np.float64)
     return np.asarray(np.maximum(before, before + train.acceleration * DECISION_INTERVAL) > STANDING_SPEED)
 
 
 def hardest_braking(train: Windows) -> float:
-    """m/s² with which the road users of one type brake in need, not positive."""
+    """Acceleration (m/s², not positive) of emergency braking of the road users of one type."""
     moving = _in_motion(train)
     return min(float(np.percentile(train.acceleration[moving], HARDEST)), 0.0) if moving.any() else 0.0

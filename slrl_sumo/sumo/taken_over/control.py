@@ -14,13 +14,13 @@ from slrl_sumo.sumo.taken_over.persons import TakenOverPersons
 from slrl_sumo.sumo.taken_over.vehicles import TakenOverVehicles
 
 REFUSED = "refused"
-"""Why a road user cannot be taken over, besides what its control says: SUMO refuses a call."""
+"""Reason why a road user cannot be taken over, in addition to the reasons of its control: SUMO refuses a call."""
 
 
 class TakenOverControl:
     """Takes road users of the scenario over, moves them, and hands them back to SUMO.
 
-    `refusals`: those for which SUMO has refused a call. They remain taken over until `abandon`.
+    `refusals`: road users for which SUMO has refused a call. They remain taken over until `abandon`.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
@@ -31,15 +31,15 @@ class TakenOverControl:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Ids of all road users that are taken over now."""
+        """Ids of all road users that are presently taken over."""
         return self._vehicles.ids | self._persons.ids
 
     def obstacles(self, ids: Sequence[str], person: NDArray[np.bool_], *, models: bool) -> tuple[str, ...]:
-        """Why n road users on the network cannot be taken over, '' where they can; `person`: which of them are persons,
-        (n,).
+        """Reasons why n road users on the network cannot be taken over, '' if they can; `person`: whether each one is a
+        person, (n,).
 
-        Walking persons can, and vehicles on a lane without stops ahead that are no trains, ships or aircraft, and of no
-        class that crossings admit; with `models`, only vehicles that these suit.
+        Eligible are walking persons, and vehicles on a lane without stops ahead, except trains, ships, aircraft and
+        classes that crossings admit. With `models`, only vehicles that learned models suit are eligible.
         """
         found = []
         for road_user, walks in zip(ids, person.tolist(), strict=True):
@@ -50,13 +50,17 @@ class TakenOverControl:
         return tuple(found)
 
     def unsupported(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which of n taken-over road users must be handed back, (n,): vehicles with stops, a
-        calibrator or a vaporizer ahead, and persons that do not walk any more."""
+        """Whether each of n taken-over road users must be handed back, (n,).
+
+        This concerns vehicles with a stop, a calibrator or a vaporizer ahead, and persons that no longer walk.
+        """
         return self._each(ids, person, self._vehicles.is_interrupted, self._persons.does_not_walk)
 
     def take_over(self, ids: Sequence[str], person: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Take over n eligible road users; they must be moved in every SUMO step from now on. Returns which ones SUMO
-        has given, (n,)."""
+        """Take over n eligible road users; return whether each takeover succeeded, (n,).
+
+        The caller must move them in each SUMO step from now on.
+        """
         return self._each(ids, person, self._vehicles.take_over, self._persons.take_over)
 
     def move(
@@ -81,21 +85,21 @@ class TakenOverControl:
                     self._vehicles.move(road_user, front_x[i], front_y[i], angles[i], speeds[i])
 
     def place_handed_back(self) -> None:
-        """Let the next SUMO step put what was handed back since the last one where it belongs: vehicles on no lane on
-        their route, those beside the middle of their lane there, and persons where they are.
+        """Let the next SUMO step place the road users that were handed back since the last step.
 
-        To be called directly before the step: a move that no step carries out is carried out in the next simulation of
-        this process, where it has a road user of that name, and crashes libsumo 1.28 at times.
+        Vehicles on no lane are put on their route, vehicles beside the middle of their lane into the middle, and
+        persons stay at their position. Call it directly before the step: a pending move is carried out in the next
+        simulation of this process, if that has a road user of the same id, and sometimes crashes libsumo 1.28.
         """
         self._vehicles.put_on_route()
         self._vehicles.move_to_middle()
         self._persons.keep_in_place()
 
     def hand_back(self, ids: Sequence[str], person: NDArray[np.bool_], *, off_route: bool = False) -> NDArray[np.bool_]:
-        """Hand n road users back to SUMO, (n,): False where one remains taken over and must be moved on.
+        """Hand n road users back to SUMO, (n,): False for a road user that remains taken over and must be moved on.
 
-        That is a vehicle that SUMO has on no lane or inside a junction, and a person off all edges, as on a crossing.
-        `off_route`: vehicles on no lane are put on the nearest place of their route, however far that is.
+        That is a vehicle that SUMO has on no lane or inside a junction, and a person off all edges, such as on a
+        crossing. `off_route`: vehicles on no lane are put on the nearest place of their route, at any distance.
         """
         return self._each(
             ids,
@@ -105,8 +109,10 @@ class TakenOverControl:
         )
 
     def abandon(self, ids: Iterable[str]) -> None:
-        """Give road users up where they are, as far as SUMO allows: those that are gone, that teleport, or for which it
-        has refused a call."""
+        """Return road users to SUMO at their present positions, as far as SUMO allows.
+
+        This is for road users that have left, that teleport, or for which SUMO has refused a call.
+        """
         present, given_up = loaded_ids(self._api), frozenset(ids)
         for road_user in self._vehicles.ids & given_up:
             self._vehicles.abandon(road_user, present)
@@ -114,11 +120,11 @@ class TakenOverControl:
             self._persons.abandon(road_user, present)
 
     def release(self) -> tuple[str, ...]:
-        """Hand all road users back at once, if possible; returns the ids of the others.
+        """Hand all road users back immediately, if possible; return the ids of the remaining road users.
 
-        Persons go to the right side of their edge, also from a crossing or from beside it, where SUMO ends some walks:
-        a move of persons in the last step of a simulation crashes the next one. Vehicles on no lane are put on the
-        nearest place of their route, however far that is: beside it SUMO would lose them. A step has to follow.
+        Persons go to the right side of their edge, also from a crossing or from beside the edge, where SUMO ends some
+        walks: moving persons in the last step of a simulation crashes the next simulation. Vehicles on no lane are put
+        on the nearest place of their route, at any distance: beside it, SUMO would lose them. A step must follow.
         """
         self.abandon(self.ids - loaded_ids(self._api))
         held, on_foot = sorted(self.ids), self._persons.ids
@@ -134,7 +140,7 @@ class TakenOverControl:
         of_vehicle: Callable[[str], bool],
         of_person: Callable[[str], bool],
     ) -> NDArray[np.bool_]:
-        """What the functions say about n road users, (n,); False where SUMO refuses a call."""
+        """Results of the functions for n road users, (n,); False if SUMO refuses a call."""
         said = np.zeros(len(ids), np.bool_)
         for i, (road_user, walks) in enumerate(zip(ids, person.tolist(), strict=True)):
             with self.refusals.of(road_user):

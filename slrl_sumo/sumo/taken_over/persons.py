@@ -14,19 +14,19 @@ from slrl_sumo.sumo.scenario.loaded_files import ADDITIONAL, CONFIGURATION, edge
 
 KEEP_ROUTE = 7
 MATCH_THRESHOLD = 0.1
-"""m; with 5 m SUMO moves persons beside their edge by up to 5 m towards it."""
+"""matchThreshold (m); with 5 m, SUMO moves persons beside their edge by up to 5 m towards the edge."""
 WITHIN_EDGE = 0.3
-"""m from the ends of its edge that a person is handed back: put exactly at an end, 11 of 11 stood there for ever, with
-the speed of its last step, up to 65 m/s."""
+"""Least distance (m) from the ends of its edge at which a person is handed back: exactly at an end, 11 of 11 persons
+stood for ever, with the speed of their last step, up to 65 m/s."""
 NOT_WALKING = "no walk"
-"""Why a person cannot be taken over: it rides, waits or walks to a stop with <access>."""
+"""Reason why a person cannot be taken over: it rides, waits or walks to a stop with <access>."""
 NO_WALK = "it does not walk any more"
 INFINITELY_WIDE = "it is on a lane of infinite width, where SUMO has persons nowhere"
 
 
 @dataclass
 class _Walk:
-    """The original walk of a person, and the one edge that it walks on while it is taken over."""
+    """The original walk of a person, and the edge of its walk during the takeover."""
 
     edges: tuple[str, ...]
     arrival: float
@@ -36,13 +36,13 @@ class _Walk:
 
 
 class TakenOverPersons:
-    """Takes persons over one by one, moves them, and hands them back; `refusals`: of those that SUMO cannot move."""
+    """Takes single persons over, moves them, and hands them back; `refusals`: persons that SUMO cannot move."""
 
     def __init__(self, api: SumoApi, network: Network, refusals: Refusals) -> None:
         self._api, self._network, self._refusals = api, network, refusals
         self._walks: dict[str, _Walk] = {}
         self._kept: dict[str, tuple[float, float]] = {}
-        """Where those were that were handed back since the last step, m."""
+        """Positions (m) of the persons that were handed back since the last step."""
         self._lanes: dict[str, Lane] = {}
         """The first lane of each edge that persons may use."""
         for lane in network.lanes:
@@ -55,11 +55,11 @@ class TakenOverPersons:
 
     @property
     def ids(self) -> frozenset[str]:
-        """Ids of the persons that are taken over now."""
+        """Ids of the persons that are presently taken over."""
         return frozenset(self._walks)
 
     def obstacle(self, road_user: str) -> str:
-        """Why a person cannot be taken over, '' where it can: it has to walk."""
+        """Reason why a person cannot be taken over, because it does not walk; '' if it can."""
         person = self._api.person
         if person.getVehicle(road_user) != "" or person.getRoadID(road_user) == "":
             return NOT_WALKING
@@ -69,8 +69,10 @@ class TakenOverPersons:
         return NOT_WALKING if stage.edges and self._has_access(stage.destStop, stage.edges[-1]) else ""
 
     def _has_access(self, stop: str, edge: str) -> bool:
-        """Whether a walk that ends on an edge reaches its `stop`, '' for none, by <access>: it does on another edge
-        than that of the stop, and the files of SUMO, if they can be read here, have the rest."""
+        """Whether a walk that ends on an edge reaches its `stop` ('' for none) by <access>.
+
+        It does if the stop is on another edge; accesses on the same edge are known from SUMO's files, if readable here.
+        """
         return self._edge_of_stop.get(stop, edge) != edge or edge in self._access.get(stop, ())
 
     def does_not_walk(self, road_user: str) -> bool:
@@ -78,7 +80,7 @@ class TakenOverPersons:
         return self._api.person.getStage(road_user, 0).type != WALKING_STAGE
 
     def take_over(self, road_user: str) -> bool:
-        """Take a person over; it must be moved in every SUMO step from now on."""
+        """Take a person over; the caller must move it in each SUMO step from now on."""
         stage = self._api.person.getStage(road_user, 0)
         # getEdges begins with the present edge, the stage with the first one.
         edges = tuple(self._api.person.getEdges(road_user, 0)) or tuple(stage.edges)
@@ -86,10 +88,12 @@ class TakenOverPersons:
         return True
 
     def move(self, road_user: str, lane: int, x: float, y: float, angle: float) -> None:
-        """Move the front of a person to a place (m), facing a SUMO `angle` (degrees), in the next SUMO step; `lane`:
-        that of the network's walks under it, -1 where there is none."""
+        """Move the front of a person to a position (m), facing a SUMO `angle` (degrees), in the next SUMO step.
+
+        `lane`: index of the lane of the network's walks under the person, -1 without one.
+        """
         if self.does_not_walk(road_user):
-            # SUMO or a script has begun another stage: a move would let it walk again.
+            # SUMO or a script has begun another stage: a move would make the person walk again.
             self._refusals.add(road_user, NO_WALK)
         elif lane >= 0 and self._network.walks.lanes[lane].id in self._network.infinitely_wide:
             self._refusals.add(road_user, INFINITELY_WIDE)
@@ -98,10 +102,11 @@ class TakenOverPersons:
             self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
 
     def hand_back(self, road_user: str, off_route: bool) -> bool:
-        """Whether a person could be handed back; with `off_route` also from a crossing or beside its edge."""
+        """Hand a person back, with `off_route` also from a crossing or beside its edge; returns whether it
+        succeeded."""
         walk = self._walks[road_user]
         if walk.current_edge is None or self.does_not_walk(road_user):
-            # Never moved: its walk is unchanged. Or SUMO or a script has begun another stage.
+            # The person was never moved, so that its walk is unchanged; or SUMO or a script has begun another stage.
             del self._walks[road_user]
             return True
         x, y = self._api.person.getPosition(road_user)
@@ -118,21 +123,24 @@ class TakenOverPersons:
         return True
 
     def keep_in_place(self) -> None:
-        """Let the next SUMO step keep persons that were handed back where they are, or on their edge beside that: a new
-        walk begins at the right side of the lane."""
+        """Let the next SUMO step keep handed-back persons at their positions, or at the nearest place of their edge.
+
+        Otherwise a new walk begins at the right side of the lane.
+        """
         kept, self._kept = self._kept, {}
         present = loaded_ids(self._api) if kept else frozenset[str]()
         for road_user, (x, y) in kept.items():
             if road_user in self._walks or road_user not in present:
                 continue
             with self._refusals.of(road_user):
-                # A walk that is at its end is over at once: the person may ride or be in an <access> stage already.
+                # A walk that is at its end is over immediately: the person may already ride or be in an <access> stage.
                 if not self.does_not_walk(road_user):
                     angle = self._api.person.getAngle(road_user)
                     self._api.person.moveToXY(road_user, "", x, y, angle, KEEP_ROUTE, MATCH_THRESHOLD)
 
     def abandon(self, road_user: str, present: Container[str]) -> None:
-        """Give a person up where it is; if it is among those `present` in SUMO, it walks on to its destination."""
+        """Return a person to SUMO at its position; if its id is among those `present`, it walks on to its
+        destination."""
         if road_user in present:
             with self._refusals.of(road_user):
                 if not self.does_not_walk(road_user) and (edges := self._rest_of(self._walks[road_user])):
@@ -140,7 +148,7 @@ class TakenOverPersons:
         self._walks.pop(road_user, None)
 
     def _shorten_walk(self, road_user: str, lane: int) -> None:
-        """Let a person walk on the edge under it only; `lane` -1 (no edge under it) keeps the last one."""
+        """Set the walk of a person to the edge under it; `lane` -1 (no edge under it) keeps the last edge."""
         walk = self._walks[road_user]
         edge = self._network.walks.lanes[lane].edge if lane >= 0 else walk.current_edge or walk.edges[0]
         if edge != walk.current_edge:
@@ -158,7 +166,7 @@ class TakenOverPersons:
         self._set_walk(road_user, edges, arrival, walk.stop)
 
     def _length(self, edge: str) -> float:
-        """m of an edge, 0 of one that persons may not use."""
+        """Length of an edge, m; 0 for edges that persons may not use."""
         return self._lanes[edge].length if edge in self._lanes else 0.0
 
     def _is_on(self, edge: str, x: float, y: float) -> bool:
@@ -169,7 +177,7 @@ class TakenOverPersons:
     def _on_lane(self, edge: str, x: float, y: float) -> tuple[float, float]:
         """The place on an edge that is nearest to a position, WITHIN_EDGE from both of its ends.
 
-        0.1 m beside its edge and at its ends SUMO lets a person stand for ever, or ends its walk at once
+        A person 0.1 m beside its edge or at its ends stands for ever in SUMO, or its walk ends immediately
         (slrl_sumo.sumo.taken_over).
         """
         lane, place = self._lanes[edge], np.array([x, y])
@@ -189,7 +197,7 @@ class TakenOverPersons:
         return float(foot[0] - aside * dy), float(foot[1] + aside * dx)
 
     def _rest_of(self, walk: _Walk) -> tuple[str, ...]:
-        """The edges from a person's present one to its destination; () where there is no route."""
+        """The edges from a person's present edge to its destination; () without a route."""
         if walk.current_edge is None:
             return ()
         if walk.current_edge in walk.edges:

@@ -22,23 +22,23 @@ LEFT_TO_SUMO = frozenset(
 (https://sumo.dlr.de/docs/Definition_of_Vehicles%2C_Vehicle_Types%2C_and_Routes.html)."""
 KEEP_ROUTE = 3
 MOVED = 16
-"""SUMO's speed mode of vehicles that are moved: it plans none of their speeds, but has them wait at red. With 0 fewer
-of its own vehicles get through junctions (docs/measurements/archive/flow.md)."""
+"""SUMO's speed mode of moved vehicles: SUMO does not plan their speeds, but they wait at red signals. With 0, fewer
+background vehicles pass junctions (docs/measurements/archive/flow.md)."""
 KEEP_ROUTE_STRICTLY = 1
-"""Onto the route, in the middle of a lane, wherever the given position is."""
+"""keepRoute of moves onto the route, into the middle of a lane, from any position."""
 MAX_LANE_OFFSET = 0.3
-"""m beside the middle of its lane up to which a vehicle is handed back as it is."""
+"""Greatest distance (m) from the middle of its lane at which a vehicle is handed back at its position."""
 EVERYWHERE = 1e5
-"""m; farther than any two places of a network are apart."""
+"""Distance (m) greater than any distance in a network."""
 MATCH_THRESHOLD = 5.0
-"""m; SUMO's default of 100 m makes a call up to 40 times slower."""
+"""matchThreshold (m); SUMO's default of 100 m makes a call up to 40 times slower."""
 NO_LANE, INTERRUPTED = "no lane", "stop ahead"
-"""Why a vehicle cannot be taken over: SUMO has it on no lane; a stop, a calibrator or a vaporizer is ahead."""
+"""Reasons why a vehicle cannot be taken over: SUMO has it on no lane; a stop, a calibrator or a vaporizer is ahead."""
 
 
 @dataclass(frozen=True)
 class _Modes:
-    """The modes of a vehicle before the takeover, and the lane change mode that it has meanwhile."""
+    """The modes of a vehicle before the takeover, and its lane change mode during the takeover."""
 
     speed: int
     lane_change: int
@@ -47,28 +47,28 @@ class _Modes:
 
 
 class TakenOverVehicles:
-    """Takes vehicles over one by one, moves them, and hands them back; `refusals`: of those that SUMO cannot move."""
+    """Takes single vehicles over, moves them, and hands them back; `refusals`: vehicles that SUMO cannot move."""
 
     def __init__(self, api: SumoApi, network: Network, refusals: Refusals) -> None:
         self._api, self._network, self._refusals = api, network, refusals
         self._modes: dict[str, _Modes] = {}
         self._lost: list[str] = []
         self._beside: list[str] = []
-        """Handed back since the last step: on no lane, and beside the middle of theirs."""
+        """Vehicles handed back since the last step: `_lost` on no lane, `_beside` beside the middle of their lane."""
         self._removing = RemovingEdges(api, network)
         self._sublanes = Sublanes(api, network)
 
     @property
     def ids(self) -> frozenset[str]:
-        """Ids of the vehicles that are taken over now."""
+        """Ids of the vehicles that are presently taken over."""
         return frozenset(self._modes)
 
     def obstacle(self, road_user: str, models: bool) -> str:
-        """Why a vehicle cannot be taken over, '' where it can; with `models`, one for which there are none cannot."""
+        """Reason why a vehicle cannot be taken over, '' if it can; with `models`, learned models must suit it."""
         vehicle = self._api.vehicle
         vehicle_class = vehicle.getVehicleClass(road_user)
         # SUMO 1.28 crashes in the step after a move has put a vehicle onto a walking area or a crossing. In networks of
-        # netconvert only vehicles of class "pedestrian" can be mapped to one.
+        # netconvert, only vehicles of class "pedestrian" can be mapped to these.
         if vehicle_class in LEFT_TO_SUMO or vehicle_class in self._network.classes_on_foot:
             return f"class {vehicle_class}"
         if models:
@@ -88,7 +88,7 @@ class TakenOverVehicles:
         return self._removing.next_for(road_user)
 
     def take_over(self, road_user: str) -> bool:
-        """Take a vehicle over; it must be moved in every SUMO step from now on."""
+        """Take a vehicle over; the caller must move it in each SUMO step from now on."""
         vehicle = self._api.vehicle
         speed, lane_change = vehicle.getSpeedMode(road_user), vehicle.getLaneChangeMode(road_user)
         vehicle.setSpeedMode(road_user, MOVED)
@@ -97,8 +97,8 @@ class TakenOverVehicles:
         return True
 
     def move(self, road_user: str, x: float, y: float, angle: float, speed: float) -> None:
-        """Move the front of a vehicle to a place (m), facing a SUMO `angle` (degrees), at a `speed` (m/s), in the next
-        SUMO step."""
+        """Move the front of a vehicle to a position (m), facing a SUMO `angle` (degrees), at a `speed` (m/s), in the
+        next SUMO step."""
         if self._removing.next_for(road_user, inside_junctions=True):
             self._refusals.add(road_user, MAY_BE_REMOVED)
             return
@@ -107,7 +107,7 @@ class TakenOverVehicles:
         self._api.vehicle.setSpeed(road_user, speed)
 
     def put_on_route(self) -> None:
-        """Let the next SUMO step put vehicles that were handed back on no lane on the nearest place of their route."""
+        """Let the next SUMO step put handed-back vehicles on no lane on the nearest place of their route."""
         lost, self._lost = self._lost, []
         for road_user in self._still_back(lost):
             with self._refusals.of(road_user):
@@ -115,8 +115,8 @@ class TakenOverVehicles:
                 self._api.vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, EVERYWHERE)
 
     def move_to_middle(self) -> None:
-        """Let the next SUMO step bring vehicles that were handed back beside the middle of their lane there: SUMO would
-        keep their offset for ever."""
+        """Let the next SUMO step move handed-back vehicles into the middle of their lane: SUMO would keep their offset
+        for ever."""
         beside, self._beside = self._beside, []
         vehicle = self._api.vehicle
         for road_user in self._still_back(beside):
@@ -129,23 +129,24 @@ class TakenOverVehicles:
                     vehicle.moveToXY(road_user, "", -1, x, y, angle, KEEP_ROUTE_STRICTLY, MATCH_THRESHOLD)
 
     def _still_back(self, handed_back: list[str]) -> list[str]:
-        """Those that SUMO still has, and that were not taken over again."""
+        """The handed-back vehicles that are still in SUMO and were not taken over again."""
         present = loaded_ids(self._api) if handed_back else frozenset[str]()
         return [road_user for road_user in handed_back if road_user not in self._modes and road_user in present]
 
     def hand_back(self, road_user: str, off_route: bool) -> bool:
-        """Whether a vehicle could be handed back; with `off_route` also from no lane or inside a junction."""
+        """Hand a vehicle back, with `off_route` also from no lane or inside a junction; returns whether it
+        succeeded."""
         vehicle = self._api.vehicle
-        # Not the edge: for a vehicle far beside its lane SUMO keeps naming the last edge, and would lose it there.
+        # The edge does not tell: SUMO keeps the last edge of a vehicle far beside its lane, and would lose the vehicle.
         lane = vehicle.getLaneID(road_user)
-        # Inside a junction, SUMO may brake hard for road users with which it would not have been in conflict.
+        # Inside a junction, SUMO may brake hard for road users that were no foes of the learned vehicle.
         if (lane == "" or lane.startswith(":")) and not off_route:
             return False
         if lane == "":
             self._lost.append(road_user)
         self._sublanes.clear(road_user)
         self._sublanes.forget((road_user,))
-        # In the sublane model SUMO moves it there.
+        # In the sublane model, SUMO moves the vehicle into the middle itself.
         if not self._sublanes.on and abs(vehicle.getLateralLanePosition(road_user)) > MAX_LANE_OFFSET:
             self._beside.append(road_user)
         self._restore_modes(road_user)
@@ -153,7 +154,7 @@ class TakenOverVehicles:
         return True
 
     def abandon(self, road_user: str, present: Container[str]) -> None:
-        """Give a vehicle up where it is; if it is among those `present` in SUMO, with its modes from before."""
+        """Return a vehicle to SUMO at its position; if its id is among those `present`, with its former modes."""
         if road_user in present:
             with self._refusals.of(road_user):
                 self._restore_modes(road_user)
@@ -161,7 +162,7 @@ class TakenOverVehicles:
         self._sublanes.forget((road_user,))
 
     def _restore_modes(self, road_user: str) -> None:
-        """Let SUMO choose the speed again, with the modes from before; a mode that a script has set meanwhile stays."""
+        """Return the speed to SUMO, with the former modes; a mode that a script has set meanwhile stays."""
         vehicle, modes = self._api.vehicle, self._modes[road_user]
         vehicle.setSpeed(road_user, -1.0)
         if vehicle.getSpeedMode(road_user) == MOVED:
