@@ -14,7 +14,6 @@ from slrl_sumo.agent.stopwatch import Stopwatch
 from slrl_sumo.errors import InputError
 from slrl_sumo.jobs.row_threads import RowThreads
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.bundle_folder import usual_of
 from slrl_sumo.perception.presets import PRESETS
 from slrl_sumo.routing.routes import Routes
 from slrl_sumo.sumo.api import SumoApi
@@ -38,8 +37,8 @@ def unknown_selector(name: str) -> InputError:
 
 
 def usual_selector(bundle: ModelBundle) -> str:
-    """The default selector: the trained policy, unless the bundle names another selector; `rule` without a policy."""
-    return "rule" if bundle.policy is None and bundle.network is None else usual_of(bundle.policy_training or {})
+    """The selector where none is named: the trained one, or `rule` for a bundle without one."""
+    return "rule" if bundle.policy is None and bundle.network is None else "greedy"
 
 
 def make_selector(name: str, bundle: ModelBundle, seed: int) -> Selector:

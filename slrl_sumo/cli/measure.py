@@ -139,7 +139,7 @@ def compare(
         str | None,
         typer.Option(
             help="prior, rule, greedy, sampled or lane. "
-            "[default: the bundle's usual one: rule of shared-space, else the trained one]"
+            "[default: greedy, or rule for a bundle without a trained selector]"
         ),
     ] = None,
     guard: Annotated[

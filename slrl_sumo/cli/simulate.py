@@ -50,7 +50,7 @@ def run(
         str | None,
         typer.Option(
             help="Chooses the modes: prior, rule, greedy or sampled; or lane: the baseline without models. "
-            "[default: the bundle's usual one: rule of shared-space, else the trained one]"
+            "[default: greedy, or rule for a bundle without a trained selector]"
         ),
     ] = None,
     guard: Annotated[

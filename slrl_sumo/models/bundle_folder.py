@@ -1,11 +1,8 @@
 """Where bundles lie: the shipped ones by name, and folders. Needs no PyTorch."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from slrl_sumo.errors import InputError
-from slrl_sumo.input_files import read_json
 
 DEFAULT_BUNDLE = "intersection"
 """The shipped bundle that commands and functions take where none is named."""
@@ -40,20 +37,9 @@ def find_bundle(name_or_folder: str | Path) -> Path:
 
 
 def usual_selector_of(name_or_folder: str | Path) -> str:
-    """What `agent.make_driver.usual_selector` says of a bundle, without reading its trained selector; a damaged
-    selector counts as one that names none: reading it says how it is damaged."""
-    file = find_bundle(name_or_folder) / POLICY_FILES[0]
-    if not file.with_name(POLICY_FILES[1]).is_file() and not file.is_file():
-        return "rule"
-    try:
-        return usual_of(read_json(file)["training"])
-    except (OSError, ValueError, AttributeError, KeyError, TypeError):
-        return usual_of({})
-
-
-def usual_of(training: Mapping[str, Any]) -> str:
-    """The usual selector of a bundle with a trained one, from how that was trained (see `models.policy`)."""
-    return str(training.get("usual_selector", "greedy"))
+    """What `agent.make_driver.usual_selector` says of a bundle, without reading its trained selector."""
+    folder = find_bundle(name_or_folder)
+    return "greedy" if any((folder / file).is_file() for file in POLICY_FILES) else "rule"
 
 
 def check_replaceable(folder: Path) -> None:

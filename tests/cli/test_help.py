@@ -35,7 +35,7 @@ def test_flags_look_like_flags_and_values_have_names(cli: Cli, command: str) -> 
 
 def test_defaults_that_depend_are_in_the_help(cli: Cli) -> None:
     text = " ".join(cli("run", "--help").stdout.split())
-    assert "[default: the bundle's usual one: rule of shared-space, else the trained one]" in text
+    assert "[default: greedy, or rule for a bundle without a trained selector]" in text
     assert "[default: to the scenario's end, or until its road users have left]" in text
     for command in ("run", "evaluate", "compare", "train", "bench"):
         assert f"[default: {DEFAULT_BUNDLE}]" in " ".join(cli(command, "--help").stdout.split())
