@@ -1,5 +1,5 @@
-"""What is measured: conflicts, safety, realism, counters of a run; in `traffic` trips, queues, density and signals.
+"""Measures: conflicts, safety, realism, counters of a run; in `traffic` trips, queues, density and signals.
 
-Pure functions on trajectories; accumulators that follow a run (counters of simulation.events); `traffic.trips` and
-`traffic.signal_crossings` also ask SUMO, through slrl_sumo.sumo.
+Most are pure functions on trajectories, or accumulators of the events of a run (simulation.events); `traffic.trips` and
+`traffic.signal_crossings` also read from SUMO, through slrl_sumo.sumo.
 """

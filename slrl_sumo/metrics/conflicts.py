@@ -14,19 +14,19 @@ from slrl_sumo.scene.geometry import Floats, boxes_overlap, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
 PET_LIMIT = 1.0
-"""s."""
+"""Post-encroachment time (s) below which an encounter is a conflict."""
 PET_STEP = 0.1
-"""s between compared positions, which are interpolated."""
+"""Time (s) between compared positions, which are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
 class Conflicts:
-    """k encounters in the order of their tracks, each at the moment of its smallest value."""
+    """k encounters in the order of their tracks, each at the time of its smallest value."""
 
     a: Integers
-    """Index of one track, (k,)."""
+    """Index of the first track, (k,)."""
     b: Integers
-    """Index of the other one, larger, (k,)."""
+    """Index of the second track, greater than `a`, (k,)."""
     time: Floats
     """Time of the smallest value, s, (k,); for PET the arrival of the second road user."""
     x: Floats
@@ -47,14 +47,14 @@ class Conflicts:
         return Conflicts(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     def with_vehicles(self, trajectories: Trajectories) -> "Conflicts":
-        """Encounters except those of two pedestrians: they pass each other within 1.5 s in everyday traffic."""
+        """Encounters except those of two pedestrians, which pass each other within 1.5 s in everyday traffic."""
         kinds = trajectories.type
         walking = (kinds[self.a] == RoadUserType.PEDESTRIAN) & (kinds[self.b] == RoadUserType.PEDESTRIAN)
         return self.take(np.flatnonzero(~walking))
 
 
 def velocities(trajectories: Trajectories) -> Floats:
-    """Displacement of the last interval over dt, m/s, (R, 2); the first row of a track takes the second's, else 0."""
+    """Displacement of the last interval over dt, m/s, (R, 2); the first row of a track has the value of the second."""
     xy = np.column_stack([trajectories.x, trajectories.y])
     velocity = np.diff(xy, axis=0, prepend=xy[:1]) / trajectories.dt
     first = trajectories.starts[:-1]
@@ -74,8 +74,8 @@ def boxes(trajectories: Trajectories) -> Floats:
 def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Conflicts:
     """Encounters with a time to collision (see `surrogate_safety.time_to_collision`) below `below` s, at any angle.
 
-    Each is counted once, with its smallest value; 0 is an overlap. A pair that overlaps from the first moment on has
-    not collided by driving: such an encounter is left out.
+    Each encounter counts once, with its smallest value; 0 is an overlap. A pair that overlaps from the first common
+    time on has not collided by driving: such an encounter is left out.
     """
     box, velocity = boxes(trajectories), velocities(trajectories)
     i, j, value = pairs_about_to_touch(box=box, velocity=velocity, frame=trajectories.frame, below=below)
@@ -96,7 +96,7 @@ def ttc_conflicts(trajectories: Trajectories, *, below: float = TTC_LIMIT) -> Co
 def pairs_about_to_touch(
     *, box: Floats, velocity: Floats, frame: Integers, below: float = TTC_LIMIT
 ) -> tuple[Rows, Rows, Floats]:
-    """Pairs of rows of one frame with a time to collision below `below` s: their indices and that time (s), (k,) each.
+    """Pairs of rows of a frame with a time to collision below `below` s: their indices and this time (s), (k,) each.
 
     `box`: (R, 5), see `boxes`; `velocity`: m/s, (R, 2); `frame`: (R,), in any order. 0 s is an overlap.
     """
@@ -110,7 +110,7 @@ def pairs_about_to_touch(
 
 
 def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
-    """Which of k moments, sorted by pair (a, b) and time (s), begin a new encounter of their pair, (k,)."""
+    """Whether each of k moments, sorted by pair (a, b) and time (s), begins a new encounter of its pair, (k,)."""
     new = np.ones(len(a), np.bool_)
     new[1:] = (np.diff(a) != 0) | (np.diff(b) != 0) | (np.diff(time) > ENCOUNTER_PAUSE + 1e-9)
     return new
@@ -119,13 +119,13 @@ def new_encounters(a: Integers, b: Integers, time: Floats) -> NDArray[np.bool_]:
 def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Conflicts:
     """Encounters with a post-encroachment time (see `surrogate_safety.post_encroachment_time`) below `below` s.
 
-    Only at angles of 30° and more: for a follower this time is its headway at every moment.
-    Each encounter is counted once; 0 is an overlap; encounters that begin with one are left out.
-    Positions are interpolated to 0.1 s, so that values are up to 0.2 s too long.
+    Only angles of 30° and more count: for a follower, this time is always its headway. Each encounter counts once; 0 is
+    an overlap; encounters that begin with an overlap are left out. Positions are interpolated to 0.1 s, so that values
+    are up to 0.2 s too long.
     """
     t, dt = trajectories, trajectories.dt
     box = boxes(t)
-    # Row r stands for the interval from it to the next row of its track.
+    # Row r represents the interval from row r to the next row of its track.
     begin = np.flatnonzero(np.diff(t.track) == 0)
     move = box[begin + 1, :2] - box[begin, :2]
     turn = wrap_angle(box[begin + 1, 2] - box[begin, 2])
@@ -171,7 +171,7 @@ def pet_conflicts(trajectories: Trajectories, *, below: float = PET_LIMIT) -> Co
 
 @dataclass(frozen=True, eq=False)
 class _PlaceConflicts:
-    """Places occupied by two road users within a short time: intervals, times (s), place (m) and angle (rad)."""
+    """Places that two road users occupy within a short time: intervals, times (s), place (m) and angle (rad)."""
 
     i: Rows
     j: Rows
@@ -195,7 +195,7 @@ def _moved(box: Floats, move: Floats, turn: Floats, share: float) -> Floats:
 
 
 def _encounters(moments: Conflicts, t: Trajectories) -> Conflicts:
-    """The moment of each encounter with the smallest value, the first of several."""
+    """The moment with the smallest value of each encounter; the first of several equal moments."""
     m = moments.take(np.lexsort((moments.time, moments.b, moments.a)))
     if not len(m):
         return m

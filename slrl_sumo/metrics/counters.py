@@ -18,16 +18,15 @@ from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES
 from slrl_sumo.simulation.events import Decision
 
 MOST_REFUSALS = 100
-"""Refused road users that a summary names: each has a sentence of SUMO's."""
+"""Greatest number of refused road users in a summary: each has a message of SUMO."""
 
 SUMS = ("steps", "speed", "moving_speed", "standing", "off_surface", "left_surface", "collisions", "survived")
-"""Sums of each road user over the decisions in which it is counted; speeds in m/s. `moving_speed`: without the
-decisions in which it stands. `left_surface`: more than 1 m off its own surface. `survived`: decisions before its first
-collision."""
+"""Sums of each road user over its counted decisions; speeds in m/s. `moving_speed`: without decisions at a stand.
+`left_surface`: more than 1 m off its own surfaces. `survived`: decisions before its first collision."""
 
 
 class UserSums:
-    """SUMS of each road user. All counters of the package add up motion and contacts here."""
+    """SUMS of each road user. All counters of the package use this class for motion and contacts."""
 
     def __init__(self) -> None:
         self._column: dict[str, int] = {}
@@ -38,7 +37,7 @@ class UserSums:
         self._columns = np.zeros(0, np.intp)
 
     def columns(self, ids: tuple[str, ...], types: NDArray[np.int8]) -> NDArray[np.intp]:
-        """The column of each of n road users of these types, (n,); new road users get a new one."""
+        """The column of each of n road users of these types, (n,); new road users get a new column."""
         if ids == self._ids:
             return self._columns
         for name, kind in zip(ids, types.tolist(), strict=True):
@@ -59,8 +58,10 @@ class UserSums:
         left_surface: NDArray[np.bool_],
         collisions: NDArray[np.int64],
     ) -> None:
-        """Count one decision of n road users; the arrays, (n,): off its own surface at the end, more than 1 m off it,
-        collisions that began."""
+        """Count one decision of n road users.
+
+        Arrays (n,): off its own surfaces at the end, more than 1 m off them, and number of collisions that began.
+        """
         columns = self.columns(users.ids, users.type)
         standing = users.speed < STANDING_SPEED
         no_collision = self._sums[SUMS.index("collisions"), columns] + collisions == 0
@@ -69,33 +70,33 @@ class UserSums:
         self._sums[:, columns] += np.array([*motion, off_surface, left_surface, collisions, no_collision], np.float64)
 
     def ids_of_type(self, kind: int) -> list[str]:
-        """The road users of a type, (m,), in the order in which they came."""
+        """The road users of a type, (m,), in the order of their first decision."""
         return [user for user, column in self._column.items() if self._type[column] == kind]
 
     def of_type(self, kind: int) -> dict[str, Floats]:
-        """SUMS of the m road users of a type by name, (m,) each, in the order in which they came."""
+        """SUMS of the m road users of a type by name, (m,) each, in the order of their first decision."""
         count = len(self._column)
         return dict(zip(SUMS, self._sums[:, :count][:, self._type[:count] == kind], strict=True))
 
 
 class RunCounters:
-    """Counts what happens to learned road users, decision by decision.
+    """Counts of learned road users, updated at each decision.
 
-    Collisions and near misses with any road user, learned or background: see metrics.encounters. Survival is the number
-    of decisions before the first collision, up to the end of the run or of the takeover. A success is a learned road
-    user that came to the end of its trip, of its takeover or of the run without a collision, without leaving its own
-    surface by more than 1 m, and without being lost.
+    Collisions and near misses count with any road user, learned or background: see metrics.encounters. Survival is the
+    number of decisions before the first collision, up to the end of the run or of the takeover. A success is a learned
+    road user that reached the end of its trip, of its takeover or of the run without a collision, without leaving its
+    own surfaces by more than 1 m, and without being lost.
     """
 
     def __init__(self, start: WorldState, levels: Levels = FLAT, exclude: Iterable[str] = ()) -> None:
-        """`start`: all road users before the first decision; `exclude`: ids of those that were to be left alone."""
+        """`start`: all road users before the first decision. `exclude`: ids of excluded road users."""
         self.decisions = 0
         self.constraints: Counter[str] = Counter()
         self.wraparounds: list[tuple[str, float]] = []
         self.lost: list[tuple[str, float]] = []
         self.refused: dict[str, tuple[float, str]] = {}
         self.left_to_sumo: dict[str, str] = {}
-        """Road users that a takeover could not take, and why."""
+        """Road users that could not be taken over, with the reason."""
         self.taken_over = self.handed_back = self.returned_to_route = self.arrived = self.interventions = 0
         self.under_way = 0
         self._sums = UserSums()
@@ -194,8 +195,7 @@ class RunCounters:
         }
 
     def notices(self) -> list[str]:
-        """What there is to say at the end of a run: ids to exclude that never were there, and where traffic has jammed
-        (see `Density`)."""
+        """Notices at the end of a run: excluded ids that never appeared, and a jam of the traffic (see `Density`)."""
         notices = [f"exclude: no road user had one of the ids {', '.join(sorted(self._not_seen))}"] * bool(
             self._not_seen
         )
@@ -204,7 +204,7 @@ class RunCounters:
 
 
 def ratio(value: float, count: float, digits: int = 4) -> float | None:
-    """`value / count`, rounded; None where nothing was counted."""
+    """`value / count`, rounded; None if `count` is 0."""
     return round(float(value) / count, digits) if count else None
 
 

@@ -17,9 +17,9 @@ EDGES: Mapping[str, tuple[Floats, ...]] = {
     "acceleration": (np.linspace(-6.0, 6.0, 50),) * 2 + (np.linspace(-3.0, 3.0, 32),),
     "yaw_rate": (np.linspace(-1.0, 1.0, 42),) * 2 + (np.linspace(-3.0, 3.0, 32),),
 }
-"""Borders of the bins by quantity and RoadUserType, in the quantity's unit: 40 or 49, for pedestrians 30 or 31
-bins. 0 lies in the middle of a bin, or at the end of the first one, so that rounding does not move it to another.
-Values beyond count in the outer bins."""
+"""Edges of the bins by quantity and RoadUserType, in the quantity's unit: 40 or 49, for pedestrians 30 or 31 bins. 0
+lies in the middle of a bin, or at the end of the first bin, so that rounding does not move it to another bin. Values
+outside the edges count in the outer bins."""
 
 
 Kinematics = Mapping[str, tuple[Floats, ...]]
@@ -27,10 +27,10 @@ Kinematics = Mapping[str, tuple[Floats, ...]]
 
 
 def kinematics(trajectories: Trajectories, tracks: NDArray[np.bool_] | None = None) -> Kinematics:
-    """Speed (m/s), acceleration (m/s²) and yaw rate (rad/s) of all moments at which they are known, by RoadUserType.
+    """Speed (m/s), acceleration (m/s²) and yaw rate (rad/s) of all rows with known values, by RoadUserType.
 
-    They are backward differences over dt, so a track has a speed and a yaw rate from its second row on, and an
-    acceleration from its third. Parked road users are left out, and those not among `tracks`, (T,), if given.
+    They are backward differences over dt: a track has a speed and a yaw rate from its second row on, and an
+    acceleration from its third row on. Parked road users, and road users not in `tracks`, (T,), if given, are left out.
     """
     t = trajectories
     since = t.frame - t.frame[t.starts[t.track]]
@@ -49,9 +49,10 @@ def kinematics(trajectories: Trajectories, tracks: NDArray[np.bool_] | None = No
 def jensen_shannon_distance(*, a: Floats, b: Floats, edges: Floats) -> float:
     """Distance of two samples as histograms over `edges`: the root of the Jensen-Shannon divergence to base 2.
 
-    0 where the histograms are the same, 1 where they have no bin in common; no unit; a metric (Endres and Schindelin
-    2003; divergence: Lin 1991). `a` (n,), `b` (m,) and `edges` (k + 1,) in one unit; values beyond the edges count in
-    the outer bins. It depends on the bins: compare only figures of the same. Raises ValueError for an empty sample.
+    It is 0 for equal histograms and 1 for histograms without a common bin; no unit; a metric (Endres and Schindelin
+    2003; divergence: Lin 1991). `a` (n,), `b` (m,) and `edges` (k + 1,) in one unit; values outside the edges count in
+    the outer bins. It depends on the bins: compare only figures with the same bins. Raises ValueError for an empty
+    sample.
     """
     if not len(a) or not len(b):
         raise ValueError("an empty sample has no distribution")
@@ -59,7 +60,7 @@ def jensen_shannon_distance(*, a: Floats, b: Floats, edges: Floats) -> float:
 
 
 def kinematic_distances(ours: Kinematics, theirs: Kinematics) -> dict[str, dict[str, float | None]]:
-    """Jensen-Shannon distances over EDGES by type name and quantity; None for types that one of them lacks."""
+    """Jensen-Shannon distances over EDGES by type name and quantity; None for types without values in either."""
     return {
         name: {
             quantity: jensen_shannon_distance(a=ours[quantity][k], b=theirs[quantity][k], edges=EDGES[quantity][k])
@@ -72,7 +73,7 @@ def kinematic_distances(ours: Kinematics, theirs: Kinematics) -> dict[str, dict[
 
 
 def histogram(values: Floats, edges: Floats) -> Floats:
-    """Share of the values in each bin, (k,); those beyond the edges (k + 1,) count in the outer bins."""
+    """Share of the values in each bin, (k,); values outside the edges (k + 1,) count in the outer bins."""
     counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
     return np.asarray(counts / max(len(values), 1), np.float64)
 

@@ -12,11 +12,11 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES
 
 HARD_BRAKING = -4.5
-"""m/s²."""
+"""Acceleration (m/s²) of hard braking."""
 
 
 class DrivingStats:
-    """Counts some road users of a scene; call `add` after every decision interval.
+    """Counts of some road users of a scene; call `add` after each decision interval.
 
     Collisions and near misses: see metrics.encounters. A pair of two types counts for both, and once for all.
     """

@@ -1,4 +1,4 @@
-"""Collisions and near misses: their one definition, and their counts while a simulation goes on."""
+"""Collisions and near misses: their common definition, and their counts during a simulation."""
 
 from dataclasses import dataclass, fields
 
@@ -13,11 +13,12 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, TYPE_NAMES, RoadUserType
 
 TTC_LIMIT = 1.5
-"""s; SSAM's usual limit (FHWA-HRT-08-051), after Hydén (1987) and van der Horst (1990)."""
+"""Time to collision (s) of a near miss: SSAM's default (FHWA-HRT-08-051), after Hydén (1987) and van der Horst
+(1990)."""
 CLOSING_LIMIT = 1.0
-"""m/s; pairs that approach more slowly, side by side or in a queue, are no near misses."""
+"""Closing speed (m/s) below which pairs, such as side by side or in a queue, are no near misses."""
 ENCOUNTER_PAUSE = 2.0
-"""s; after this time apart a pair has a new encounter."""
+"""Time (s) apart after which a pair has a new encounter."""
 ALL = len(TYPE_NAMES)
 """Row of EncounterCounts for all types together."""
 
@@ -38,18 +39,18 @@ DEFINITIONS = {
 
 @dataclass(frozen=True)
 class Moments:
-    """Pairs of rows at one moment each, with a time to collision below TTC_LIMIT, (k,) each."""
+    """Pairs of rows, each at one time, with a time to collision below TTC_LIMIT, (k,) each."""
 
     i: NDArray[np.intp]
     j: NDArray[np.intp]
     ttc: Floats
-    """s; 0 where the boxes overlap."""
+    """Time to collision, s; 0 if the boxes overlap."""
     closing: Floats
-    """m/s at which the centres approach each other; negative where they separate."""
+    """Closing speed (m/s) of the centres; negative if they separate."""
     moving: NDArray[np.bool_]
-    """Whether at least one of the two moves."""
+    """Whether at least one of the two road users moves."""
     near: NDArray[np.bool_]
-    """Whether this is a moment of a near miss."""
+    """Whether the pair is in a near miss at this time."""
 
     @property
     def overlap(self) -> NDArray[np.bool_]:
@@ -60,11 +61,11 @@ class Moments:
 def touching_soon(
     *, box: Floats, velocity: Floats, i: NDArray[np.intp], j: NDArray[np.intp], below: float = TTC_LIMIT
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Those of the pairs of rows (i, j), (p,) each, with a time to collision below `below` s, and that time, (k,) each.
+    """The pairs of rows (i, j), (p,) each, with a time to collision below `below` s, and this time, (k,) each.
 
     `box`: x, y (m), heading (rad), length, width (m), (R, 5); `velocity`: m/s, (R, 2). 0 s is an overlap.
     """
-    # Few pairs are left whose bounding circles touch in time.
+    # Only few pairs have bounding circles that touch in time.
     radius = 0.5 * np.hypot(box[:, 3], box[:, 4])
     offset, speed = box[j, :2] - box[i, :2], velocity[j] - velocity[i]
     squared = np.maximum((speed**2).sum(axis=1), 1e-12)
@@ -98,7 +99,7 @@ def moments(*, box: Floats, speed: Floats, kind: NDArray[np.int8], i: NDArray[np
 
 
 def _together(found: Moments, box: Floats, speed: Floats, levels: Levels) -> Moments:
-    """Those of the Moments whose road users will be on the same one of `levels` when they touch."""
+    """The Moments of road users that will be on the same level when they touch."""
     if not len(levels.x):
         return found
     cos, sin = np.cos(box[:, 2]), np.sin(box[:, 2])
@@ -113,35 +114,35 @@ def _together(found: Moments, box: Floats, speed: Floats, levels: Levels) -> Mom
 
 @dataclass
 class _Overlap:
-    """An encounter of two road users whose boxes overlap."""
+    """An encounter of two road users with overlapping boxes."""
 
     last: float
-    """s."""
+    """Time of the last overlap, s."""
     collision: bool
-    """Whether it may still become a collision: it is one already, or it began under way."""
+    """Whether the encounter is, or may still become, a collision, because the overlap began during the simulation."""
     begun: bool = False
-    """Whether it is a counted collision."""
+    """Whether the encounter is a counted collision."""
 
 
 @dataclass
 class _Approach:
-    """An encounter of two road users that might touch soon."""
+    """An encounter of two road users with a short time to collision."""
 
     last: float
-    """s."""
+    """Time of the last such moment, s."""
     rows: list[int]
-    """Rows of the counts in which it is a near miss."""
+    """Rows of the counts in which the encounter is a near miss."""
 
 
 class EncounterCounts:
-    """Counts collisions and near misses of some road users, decision by decision, by DEFINITIONS.
+    """Counts of collisions and near misses of some road users by DEFINITIONS, updated at each decision.
 
-    A pair counts once, and once for each type that a counted road user of it has. Boxes that overlap when a road user
-    appears, or when the first of the two becomes a counted one, have not collided by driving and do not count. Nor do
-    those on different `levels`.
+    A pair counts once in total, and once for each type of its counted road users. An overlap that exists when a road
+    user appears, or when the first of the two becomes counted, is not caused by driving and does not count. Nor do
+    overlaps of boxes on different `levels`.
 
-    `collisions`, `near_misses`: by RoadUserType, and ALL, (4,). `with_background`: collisions with one counted road
-    user. `start`: all road users before the first decision, and which of them are counted.
+    `collisions`, `near_misses`: by RoadUserType, and ALL, (4,). `with_background`: collisions with only one counted
+    road user. `start`, `counted`: all road users before the first decision, and whether each of them is counted.
     """
 
     def __init__(
@@ -161,7 +162,7 @@ class EncounterCounts:
             self.add(start, start.learned if counted is None else counted)
 
     def add(self, world: WorldState, counted: NDArray[np.bool_]) -> Pairs:
-        """Count one decision. `world`: all n road users at its end; `counted`: which of them to count, (n,).
+        """Count one decision. `world`: all n road users at its end. `counted`: whether to count each of them, (n,).
 
         Returns the rows of the pairs whose collision began, (p, 2).
         """
@@ -201,7 +202,7 @@ class EncounterCounts:
 
     def _moments(self, world: WorldState, counted: NDArray[np.bool_]) -> Moments:
         box = np.column_stack([world.x, world.y, world.heading, world.length, world.width])
-        # A little more than what they can cover: the bounding circles decide.
+        # Search slightly farther than road users can move; the bounding circles decide.
         reach = 0.5 * np.hypot(world.length, world.width) + TTC_LIMIT * world.speed + 0.01
         pairs = pairs_in_reach(world, reach) if counted.any() else np.zeros((0, 2), np.intp)
         i, j = pairs[counted[pairs].any(axis=1)].T
@@ -209,7 +210,7 @@ class EncounterCounts:
         return _together(found, box, world.speed, self._levels)
 
     def _forget(self, now: float) -> None:
-        """Ended encounters are dropped from time to time: memory does not grow with the run."""
+        """Drop ended encounters from time to time, so that memory does not grow with the run."""
         if now - self._pruned < 5.0 * ENCOUNTER_PAUSE:
             return
         self._pruned = now
@@ -226,12 +227,12 @@ def id_pair(world: WorldState, i: int, j: int) -> tuple[str, str]:
 
 
 def per_road_user(pairs: Pairs, n: int) -> NDArray[np.int64]:
-    """How many of the pairs (p, 2) each of the first n rows is in, (n,)."""
+    """Number of the pairs (p, 2) of each of the first n rows, (n,)."""
     return np.bincount(pairs[pairs < n], minlength=n)
 
 
 def _rows(world: WorldState, counted: NDArray[np.bool_], i: int, j: int) -> tuple[list[int], bool]:
-    """Rows of the counts that a pair goes into, and whether both are counted."""
+    """Rows of the counts for a pair, and whether both road users are counted."""
     kinds = [int(world.type[row]) for row in (i, j) if counted[row]]
     return [ALL, *sorted(set(kinds))], len(kinds) == 2
 

@@ -19,17 +19,17 @@ class Conflict:
     kind: str
     """A key of encounters.DEFINITIONS."""
     a: int
-    """Index of one of the two among all road users of the trace; a < b."""
+    """Index of the first road user among all road users of the trace; a < b."""
     b: int
     time: float
-    """s: when a collision begins, when the time to collision of a near miss is smallest."""
+    """Time (s) of the begin of a collision, or of the smallest time to collision of a near miss."""
     end: float
-    """s: its last moment."""
+    """Time (s) of the end."""
     x: float
-    """m: half way between the two at `time`."""
+    """Midpoint of the two road users at `time`, m."""
     y: float
     value: float
-    """Near miss: the smallest time to collision, s. Collision: the speed at which the two come closer, m/s."""
+    """Near miss: the smallest time to collision, s. Collision: the closing speed, m/s."""
 
 
 def find_conflicts(
@@ -66,7 +66,7 @@ def find_conflicts(
     for part in _encounters(table[at.overlap]):
         a, b, begin = int(part[0, 0]), int(part[0, 1]), part[0, 2]
         moving = np.flatnonzero(part[:, 7])
-        # Boxes that overlap from the first common moment on have not collided by driving.
+        # An overlap from the first common time on is not caused by driving.
         if len(moving) and begin > max(first[a], first[b]) + 1e-9:
             _, _, time, x, y, _, closing, _ = part[moving[0]].tolist()
             collision = Conflict("collision", a, b, time, float(part[-1, 2]), x, y, closing)

@@ -11,7 +11,7 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats
 
 ROWS_AT_ONCE = 5000
-"""Rows searched at once; bounds the memory."""
+"""Number of rows searched at once, which bounds the memory."""
 
 Rows = NDArray[np.intp]
 
@@ -19,8 +19,8 @@ Rows = NDArray[np.intp]
 def row_pairs(*, x: Floats, y: Floats, frame: Integers, reach: Floats, lag: int = 0) -> Iterator[tuple[Rows, Rows]]:
     """Pairs of rows (i, j) with frame[j] = frame[i] + `lag` that are closer than reach[i] + reach[j], chunk by chunk.
 
-    `x`, `y`, `reach`: m, (R,); `frame`: (R,), in any order; `lag`: 0 or more. With lag 0 each pair comes once, and no
-    row is paired with itself; with a lag, rows of the same road user are paired.
+    `x`, `y`, `reach`: m, (R,). `frame`: (R,), in any order. `lag`: 0 or more. With lag 0, each pair occurs once, and no
+    row is paired with itself; with a lag, rows of the same road user are paired, too.
     """
     order = np.argsort(frame, kind="stable")
     frames = frame[order]

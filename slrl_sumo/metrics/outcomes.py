@@ -1,7 +1,7 @@
 """Outcomes of one episode: success, speed, standing, collisions and surfaces of its road users.
 
-Beside the collisions of the package (metrics.encounters) it counts those of the paper (section 4.1): centres closer
-than 0.5 m. They stand in the tables beside the paper's.
+In addition to the collisions of the package (metrics.encounters), it counts paper collisions (section 4.1): centres
+closer than 0.5 m. These appear in tables beside the paper's figures.
 """
 
 from dataclasses import dataclass
@@ -21,43 +21,43 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class TypeOutcome:
-    """The road users of one type in one episode: per road user, and sums over all their decisions."""
+    """Outcome of the road users of one type in one episode: per road user, and sums over all their decisions."""
 
     type: str
     present: tuple[int, ...]
-    """Decisions in which each road user was present."""
+    """Number of decisions in which each road user was present."""
     paper_survived: tuple[int, ...]
-    """Decisions of each before its first paper collision; equal to `present` without one."""
+    """Number of decisions of each road user before its first paper collision; equal to `present` without one."""
     succeeded: int
-    """Road users without a collision that did not leave their own surface by more than 1 m."""
+    """Number of road users without a collision that did not leave their own surfaces by more than 1 m."""
     speed_sum: float
-    """m/s, added up over all decisions of all road users."""
+    """Sum of the speeds (m/s) over all decisions of all road users."""
     moving_speed_sum: float
-    """The same without the decisions in which they stood."""
+    """The same without decisions at a stand."""
     standing: int
-    """Decisions at whose end a road user was slower than 0.1 m/s."""
+    """Number of decisions with a final speed below 0.1 m/s."""
     collisions: int
-    """Pairs with at least one of them."""
+    """Number of colliding pairs with at least one of the road users."""
     near_misses: int
     paper_collisions: int
-    """Once for each of them in it."""
+    """Number of paper collisions, counted once for each of the road users in it."""
     off_surface: int | None
-    """Decisions at whose end a road user was off its own surface; None where the surfaces are unknown."""
+    """Number of decisions at whose end a road user was off its own surfaces; None if the surfaces are unknown."""
 
     @property
     def steps(self) -> int:
-        """Decisions of all road users together."""
+        """Total number of decisions of all road users."""
         return sum(self.present)
 
 
 class Outcomes:
-    """Counts what happens to some road users, decision by decision, by the definitions of `run --summary`.
+    """Counts of some road users by the definitions of `run --summary`, updated at each decision.
 
-    Paper collisions count as in the paper's tables: once when they begin, for each counted road user. Those that exist
-    when one of the two appears do not count: SUMO inserts pedestrians on top of each other, and recorded groups enter
-    the picture side by side.
+    Paper collisions count as in the paper's tables: once at their begin, for each counted road user. A paper collision
+    that exists when a road user appears does not count: SUMO inserts pedestrians into each other, and recorded groups
+    enter the picture side by side.
 
-    `start`: all road users before the first decision; `counted`: which of them to count, (n,).
+    `start`: all road users before the first decision. `counted`: whether to count each of them, (n,).
     """
 
     def __init__(self, start: WorldState, counted: Mask) -> None:
@@ -70,8 +70,8 @@ class Outcomes:
     def add(self, world: WorldState, counted: Mask, off_surface: Mask | None, left_surface: Mask | None) -> None:
         """Count one decision.
 
-        `world`: all n road users at its end; `counted`: which of them to count, (n,); `off_surface`, `left_surface`:
-        which are off their own surface, and more than 1 m off it, (n,), or None where the surfaces are unknown.
+        `world`: all n road users at its end. `counted`: whether to count each of them, (n,). `off_surface`,
+        `left_surface`: whether each is off its own surfaces, and more than 1 m off, (n,); None if these are unknown.
         """
         n, rows = len(world), np.flatnonzero(counted)
         users, none = world.take(rows), np.zeros(len(rows), np.bool_)
@@ -117,8 +117,11 @@ class Outcomes:
 
 
 def survival_counts(present: Floats, survived: Floats, steps: int) -> NDArray[np.int64]:
-    """For each decision up to `steps`: how many of m road users, arrays (m,), were present without an earlier
-    collision, and how many of these collided in it, (2, steps). Counts of several episodes add up."""
+    """For each decision up to `steps`: number of road users present without an earlier collision, and number of these
+    that collided in it, (2, steps).
+
+    `present`, `survived`: of m road users, (m,). Counts of several episodes can be added.
+    """
     step = np.arange(1, steps + 1)[:, None]
     there = present >= step
     return np.stack([(there & (survived >= step - 1)).sum(1), (there & (survived == step - 1)).sum(1)])
@@ -127,9 +130,9 @@ def survival_counts(present: Floats, survived: Floats, steps: int) -> NDArray[np
 def mean_survival(counts: NDArray[np.int64]) -> float:
     """Mean number of decisions before the first collision, from `survival_counts` of at least one road user.
 
-    Where all road users are present in all decisions, it is the plain mean of `survived`. A road user that leaves
-    earlier without a collision (SUMO's and recorded ones do) counts while it is present: the result is the area under
-    the Kaplan-Meier estimate (Kaplan and Meier 1958, doi:10.1080/01621459.1958.10501452) of the share without a
+    If all road users are present in all decisions, it is the mean of `survived`. A road user that leaves earlier
+    without a collision, as background and recorded road users do, counts while it is present: the result is the area
+    under the Kaplan-Meier estimate (Kaplan and Meier 1958, doi:10.1080/01621459.1958.10501452) of the share without a
     collision.
     """
     alive, area = 1.0, 0.0

@@ -1,13 +1,13 @@
 """Realism of simulated road users: a score modelled on the Waymo Open Sim Agents Challenge.
 
-Montali et al. (2023), The Waymo Open Sim Agents Challenge, asks for each road user of a recorded scene how likely what
-it did is under the distribution of what it did in simulations from the same beginning, feature by feature, and takes a
-weighted mean. So does this: the score is conditional on the road user and its window of time. Distributions of all
-traffic together would rank traffic that flees from each other, or stands, above traffic that moves as recorded but
-errs. Scores are not comparable with those of the challenge: the likelihood is divided by that of what was recorded
-under itself, so that 1 can be reached; standing is a feature; the time to collision is that of boxes in the plane,
-towards any road user; and the mean over features is the geometric one, because in an arithmetic one all that does not
-happen to most road users (overlaps, conflicts, standing) makes up for motion that is impossible.
+Montali et al. (2023), The Waymo Open Sim Agents Challenge, computes the likelihood of the recorded motion of each road
+user under the distribution of its simulated motions from the same begin, by feature, and takes a weighted mean. This
+module does the same: the score is conditional on the road user and its window of time. Distributions of all traffic
+together would rank traffic that avoids all encounters, or stands, above realistic traffic with small errors. Scores are
+not comparable with those of the challenge: the likelihood is divided by the likelihood of the recorded motion under
+itself, so that 1 can be reached; standing is a feature; the time to collision is that of boxes in the plane, towards
+any road user; and the mean over features is geometric, because in an arithmetic mean, events that rarely happen
+(overlaps, conflicts, standing) would compensate impossible motion.
 """
 
 from collections.abc import Mapping
@@ -24,28 +24,28 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
 WINDOW = 16
-"""Moments of a window: 6.4 s at intervals of 0.4 s."""
+"""Number of moments of a window: 6.4 s at intervals of 0.4 s."""
 DISTRIBUTION_SMOOTHING = 0.1
-"""Share of each distribution that is spread evenly over all bins, so that what was never simulated is unlikely, not
-impossible; the same for one simulation as for many."""
+"""Share of each distribution that is spread evenly over all bins, so that motion that was never simulated is unlikely,
+not impossible; the same for one simulation and for many."""
 MOST_ALIKE_WINDOWS = 20
-"""Windows of simulated traffic that began most like a window of the reference."""
+"""Number of windows of simulated traffic with the most similar begin to a window of the reference."""
 FARTHEST_NEIGHBOUR = 10.0
-"""m; for how alike situations are, road users farther away count as this far."""
+"""Greatest distance (m) of the nearest road user in the similarity of situations; larger distances are clipped."""
 
 Values = Mapping[str, Floats]
 
 
 @dataclass(frozen=True)
 class Realism:
-    """Scores in (0, 1], means over windows; 1 where what was simulated is what was recorded."""
+    """Scores in (0, 1], means over windows; 1 if the simulated motion equals the recorded motion."""
 
     score: float
-    """Of the weighted geometric mean over the features that were compared."""
+    """Weighted geometric mean over the compared features."""
     features: dict[str, float]
-    """By feature."""
+    """Score of each feature."""
     groups: dict[str, float]
-    """The same over kinematic, interactive and map features; without the map there are no map features."""
+    """Scores of kinematic, interactive and map features; no map features without a map."""
     windows: int
     """Number of windows."""
 
@@ -54,9 +54,9 @@ def window_scores(recorded: Values, simulated: Values, alike: Values | None = No
     """The likelihood ratio in (0, 1] of each of N windows, (N,), by feature.
 
     `recorded` (N, WINDOW) and `simulated` (S, N, WINDOW), S simulations of each window, by names of FEATURES. The
-    distribution of a window is that of all its simulations and moments. Its likelihood is relative to that under
-    `alike` (S', N, WINDOW), recorded windows; without it, the recorded window itself: the most that any simulation can
-    reach.
+    distribution of a window contains all its simulations and moments. The likelihood is relative to the likelihood
+    under `alike` (S', N, WINDOW), recorded windows; without `alike`, under the recorded window itself, the maximum for
+    any simulation.
     """
     found = {}
     for name, values in recorded.items():
@@ -87,19 +87,19 @@ def realism(
     shapes: SurfaceShapes | None = None,
     reference_shapes: SurfaceShapes | None = None,
 ) -> dict[str, Realism]:
-    """The realism of simulated road users against others, by type name; types that one of them lacks are left out.
+    """The realism of simulated road users against a reference, by type name; types missing in either are left out.
 
-    For traffic that was not simulated from what was recorded (for that, see `window_scores`): each window of the
-    reference is compared with the MOST_ALIKE_WINDOWS windows of simulated road users of its type that began most alike,
-    by speed, acceleration, yaw rate, distance to the nearest and to the edge of the surface. Its likelihood under them
-    is divided by that under the windows of the reference that began most alike, so that the same traffic has the score
-    1.
+    This is for traffic that was not simulated from the recording (otherwise see `window_scores`): each window of the
+    reference is compared with the MOST_ALIKE_WINDOWS windows of simulated road users of its type with the most similar
+    begin, by speed, acceleration, yaw rate, and distances to the nearest road user and to the edge of the surface. The
+    likelihood under these windows is divided by the likelihood under the windows of the reference with the most similar
+    begin, so that equal traffic has the score 1.
 
-    With `tracks` and `reference_tracks`, (T,), only those road users count; the others are still seen by them. Parked
-    ones and tracks shorter than WINDOW and the two moments before do not count.
+    With `tracks` and `reference_tracks`, (T,), only these road users count; all others still appear as their
+    neighbours. Parked road users, and tracks shorter than WINDOW and the two moments before, do not count.
 
-    Map features need the ground, in m and in the coordinates of the tracks, of both: `shapes`, and `reference_shapes`
-    where the reference was recorded somewhere else.
+    Map features need the ground of both, in m and in the coordinates of the tracks: `shapes`, and `reference_shapes` if
+    the reference was recorded elsewhere.
     """
     grounds = (None, None) if shapes is None else (shapes, reference_shapes or shapes)
     own = features(simulated, grounds[0])
@@ -141,7 +141,7 @@ def _taken(values: Values, first: Integers) -> dict[str, Floats]:
 
 
 def _situation(values: Values, first: Integers) -> tuple[Floats, Floats]:
-    """Where windows begin, (N, quantities), and the spread of each quantity."""
+    """The quantities at the begin of each window, (N, quantities), and the spread of each quantity."""
     columns = [values[name][first] for name in ("speed", "acceleration", "yaw_rate")]
     columns.append(np.minimum(values["nearest"][first], FARTHEST_NEIGHBOUR))
     if "road_edge" in values:

@@ -1,4 +1,4 @@
-"""Features of road users by which realism is judged, and the bins in which they are compared."""
+"""Features of road users for the realism score, and the bins in which they are compared."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import STANDING_SPEED
 
 LONGEST_TTC = 5.0
-"""s; longer ones, and none, count as this."""
+"""Greatest time to collision (s); longer times, and none, count as this value."""
 FARTHEST_BOX = 40.0
-"""m; neighbours farther away, and none, count as this far."""
+"""Greatest distance (m) of a neighbour; larger distances, and none, count as this value."""
 NEAREST_CENTRES = 6
 """Number of road users, the nearest by their centres, among which the nearest box is searched."""
 ROWS_BEFORE_KNOWN = 2
-"""Rows of a track before the first one at which all features are known: a yaw acceleration takes three positions."""
+"""Number of rows of a track before the first row with all features: a yaw acceleration needs three positions."""
 
 
 @dataclass(frozen=True)
 class Feature:
-    """What a feature is compared over: `bins` bins from `low` to `high` in `unit`, with a weight."""
+    """A feature with its weight, compared in `bins` bins from `low` to `high` in `unit`."""
 
     group: str
     """kinematic, interactive or map."""
@@ -38,7 +38,7 @@ class Feature:
     bins: int
     weight: float
     event: bool = False
-    """Whether it is 1 where something happens at any moment of a window, instead of a value of each moment."""
+    """Whether the feature is 1 for a window with an event at any moment, instead of a value of each moment."""
 
 
 FEATURES: Mapping[str, Feature] = {
@@ -53,9 +53,9 @@ FEATURES: Mapping[str, Feature] = {
     "road_edge": Feature("map", "m", -10.0, 10.0, 40, 0.10),
     "off_surface": Feature("map", "1", 0.0, 1.0, 2, 0.15, event=True),
 }
-"""As in the challenge, and standing. Overlaps and leaving the surface weigh less than there (0.25 each): no more than
-speed and standing, so that traffic that never meets does not make up for motion that was not recorded. Bins are finer,
-because cyclists and pedestrians move in the lowest of the challenge's."""
+"""Features of the challenge, and standing. Overlaps and leaving the surface have lower weights than in the challenge
+(0.25 each): no more than speed and standing, so that traffic without encounters does not compensate unrealistic motion.
+Bins are finer, because cyclists and pedestrians use only the lowest bins of the challenge."""
 
 
 def features(
@@ -63,8 +63,8 @@ def features(
 ) -> dict[str, Floats]:
     """The features of each row, (R,), by name, in the units of FEATURES; map features only with the ground, `shapes`.
 
-    With `rows` only these are computed, (len(rows),); the others are still seen by them. They are known from the row
-    ROWS_BEFORE_KNOWN of a track on, 0 or as at the next row before.
+    With `rows`, only these rows are computed, (len(rows),); all other rows still count as neighbours. Features are
+    known from the row ROWS_BEFORE_KNOWN of a track on; earlier values are 0 or those of a neighbouring row.
     """
     t = trajectories
     rows = np.arange(len(t)) if rows is None else rows
@@ -86,8 +86,10 @@ def features(
 
 
 def nearest_distance(trajectories: Trajectories, rows: NDArray[np.intp] | None = None) -> Floats:
-    """Distance from box to box of the nearest other road user at the time, m, of each row, or of `rows`; at most
-    FARTHEST_BOX, negative in overlap."""
+    """Distance (m) between the boxes of each row, or of `rows`, and the nearest other road user at the time.
+
+    At most FARTHEST_BOX; negative for an overlap.
+    """
     t = trajectories
     rows = np.arange(len(t)) if rows is None else rows
     nearest = np.full(len(rows), FARTHEST_BOX)

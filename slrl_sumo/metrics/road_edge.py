@@ -9,18 +9,18 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 
 FINEST = 4.0
-"""px/m."""
+"""Finest resolution, px/m."""
 MOST_PIXELS = 16 * 2**20
 GROUND_MARGIN = 10.0
-"""m of ground around the positions; edges farther away count as this far."""
+"""Extent (m) of the ground around the positions; edges farther away count as at this distance."""
 
 
 def edge_distance(*, shapes: SurfaceShapes, x: Floats, y: Floats, kind: NDArray[np.int8]) -> Floats:
     """Signed distance of centres to the nearest edge of their type's own surfaces, m, (n,): negative on them.
 
     `x`, `y`: m; `kind`: RoadUserType, (n,). Own surfaces: see `ground.surfaces.OWN_SURFACE`; road and crossings for
-    cars, all surfaces for others. The sign is that of the Waymo Sim Agents' distance to the road edge. Exact to
-    about a pixel: 0.25 m, more where the positions span more than 1 km².
+    cars, all surfaces for other types. The sign is that of the distance to the road edge of Waymo Sim Agents. The error
+    is about a pixel: 0.25 m, more if the positions span more than 1 km².
     """
     distance = np.zeros(len(x))
     if not len(x):
@@ -41,7 +41,7 @@ def edge_distance(*, shapes: SurfaceShapes, x: Floats, y: Floats, kind: NDArray[
 
 
 def _outside(mask: NDArray[np.uint8]) -> Floats:
-    """Distance of the centre of each pixel of `mask` to the border of the others, px; 0 outside of it."""
+    """Distance (px) of the centre of each pixel of `mask` to the border of the other pixels; 0 outside the mask."""
     if mask.all():  # no border: the largest distance
         return np.full(mask.shape, GROUND_MARGIN * FINEST)
     apart = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)

@@ -10,18 +10,18 @@ import numpy as np
 from slrl_sumo.scene.geometry import Floats, boxes_overlap, to_ego, wrap_angle
 
 REAR_END = np.radians(30.0)
-"""rad; SSAM calls conflicts at a smaller angle between the headings rear-end conflicts."""
+"""Angle (rad) between the headings below which SSAM calls conflicts rear-end conflicts."""
 
 
 def time_to_collision(*, a: Floats, b: Floats, velocity_a: Floats, velocity_b: Floats) -> Floats:
     """Time until boxes touch if both keep their velocity and do not turn, pair by pair, s, (n,).
 
-    `a`, `b`: boxes (n, 5); velocities: (n, 2) in m/s. 0 where they overlap now, inf where they never meet.
+    `a`, `b`: boxes (n, 5); velocities: (n, 2) in m/s. 0 for boxes that overlap now, inf for boxes that never touch.
 
     Hayward (1972), Near-miss determination through use of a scale of danger, for boxes in the plane: it holds for any
     angle, not only for car-following. Boxes that do not turn overlap while their projections overlap on each of the
-    four normals of their sides (separating axes), which is an interval of time for each: the result is exact. On curved
-    lanes constant velocity is pessimistic: oncoming vehicles in a bend are on a collision course for a moment.
+    four normals of their sides (separating axes), which is an interval of time for each normal: the result is exact. On
+    curved lanes, constant velocity is pessimistic: oncoming vehicles in a bend are briefly on a collision course.
     """
     enter, leave = np.full(len(a), -np.inf), np.full(len(a), np.inf)
     for gap, slope, reach in _projections(a, b, velocity_b - velocity_a):
@@ -40,10 +40,11 @@ def time_to_collision(*, a: Floats, b: Floats, velocity_a: Floats, velocity_b: F
 def deceleration_to_avoid_crash(*, ttc: Floats, closing: Floats) -> Floats:
     """The constant deceleration of the closing motion that just avoids the crash (DRAC), m/s², (n,).
 
-    `ttc`: s, inf for never; `closing`: relative speed |velocity_a - velocity_b| in m/s. closing / (2 ttc): until the
-    contact they cover closing x ttc relative to each other, a stop within a distance d takes closing² / (2 d). For a
-    follower this is Cooper and Ferguson's (1976, Traffic studies at T-junctions) (v2 - v1)² / (2 gap). 0 where they do
-    not meet, inf where they overlap already. More than 3.35 m/s² is often called a conflict (Archer 2005).
+    `ttc`: s, inf for never. `closing`: relative speed |velocity_a - velocity_b| in m/s. The result is closing / (2
+    ttc): until the contact, the road users cover closing x ttc relative to each other, and a stop within a distance d
+    needs closing² / (2 d). For a follower, this is (v2 - v1)² / (2 gap) of Cooper and Ferguson (1976, Traffic studies
+    at T-junctions). 0 for pairs that do not touch, inf for pairs that already overlap. More than 3.35 m/s² is often
+    called a conflict (Archer 2005).
     """
     with np.errstate(divide="ignore"):
         needed = closing / (2.0 * np.where(ttc > 0.0, ttc, 1.0))
@@ -51,15 +52,16 @@ def deceleration_to_avoid_crash(*, ttc: Floats, closing: Floats) -> Floats:
 
 
 def post_encroachment_time(*, a: Floats, b: Floats, times_a: Floats, times_b: Floats) -> tuple[float, float] | None:
-    """The shortest time between one road user's leaving a place and the other's arriving there (PET), s, and when, s.
+    """Post-encroachment time (PET), s, and the time of the second arrival, s.
 
-    `a` (n, 5) and `b` (m, 5): the boxes of the two on their ways at `times_a` (n,) and `times_b` (m,), s; close enough
-    in time that a box does not leap over its own width. None where the ways have no place in common.
+    The PET is the shortest time between the departure of one road user from a place and the arrival of the other one.
+    `a` (n, 5) and `b` (m, 5): the boxes of the two road users at `times_a` (n,) and `times_b` (m,), s; close enough in
+    time that a box does not jump over its own width. None if the ways have no place in common.
 
-    Allen, Shin and Cooper (1978), Analysis of traffic conflicts and collisions. Some place is left at t and reached at
-    t + PET just if the box at t and the other's box at t + PET overlap: so it is the smallest time between overlapping
-    boxes. 0 where both are there at once. From samples dt apart it is up to 2 dt too long, never too short. The second
-    value is the arrival of the second one.
+    Allen, Shin and Cooper (1978), Analysis of traffic conflicts and collisions. A place is left at t and reached at
+    t + PET if and only if the box at t and the other box at t + PET overlap: the PET is the smallest time between
+    overlapping boxes. 0 if both are there at the same time. From samples dt apart, it is up to 2 dt too long, never too
+    short.
     """
     i, j = (index.ravel() for index in np.indices((len(a), len(b))))
     met = boxes_overlap(a[i], b[j])
@@ -76,12 +78,12 @@ def crossing_angle(heading_a: Floats, heading_b: Floats) -> Floats:
 
 
 def box_distance(*, a: Floats, b: Floats) -> Floats:
-    """Distance between boxes (n, 5), pair by pair, m, (n,); negative where they overlap: by how much at least one would
-    have to move."""
+    """Distances between boxes (n, 5), pair by pair, m, (n,); negative for an overlap: the least movement that ends
+    it."""
     depth = np.full(len(a), np.inf)
     for gap, _, reach in _projections(a, b, np.zeros((len(a), 2))):
         depth = np.minimum(depth, reach - np.abs(gap))
-    # Of two boxes that are apart, a corner of one is nearest to the other.
+    # The nearest point of one of two separate boxes to the other box is a corner.
     nearest = np.full(len(a), np.inf)
     for p, q in ((a, b), (b, a)):
         for along in (-0.5, 0.5):
@@ -97,7 +99,8 @@ def box_distance(*, a: Floats, b: Floats) -> Floats:
 
 
 def _projections(a: Floats, b: Floats, velocity: Floats) -> list[tuple[Floats, Floats, Floats]]:
-    """For each of the four normals of sides: b's centre from a's (m), its speed (m/s), and how far both reach (m)."""
+    """For each of the four normals of sides: centre of b relative to a (m), relative speed (m/s), sum of extents
+    (m)."""
     dx, dy, turn = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1], b[:, 2] - a[:, 2]
     c, s = np.abs(np.cos(turn)), np.abs(np.sin(turn))
     found = []

@@ -1,1 +1,1 @@
-"""What was learned."""
+"""Model bundles: displacement models, priors and policies."""

@@ -1,11 +1,11 @@
-"""Model bundles: everything that was learned, as one folder.
+"""Model bundles: all learned models in one folder.
 
-config.json           what it is and its shapes (BundleConfig)
+config.json           version and shapes (BundleConfig)
 weights.safetensors   all weights, bounds, normalisation and mode centres
-training.json         how it was made and what was measured then
-MODEL_CARD.md         the same for people, with the licence of the data
-NOTICE                the notice that this licence requires, where it does
-selector.*            the trained selector, where there is one (see slrl_sumo.models.policy)
+training.json         record of the training and its measurements
+MODEL_CARD.md         the same as text, with the licence of the data
+NOTICE                the notice that this licence requires, if any
+selector.*            the trained selector, if any (see slrl_sumo.models.policy)
 """
 
 import json
@@ -30,7 +30,7 @@ from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
 
-if TYPE_CHECKING:  # PyTorch takes longer to import than the rest of a start: only what needs it does so
+if TYPE_CHECKING:  # PyTorch takes longer to import than the rest of a start: import it only where needed
     from torch import Tensor
 
     from slrl_sumo.models.displacement import DisplacementModels
@@ -42,35 +42,35 @@ Network = TypeVar("Network", "DisplacementModels", "Prior")
 
 @dataclass(frozen=True, eq=False)
 class ModelBundle:
-    """The learned models of the road user types, with where they come from."""
+    """The learned models of the road user types, with the record of their training."""
 
     name: str
     config: BundleConfig
     mode_centres: Floats
-    """(3, modes, 2) m, ego frame: mean of what the modes of each type are clusters of: destinations, or destinations
-    relative to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.goals)."""
+    """Centres of the clusters of each type and mode, (3, modes, 2) m, ego frame: destinations, or destinations relative
+    to the own speed (`training["modes_by"]`, see slrl_sumo.learning.supervised.goals)."""
     mode_counts: NDArray[np.int64]
-    """(3, modes): windows of each type and mode in training; 0 for types that the bundle has no models for."""
+    """Numbers of training windows of each type and mode, (3, modes); 0 for types without models."""
     weights: Weights
-    """Of the displacement models and the prior, by the names in the file (see `weights_of`)."""
+    """Weights of the displacement models and the prior, by the names in the file (see `weights_of`)."""
     training: dict[str, Any]
-    """How it was made and what was measured, plain JSON values."""
+    """Record of the training and its measurements, plain JSON values."""
     card: str
     """Text of the model card (Markdown)."""
     policy: "Policy | None" = None
-    """The trained selector, if there is one and it was read in PyTorch."""
+    """The trained selector in PyTorch, if it exists and was read so."""
     network: PolicyNetwork | None = None
-    """The same for decisions alone, where it was read so (see `load_bundle`)."""
+    """The trained selector for decisions only, if it was read so (see `load_bundle`)."""
     policy_training: dict[str, Any] | None = None
-    """How that was trained, plain JSON values."""
+    """Record of the training of the selector, plain JSON values."""
 
     @property
     def types(self) -> NDArray[np.bool_]:
-        """Which types it has models for, (3,)."""
+        """Whether the bundle has models for each type, (3,)."""
         return np.asarray(self.mode_counts.sum(1) > 0)
 
     def missing(self, types: NDArray[np.bool_]) -> str:
-        """Names of those of `types` (3,) that it has no models for, for messages; empty where it has all."""
+        """Names of the `types` (3,) without models, for messages; empty if all types have models."""
         return " and ".join(TYPE_NAMES[k] for k in np.flatnonzero(types & ~self.types))
 
     @cached_property
@@ -101,7 +101,7 @@ class ModelBundle:
 
     @cached_property
     def max_speed(self) -> Floats:
-        """Highest speed of each type, (3,) m/s."""
+        """Top speed of each type, (3,) m/s."""
         return np.asarray(self.models.max_speed, np.float64)
 
     @cached_property
@@ -111,12 +111,12 @@ class ModelBundle:
 
     @cached_property
     def usual_braking(self) -> Floats:
-        """Least acceleration of the models of each type, (3,) m/s²: the 1st percentile of what was recorded."""
+        """Least acceleration of the models of each type, (3,) m/s²: the 1st percentile of the recordings."""
         return np.asarray(self.models.acceleration_bounds[:, 0], np.float64)
 
     @cached_property
     def hardest_braking(self) -> Floats:
-        """Acceleration of each type that brakes in need, (3,) m/s²; `usual_braking` where it is not known."""
+        """Acceleration of each type in emergency braking, (3,) m/s²; `usual_braking` if unknown."""
         types = self.training.get("types", {})
         known = [types.get(name, {}).get("hardest_braking_mps2", 0.0) for name in TYPE_NAMES]
         return np.minimum(known, self.usual_braking)
@@ -134,9 +134,9 @@ class ModelBundle:
         return acceleration[each, modes], yaw_rate[each, modes]
 
     def save(self, folder: str | Path) -> None:
-        """Write the bundle as `folder`, all of it or nothing, in place of a bundle that is there.
+        """Write the bundle as `folder`, completely or not at all, replacing a bundle there.
 
-        Raises InputError where `folder` holds anything else than a bundle, or cannot be written.
+        Raises InputError if `folder` contains anything but a bundle, or cannot be written.
         """
         target = Path(folder)
         check_replaceable(target)
@@ -165,7 +165,7 @@ class ModelBundle:
         (folder / "MODEL_CARD.md").write_text(self.card, encoding="utf-8")
         if self.training.get("notice"):
             (folder / NOTICE).write_text(str(self.training["notice"]).strip() + "\n", encoding="utf-8")
-        # Not save_file: that makes a file which only its owner may read.
+        # save_file would make a file that only its owner may read.
         (folder / "weights.safetensors").write_bytes(save({k: np.ascontiguousarray(v) for k, v in state.items()}))
         if self.policy is not None:
             from slrl_sumo.models.policy_files import write_policy
@@ -188,19 +188,19 @@ def _with_weights(made: Network, weights: Weights, prefix: str) -> Network:
 
 
 def tensors(observation: Observation) -> "tuple[Tensor, Tensor]":
-    """Vector (n, columns) float32 and type (n,) int64 of an observation, as networks in PyTorch take them."""
+    """Vector (n, columns) float32 and type (n,) int64 of an observation, as inputs of networks in PyTorch."""
     import torch
 
     return torch.from_numpy(observation.vector), torch.from_numpy(observation.type.astype(np.int64))
 
 
 def load_bundle(name_or_folder: str | Path, *, policy: bool = True, training: bool = True) -> ModelBundle:
-    """Read a bundle: one that comes with the package, by name, or a folder.
+    """Read a bundle: a shipped bundle by name, or a folder.
 
-    A string without a slash is searched among the shipped bundles first. Without `policy` its trained selector is not
-    read. Without `training` a selector that reads no image is read as `network` instead of `policy`, and PyTorch is not
-    imported. Raises InputError where there is no such bundle, or where it is damaged, of another format version or for
-    other features.
+    A string without a slash is searched among the shipped bundles first. Without `policy`, the trained selector is not
+    read. Without `training`, a selector that reads no image is read as `network` instead of `policy`, and PyTorch is
+    not imported. Raises InputError if the bundle does not exist, is damaged, or has another format version or other
+    features.
     """
     folder = find_bundle(name_or_folder)
     values = read_object(folder / "config.json")

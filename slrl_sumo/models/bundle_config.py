@@ -1,4 +1,4 @@
-"""The configuration of a bundle: which version and features it needs, and the shapes of its networks."""
+"""The configuration of a bundle: required version and features, and the shapes of its networks."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,16 +10,16 @@ from slrl_sumo.perception.features import FEATURES, STATES
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 FORMAT_VERSION = 1
-"""Of the files of a bundle; others are refused."""
+"""Format version of the files of a bundle; other versions are refused."""
 
 
 @dataclass(frozen=True)
 class BundleConfig:
-    """What a bundle must agree on with the code that runs it, and the shapes of its networks."""
+    """Properties in which a bundle must agree with the code that runs it, and the shapes of its networks."""
 
     format_version: int = FORMAT_VERSION
     preset: str = "paper"
-    """Which vector the models read, one of features.STATES."""
+    """The vector that the models read, one of features.STATES."""
     features: tuple[str, ...] = FEATURES
     decision_interval_s: float = DECISION_INTERVAL
     modes: int = MODES

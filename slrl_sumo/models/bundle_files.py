@@ -1,4 +1,4 @@
-"""The files of a bundle's folder, read and checked; slrl_sumo.models.bundle says what each one is."""
+"""Reading and checking of the files of a bundle's folder; slrl_sumo.models.bundle lists the files."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +27,7 @@ BOUNDS = {
 
 
 def read_card(file: Path) -> str:
-    """The text of the model card. Raises InputError where it is damaged."""
+    """The text of the model card. Raises InputError if it is damaged."""
     try:
         return read_text(file)
     except (OSError, ValueError) as error:
@@ -36,7 +36,7 @@ def read_card(file: Path) -> str:
 
 
 def read_object(file: Path) -> dict[str, Any]:
-    """The JSON object in a file of a bundle. Raises InputError where it is damaged."""
+    """The JSON object in a file of a bundle. Raises InputError if it is damaged."""
     try:
         values = read_json(file)
     except (OSError, ValueError) as error:
@@ -48,8 +48,8 @@ def read_object(file: Path) -> dict[str, Any]:
 
 
 def read_training(file: Path) -> dict[str, Any]:
-    """How the bundle was made, with the only numbers of it that decisions depend on checked. Raises InputError
-    where it is damaged."""
+    """The record of the training, with a check of the numbers on which decisions depend. Raises InputError if it is
+    damaged."""
     training = read_object(file)
     types = training.get("types", {})
     records = types.values() if isinstance(types, dict) else ()
@@ -64,8 +64,10 @@ def read_training(file: Path) -> dict[str, Any]:
 
 
 def read_weights(folder: Path, config: BundleConfig) -> dict[str, NDArray[Any]]:
-    """All tensors of the bundle, checked: the expected names, shapes and kinds, and finite and possible values.
-    Raises InputError where they are others."""
+    """All tensors of the bundle, with a check of names, shapes, kinds, and finite and possible values.
+
+    Raises InputError if the check fails.
+    """
     expected = _expected(config)
     damaged = f"bundle {folder}: weights.safetensors is damaged"
     try:
@@ -87,8 +89,10 @@ def read_weights(folder: Path, config: BundleConfig) -> dict[str, NDArray[Any]]:
 
 
 def _expected(config: BundleConfig) -> dict[str, _Kind]:
-    """Shape and kind of each tensor of a bundle, by name; nothing is allocated: a configuration can ask for gigabytes
-    that the file does not have."""
+    """Shape and kind of each tensor of a bundle, by name.
+
+    Nothing is allocated, because a configuration can describe gigabytes that the file does not contain.
+    """
     types, inputs, single = len(RoadUserType), len(config.features), np.dtype(np.float32)
     shapes: dict[str, tuple[int, ...]] = {}
     for name, members, hidden, outputs in (

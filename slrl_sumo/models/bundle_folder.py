@@ -1,29 +1,29 @@
-"""Where bundles lie: the shipped ones by name, and folders. Needs no PyTorch."""
+"""Locations of bundles: shipped bundles by name, and folders. Needs no PyTorch."""
 
 from pathlib import Path
 
 from slrl_sumo.errors import InputError
 
 DEFAULT_BUNDLE = "intersection"
-"""The shipped bundle that commands and functions take where none is named."""
+"""The default bundle of commands and functions, a shipped one."""
 SHIPPED = Path(__file__).parent.parent / "bundles"
 FILES = ("config.json", "weights.safetensors", "training.json", "MODEL_CARD.md")
 NOTICE = "NOTICE"
-"""The notice of a licence, where the data asks for one."""
+"""File with the notice that the data's licence requires."""
 POLICY_FILES = ("selector.json", "selector.safetensors")
-"""Of the trained selector, where there is one."""
+"""Files of the trained selector."""
 
 
 def shipped_bundles() -> list[str]:
-    """Names of the bundles that come with the package, sorted."""
+    """Names of the shipped bundles, sorted."""
     return sorted(path.parent.name for path in SHIPPED.glob("*/config.json"))
 
 
 def find_bundle(name_or_folder: str | Path) -> Path:
-    """The folder of a bundle: one that comes with the package, by name, or the folder that is named.
+    """The folder of a bundle: a shipped bundle by name, or a given folder.
 
-    A string without a slash is searched among the shipped bundles first. Raises InputError where there is no such
-    bundle, or one of its files is missing.
+    A string without a slash is searched among the shipped bundles first. Raises InputError if the bundle or one of its
+    files does not exist.
     """
     name = str(name_or_folder)
     folder = SHIPPED / name if name in shipped_bundles() else Path(name_or_folder)
@@ -37,13 +37,13 @@ def find_bundle(name_or_folder: str | Path) -> Path:
 
 
 def usual_selector_of(name_or_folder: str | Path) -> str:
-    """What `agent.make_driver.usual_selector` says of a bundle, without reading its trained selector."""
+    """The result of `agent.make_driver.usual_selector` for a bundle, without reading its trained selector."""
     folder = find_bundle(name_or_folder)
     return "greedy" if any((folder / file).is_file() for file in POLICY_FILES) else "rule"
 
 
 def check_replaceable(folder: Path) -> None:
-    """Raise InputError where `folder` holds anything else than a bundle, which a new bundle would replace."""
+    """Raise InputError if `folder` contains anything but a bundle, because a new bundle would replace it."""
     if not folder.exists():
         return
     names = {path.name for path in folder.iterdir()} if folder.is_dir() else {folder.name}

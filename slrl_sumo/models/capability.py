@@ -1,4 +1,4 @@
-"""What the models of a bundle can do: the curves that they can take and their stopping distances."""
+"""Capability of the models of a bundle: the sharpest curves and the stopping distances."""
 
 import hashlib
 import os
@@ -25,28 +25,32 @@ SPEEDS = np.arange(1.0, 45.5, 0.5)
 STOPPING = np.arange(0.0, 50.5, 0.25)
 """Speeds (m/s) from which stopping distances are probed."""
 MAX_DECISIONS = 60
-"""Decisions of a probed stop at most."""
+"""Greatest number of decisions of a probed stop."""
 PROBED_NEIGHBOURS = (0, 1, 3)
-"""Numbers of other road users within 20 m that are probed: models turn differently in company."""
+"""Probed numbers of other road users within 20 m, on which the turns of models depend."""
 MOST_FILES = 32
-"""Bundles of which the results are kept."""
+"""Greatest number of bundles with stored results."""
 MAX_CURVE_BRAKING = -1.5
-"""m/s²: modes that brake harder do not count as a way through a curve."""
+"""Acceleration (m/s²) below which a mode brakes too hard to count for curves."""
 
 
 @dataclass(frozen=True, eq=False)
 class Capability:
-    """What the modes of a bundle can do, per type."""
+    """Capability of the modes of a bundle, by type."""
 
     sharpest: Floats
-    """1/m: largest curvature at each of SPEEDS, to the right and to the left, (3, 2, speeds); falling with speed."""
+    """Greatest curvature (1/m) at each of SPEEDS, to the right and to the left, (3, 2, speeds); falls with speed."""
     stopping: Floats
-    """m to a stand from each of STOPPING, (3, speeds), braking as hard as the modes can; rising with speed."""
+    """Stopping distance (m) from each of STOPPING with the hardest braking of the modes, (3, speeds); rises with
+    speed."""
 
 
 def capability_of(bundle: ModelBundle) -> Capability:
-    """What the modes of a bundle can do: probed when it is first asked for on a machine, which takes half as long as
-    the rest of a start, then read from a file beside the machine code."""
+    """Capability of the modes of a bundle.
+
+    It is probed on first use on a machine, which takes half as long as the rest of a start, and afterwards read from a
+    file beside the machine code.
+    """
     folder = cache_folder()
     if folder is None:
         return probed(bundle)
@@ -67,7 +71,7 @@ def capability_of(bundle: ModelBundle) -> Capability:
 
 
 def _stamp(bundle: ModelBundle) -> str:
-    """Digest of what the result depends on: the models, and the code that probes them."""
+    """Digest of the models and of the code that probes them, on which the result depends."""
     digest = hashlib.sha256(bundle.config.preset.encode())
     for module in (sys.modules[__name__], motion_models, advance):
         digest.update(Path(str(module.__file__)).read_bytes())
@@ -88,18 +92,18 @@ def probed(bundle: ModelBundle) -> Capability:
             curve = np.where(acceleration > MAX_CURVE_BRAKING, yaw_rate / after, 0.0)
             sharpest[company, kind] = -curve.min(axis=1), curve.max(axis=1)
         stopping[kind] = _stopping(bundle, kind)
-    # A curve that can be taken at some speed can be taken at any lower one: the road user speeds up first.
+    # A curve that is possible at some speed is possible at any lower speed: the road user accelerates first.
     usual = np.median(sharpest, axis=0)
     falling = np.maximum.accumulate(usual[..., ::-1], axis=-1)[..., ::-1]
     return Capability(np.ascontiguousarray(falling), stopping)
 
 
 def _stopping(bundle: ModelBundle, kind: RoadUserType) -> Floats:
-    """m from each of STOPPING to a stand, or the distance of MAX_DECISIONS decisions."""
+    """Stopping distances (m) from each of STOPPING, or the distance of MAX_DECISIONS decisions."""
     speed, past = STOPPING.copy(), np.zeros(len(STOPPING))
     distance = np.zeros(len(STOPPING))
     for _ in range(MAX_DECISIONS):
-        # Those that stand are all alike; the first one stands from the beginning.
+        # All standing road users are equal; keep only the first one, which stands from the begin.
         still = (speed == 0.0) & (past == 0.0)
         going = np.flatnonzero(~still | (np.arange(len(still)) == still.argmax()))
         each = [

@@ -1,4 +1,4 @@
-"""Displacement models: what a road user of one type and mode does in the next decision interval."""
+"""Displacement models: the motion of a road user of one type and mode in the next decision interval."""
 
 import torch
 from torch import Tensor, nn
@@ -12,7 +12,7 @@ __all__ = ["MODES", "SPEED", "DisplacementModels", "displacement", "new_speed"]
 
 
 def new_speed(speed: Tensor, acceleration: Tensor, max_speed: Tensor) -> Tensor:
-    """Speed (m/s) after one decision interval, as `slrl_sumo.scene.advance` has it."""
+    """Speed (m/s) after one decision interval, as in `slrl_sumo.scene.advance`."""
     return torch.minimum((speed + acceleration * DECISION_INTERVAL).clamp_min(0.0), max_speed)
 
 
@@ -29,13 +29,13 @@ def displacement(speed: Tensor, acceleration: Tensor, yaw_rate: Tensor, max_spee
 class DisplacementModels(nn.Module):
     """One small network per road user type and mode (paper, section 3.1), with bounded kinematics as output.
 
-    The paper regresses the displacement freely, which runs away in closed loop. Here a network gives acceleration
-    and yaw rate through tanh, scaled to what its type was recorded to do, and `advance` turns them into the
-    displacement. The bounds are buffers, per type:
+    The paper regresses the displacement without bounds, which diverges in closed loop. Here a network outputs
+    acceleration and yaw rate through tanh, scaled to the recorded range of its type, and `advance` computes the
+    displacement. The bounds are buffers, by type:
 
     acceleration_bounds, yaw_rate_bounds: (3, 2) lowest <= 0 and highest >= 0, m/s² and rad/s.
-    max_curvature: (3,) 1/m; they turn at most this much per metre, so not at all while they stand: recorded headings
-        are held then, and models that never learned to turn on the spot would spin.
+    max_curvature: (3,) 1/m, greatest turn per metre, so that standing road users do not turn: recorded headings are
+        constant at a stand, and models that never learned to turn on the spot would spin.
     max_speed: (3,) m/s.
     """
 
@@ -77,7 +77,7 @@ class DisplacementModels(nn.Module):
     def _bounded(self, raw: Tensor, speed: Tensor, kind: Tensor) -> tuple[Tensor, Tensor]:
         """Raw outputs (n, m, 2) as bounded acceleration and yaw rate (n, m); `speed` broadcasts to (n, m)."""
         acceleration = _within(raw[..., 0], self.acceleration_bounds[kind][:, None])
-        # Curvature bounds the turn per distance covered, so the speed that counts is that of the interval ahead.
+        # Curvature bounds the turn per distance, so that the speed of the next interval counts.
         after = new_speed(speed, acceleration, self.max_speed[kind][:, None]).detach()
         turn = (self.max_curvature[kind][:, None] * after)[..., None]
         bounds = self.yaw_rate_bounds[kind][:, None].expand(*after.shape, 2)
@@ -86,6 +86,6 @@ class DisplacementModels(nn.Module):
 
 
 def _within(raw: Tensor, bounds: Tensor) -> Tensor:
-    """tanh of `raw` (n, m) scaled so that -1, 0 and 1 become the lowest bound, 0 and the highest; bounds (..., 2)."""
+    """tanh of `raw` (n, m), scaled so that -1, 0 and 1 become lowest bound, 0 and highest bound; bounds (..., 2)."""
     unit = torch.tanh(raw)
     return torch.where(unit > 0, unit * bounds[..., 1], -unit * bounds[..., 0])

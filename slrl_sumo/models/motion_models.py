@@ -1,6 +1,6 @@
-"""The networks of decisions in compiled loops, without PyTorch: importing it takes longer than the rest of a start.
+"""The networks of decisions in compiled loops, without PyTorch, whose import takes longer than the rest of a start.
 
-Each road user's result depends on its own row alone, and is computed in the same order whatever the other rows are.
+The result of each road user depends only on its own row, and the order of computation does not depend on other rows.
 """
 
 from collections.abc import Mapping
@@ -14,14 +14,15 @@ from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.types import DECISION_INTERVAL
 
 MODES = 20
-"""Modes per road user type (paper, section 3.2)."""
+"""Number of modes per road user type (paper, section 3.2)."""
 SPEED = FEATURES.index("speed")
 INPUT_LIMIT = 5.0
-"""Standard deviations beyond which an input counts as this far out: the networks know nothing farther away."""
+"""Bound (standard deviations) to which inputs are clipped, because the networks have no data beyond it."""
 BLOCK_ROWS = 32
-"""Road users whose outputs of one network are computed together: its weights, and their inputs, stay in the cache."""
+"""Number of road users for which the outputs of a network are computed together: weights and inputs stay in the
+cache."""
 FEW_OUTPUTS = 8
-"""Outputs from which a network's layer is computed for all outputs at once."""
+"""Number of outputs from which a layer is computed for all outputs at once."""
 
 Singles = NDArray[np.float32]
 Weights = Mapping[str, NDArray[Any]]
@@ -29,7 +30,7 @@ Weights = Mapping[str, NDArray[Any]]
 
 
 class Networks(NamedTuple):
-    """As in stacked_networks.StackedNetworks."""
+    """Arrays of stacked_networks.StackedNetworks."""
 
     mean: Singles
     scale: Singles
@@ -38,7 +39,7 @@ class Networks(NamedTuple):
 
 
 class MotionModels(NamedTuple):
-    """As in displacement.DisplacementModels."""
+    """Arrays of displacement.DisplacementModels."""
 
     networks: Networks
     acceleration_bounds: Singles
@@ -74,12 +75,14 @@ def motions(models: MotionModels, vector: Singles, kind: NDArray[np.int64]) -> t
 
 
 def outputs(networks: Networks, vector: Singles, kind: NDArray[np.int64]) -> Singles:
-    """Outputs (n, members, out) of all networks of each row's type, as of StackedNetworks.forward_all. They read the
-    first columns of `vector`; a selector may read more."""
+    """Outputs (n, members, out) of all networks of each row's type, as from StackedNetworks.forward_all.
+
+    The networks read the first columns of `vector`; a selector may read more columns.
+    """
     read = np.ascontiguousarray(vector[:, : networks.mean.shape[1]])
     x = _standardised(read, kind, networks.mean, networks.scale)
     for number, (weight, bias) in enumerate(zip(networks.weight, networks.bias, strict=True)):
-        # numpy's tanh takes a tenth of the time of a compiled one.
+        # numpy's tanh takes a tenth of the time of a compiled tanh.
         x = layer(np.tanh(x, out=x) if number else x, kind, weight, bias)
     return x
 
@@ -115,7 +118,7 @@ def layer(x: Singles, kind: NDArray[np.int64], weight: Singles, bias: Singles) -
                     continue
                 for j in range(outputs):  # not out[:]: numba compiles numpy's messages on shapes for 4 s
                     out[j] = bias[one, member, 0, j]
-                # Four inputs at once: outputs are loaded and stored a quarter as often.
+                # Four inputs are added at once, so that outputs are loaded and stored a quarter as often.
                 for k in range(0, columns - 3, 4):
                     a, b, c, d = x[i, mine, k], x[i, mine, k + 1], x[i, mine, k + 2], x[i, mine, k + 3]
                     of_a, of_b = weight[one, member, k], weight[one, member, k + 1]
@@ -141,7 +144,7 @@ def _bounded(
     max_speed: Singles,
     dt: float,
 ) -> tuple[Singles, Singles]:
-    """Motions from outputs between -1 and 1, `unit` (n, modes, 2), of road users at `speed` (n,)."""
+    """Accelerations and yaw rates from outputs between -1 and 1, `unit` (n, modes, 2), at `speed` (n,)."""
     n, modes, _ = unit.shape
     acceleration, yaw_rate = np.empty((n, modes), np.float32), np.empty((n, modes), np.float32)
     for i in range(n):

@@ -29,20 +29,20 @@ Layer = TypeVar("Layer", nn.Linear, nn.Conv2d)
 
 
 IMAGES_AT_ONCE = 256
-"""Images that are encoded at once: 1,024 in one go take twice as long, because they leave the cache."""
+"""Number of images that are encoded at once: 1,024 take twice as long per image, because they exceed the cache."""
 
 
 class Policy(nn.Module):
     """Distribution over modes and value of n observations; type-specific heads on a shared trunk.
 
-    The logits are the network's own, which begin at zero, usually plus those of the prior: then the policy is the
-    supervised baseline before any training. The absolute heading is not read, so that a rotated network gives the same
-    choices.
+    The logits are the network's own, which begin at zero, usually plus the logits of the prior: before any training,
+    the policy then equals the supervised baseline. The absolute heading is not read, so that a rotated network gives
+    the same choices.
 
-    without_route: (3, 2) by type, how much the heads and the scorers count for road users whose route is not known, in
-        the preset `extended`, which learns with routes alone; see slrl_sumo.learning.supervised.without_route.
-        Where they are not 1, those of the prior are added in any case.
-    with_route: (3, 2), the same for those whose route is known: 1, but for routes that are only expected
+    without_route: (3, 2) by type, weights of the heads and the scorers for road users without a known route, in the
+        preset `extended`, which learns only with routes; see slrl_sumo.learning.supervised.without_route. If a weight
+        is not 1, the prior's logits are added in any case.
+    with_route: (3, 2), the same for road users with a known route: 1, except for expected routes
         (slrl_sumo.routing.expected_routes).
     """
 
@@ -61,7 +61,7 @@ class Policy(nn.Module):
         self.scorers = nn.ModuleList(_scorer(config) for _ in range(types if config.looks_ahead else 0))
         self.actors = nn.ModuleList(_head(config, config.modes, 0.0) for _ in range(types))
         self.critics = nn.ModuleList(_head(config, 1, 1.0) for _ in range(types))
-        # In the record of the training, because weights are those of the training.
+        # Stored in the record of the training, because the weights file contains only trained weights.
         self.register_buffer("without_route", torch.ones(types, 2), persistent=False)
         self.register_buffer("with_route", torch.ones(types, 2), persistent=False)
 
@@ -73,12 +73,12 @@ class Policy(nn.Module):
         rollouts: Tensor | None = None,
         route: Tensor | None = None,
     ) -> tuple[Tensor, Tensor]:
-        """The own logits, (n, modes), and the value, (n,).
+        """The network's own logits, (n, modes), and the value, (n,).
 
-        `vector`: (n, 12) feature vectors, in the preset `image` (n, 33), with the last 2 s and the nearest road users;
-        `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8, for those that read it; `kind`: (n,) int64 types;
-        `rollouts`: (n, modes, features), columns as in `PolicyConfig.rollout_features`, for policies that look ahead;
-        `route`: (n, 14), for those of the preset `extended`; (n, 30) of the preset `image`.
+        `vector`: (n, 12) feature vectors, in the preset `image` (n, 33), with the last 2 s and the nearest road users.
+        `image`: (n, EGO_ROWS, EGO_COLS, 3) uint8, for policies that read images. `kind`: (n,) int64 types. `rollouts`:
+        (n, modes, features), columns as in `PolicyConfig.rollout_features`, for policies that read rollouts. `route`:
+        (n, 14) in the preset `extended`, (n, 30) in the preset `image`.
         """
         seen = self._seen(vector, image, route)
         types = _Types(kind)
@@ -92,13 +92,13 @@ class Policy(nn.Module):
         rollouts: Tensor | None = None,
         route: Tensor | None = None,
     ) -> Tensor:
-        """The first result of `forward` alone."""
+        """Only the first result of `forward`."""
         return self._correction(self._seen(vector, image, route), vector, kind, _Types(kind), rollouts, route)
 
     def parts(
         self, vector: Tensor, image: Tensor | None, kind: Tensor, rollouts: Tensor | None, route: Tensor | None
     ) -> tuple[Tensor, Tensor]:
-        """The own logits of the heads and of the scorers, (n, modes) each, before `without_route`."""
+        """The logits of the heads and of the scorers, (n, modes) each, before weighting by `without_route`."""
         return self._parts(self._seen(vector, image, route), vector, _Types(kind), rollouts)
 
     def _seen(self, vector: Tensor, image: Tensor | None, route: Tensor | None) -> Tensor:
@@ -114,7 +114,7 @@ class Policy(nn.Module):
         return seen
 
     def _encoded(self, image: Tensor) -> Tensor:
-        # From -1 to 1: with colours from 0 to 1 the same lessons took four times as long.
+        # Scale colours to -1..1: with 0..1, learning took four times as long.
         features: Tensor = self.encoder(image.permute(0, 3, 1, 2).float().div_(127.5).sub_(1.0))
         return features
 
@@ -135,7 +135,7 @@ class Policy(nn.Module):
         return share[:, :1] * heads + share[:, 1:] * scorers
 
     def shares(self, route: Tensor, kind: Tensor) -> Tensor:
-        """How much heads and scorers count, (n, 2)."""
+        """Weights of heads and scorers, (n, 2)."""
         return torch.where(route[:, KNOWN, None] > 0.0, self.with_route[kind], self.without_route[kind])
 
     def _parts(self, seen: Tensor, vector: Tensor, types: "_Types", rollouts: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -152,14 +152,14 @@ class Policy(nn.Module):
         speed = vector[:, None, SPEED, None].expand(*rollouts.shape[:2], 1)
         parts = [columns, _column(rollouts, names, "turn").abs(), 0.2 * speed]
         if self.config.preset == "extended":
-            # Steering matters to road users that move.
+            # Steering matters for moving road users.
             steering = _column(columns, names, "heading_error") * (0.5 * speed).clamp(0.2, 1.0)
             parts += [steering, _column(columns, names, "speed_error").abs()]
         return torch.cat(parts, -1)
 
 
 class _Types:
-    """Rows by type, so that each reads only the head of its own type."""
+    """Rows sorted by type, so that each row uses only the head of its type."""
 
     def __init__(self, kind: Tensor) -> None:
         self._order = kind.argsort()
@@ -167,16 +167,16 @@ class _Types:
         self._counts = torch.bincount(kind, minlength=len(RoadUserType)).tolist()
 
     def each(self, heads: nn.ModuleList, x: Tensor) -> Tensor:
-        """Output of the head of the own type for each row of `x` (n, ...): (n, ..., out)."""
+        """Output of the head of the row's type for each row of `x` (n, ...): (n, ..., out)."""
         parts = list(zip(heads, torch.split(x[self._order], self._counts), strict=True))
         if not torch.is_grad_enabled():
-            # Without rows a head costs as much as with a few; where it learns, it needs a gradient of zeros.
+            # A head without rows costs as much as with a few rows; in training it still needs a gradient of zeros.
             parts = [(head, part) for head, part in parts if len(part)] or parts[:1]
         return torch.cat([head(part) for head, part in parts])[self._back]
 
 
 def learn_only(policy: Policy, types: Sequence[str]) -> None:
-    """Keep all weights as they are but those of the heads of `types`, by name."""
+    """Freeze all weights except those of the heads of `types`, by name."""
     policy.requires_grad_(False)
     for heads in (policy.actors, policy.scorers, policy.critics):
         for kind, head in enumerate(heads):
@@ -197,11 +197,12 @@ def policy_logits(
 ) -> tuple[Tensor, Tensor]:
     """Log probabilities of all modes, (n, modes), and values (n,); arguments as in `Policy.forward`.
 
-    Modes where `mask` (n, modes) is False are excluded. With `explore` that share of choices is drawn uniformly from
-    the modes that are allowed.
+    Modes with a False `mask` (n, modes) are excluded. The share `explore` of choices is drawn uniformly from the
+    allowed modes.
 
-    The prior is frozen; its log probabilities stop at -4, so that training can find modes that it has never seen. Where
-    the correction counts less than wholly (Policy.without_route) they do not, and the prior counts in any case.
+    The prior is frozen; its log probabilities have a lower bound of -4, so that training can find modes that the prior
+    has never seen. If the weights of the correction are below 1 (Policy.without_route), there is no bound, and the
+    prior counts in any case.
     """
     correction, value = policy(vector, image, kind, rollouts, route)
     logits = _corrected(policy, prior, vector, kind, correction, route)
@@ -216,7 +217,7 @@ def policy_logits(
 
 
 def masked(logits: Tensor, mask: Tensor) -> Tensor:
-    """Log probabilities (n, modes) when only modes where `mask` (n, modes) is True may be chosen."""
+    """Log probabilities (n, modes) of the modes that `mask` (n, modes) allows."""
     return torch.log_softmax(logits.masked_fill(~mask, EXCLUDED_LOGIT), -1)
 
 
@@ -229,7 +230,7 @@ def choice_logits(
     rollouts: Tensor | None = None,
     route: Tensor | None = None,
 ) -> Tensor:
-    """The log probabilities of `policy_logits` alone, without values."""
+    """Only the log probabilities of `policy_logits`, without values."""
     return _corrected(policy, prior, vector, kind, policy.correction(vector, image, kind, rollouts, route), route)
 
 
@@ -242,7 +243,7 @@ def _corrected(
     with torch.no_grad():
         if policy.config.prior_logits:
             known = torch.log_softmax(prior.logits(vector, kind), -1)
-            # Training can find modes that the prior has never seen; where it has taught nothing, they would be noise.
+            # The bound lets training find modes that the prior has never seen; without training it would be noise.
             known = torch.where(learned[:, None], known.clamp_min(LEAST_PRIOR), known)
         else:
             known = torch.zeros_like(correction)
@@ -260,7 +261,7 @@ def _normalised(vector: Tensor, columns: tuple[str, ...]) -> Tensor:
 
 
 def _column(values: Tensor, names: tuple[str, ...], name: str) -> Tensor:
-    """The column of that name, (n, modes, 1)."""
+    """The column of this name, (n, modes, 1)."""
     place = names.index(name)
     return values[..., place : place + 1]
 
@@ -276,7 +277,7 @@ def _encoder(config: PolicyConfig) -> nn.Sequential:
 
 
 def _scorer(config: PolicyConfig) -> nn.Sequential:
-    """Rates a mode by its rollout; 0 to begin with."""
+    """Network that rates a mode from its rollout; its output is 0 at first."""
     first = _scaled(nn.Linear(config.scorer_inputs, config.scorer_hidden))
     return nn.Sequential(first, _rectifier(), _scaled(nn.Linear(config.scorer_hidden, 1), 0.0))
 
@@ -288,7 +289,7 @@ def _head(config: PolicyConfig, outputs: int, gain: float) -> nn.Sequential:
 
 
 def _rectifier() -> nn.ReLU:
-    # In place: the input is not needed any more, and small networks wait for memory.
+    # In place, because the input is no longer needed, and small networks are limited by memory access.
     return nn.ReLU(inplace=True)
 
 

@@ -1,4 +1,4 @@
-"""Policies in the folders of bundles, and copies of them for other uses."""
+"""Policies in the folders of bundles, and copies of policies for other uses."""
 
 import json
 from copy import deepcopy
@@ -17,7 +17,7 @@ from slrl_sumo.models.policy_network import PolicyNetwork, damage_reported, read
 
 
 def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None:
-    """Write the policy's files into a bundle's folder; `training` says how it was made, plain JSON values."""
+    """Write the policy's files into a bundle's folder; `training`: record of the training, plain JSON values."""
     values = {**asdict(policy.config), "training": training}
     (folder / POLICY_FILES[0]).write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
     state = {k: v.detach().cpu().contiguous() for k, v in policy.state_dict().items()}
@@ -25,18 +25,18 @@ def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None
 
 
 def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | None:
-    """The policy of a bundle's folder, frozen, and how it was trained; None where the bundle has none.
+    """The frozen policy of a bundle's folder, and the record of its training; None without a policy.
 
-    `modes`: those of the bundle.
+    `modes`: number of modes of the bundle.
 
-    Raises InputError where its files are damaged or not for this version.
+    Raises InputError if its files are damaged or not for this version.
     """
     files = read_policy_files(folder, modes)
     if files is None:
         return None
     with damage_reported(folder):
-        # Nothing is allocated or initialised on the meta device: after a fork initialisation waits for ever for the
-        # threads of the parent (OpenMP). The sizes are compared.
+        # The meta device allocates and initialises nothing: after a fork, initialisation would wait for ever for the
+        # threads of the parent (OpenMP). It serves to compare the sizes.
         with torch.device("meta"):
             policy = Policy(files.config)
         policy.load_state_dict({name: _tensor(value) for name, value in files.weights.items()}, assign=True)
@@ -46,21 +46,23 @@ def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | Non
 
 
 def _tensor(value: NDArray[Any]) -> Tensor:
-    """A copy in memory of PyTorch, made by numpy, which needs no threads."""
+    """A copy in PyTorch's memory, made by numpy, which needs no threads."""
     copied = torch.empty(value.shape)
     copied.numpy()[...] = value
     return copied
 
 
 def network_of(policy: Policy) -> PolicyNetwork:
-    """A policy that reads no image for decisions without PyTorch; its weights are copied."""
+    """The network of a policy without images, for decisions without PyTorch; its weights are copied."""
     weights = {name: value.detach().cpu().numpy() for name, value in policy.state_dict().items()}
     return PolicyNetwork.of(policy.config, weights, policy.without_route.cpu().numpy(), policy.with_route.cpu().numpy())
 
 
 def on_expected_routes(policy: Policy, training: dict[str, Any]) -> Policy | None:
-    """A copy of a policy for routes that are only expected, with the shares in the record of its `training`; None where
-    there are none, or all are 0."""
+    """A copy of a policy for expected routes, with the shares in the record of its `training`.
+
+    None without shares, or if all shares are 0.
+    """
     shares = torch.tensor(training.get("expected_route", [[0.0, 0.0]]))
     if not shares.any():
         return None

@@ -1,6 +1,6 @@
-"""The trained selector's network without PyTorch, for decisions; slrl_sumo.models.policy has it for training.
+"""The trained selector's network without PyTorch, for decisions; slrl_sumo.models.policy has the network for training.
 
-selector.json          its shapes (PolicyConfig) and how it was trained
+selector.json          its shapes (PolicyConfig) and the record of its training
 selector.safetensors   its weights
 """
 
@@ -28,7 +28,7 @@ from slrl_sumo.scene.types import RoadUserType
 HEADING = FEATURES.index("heading")
 KNOWN = ROUTE_FEATURES.index("known")
 ROLLOUT_SCALES = {"collision": 2.0, "off_surface": 1.0, "speed": 0.2, "turn": 1.0}
-"""Fields of the mode rollouts that a policy reads, and the factors that bring them to order 1."""
+"""Fields of the mode rollouts that a policy reads, and the factors that scale them to order 1."""
 ROUTE_FIT_SCALES = {
     "heading_error": 4.0,
     "lateral_offset": 0.5,
@@ -42,52 +42,52 @@ MOTION_SCALES = (0.1, 0.3, 1.0, 1.0, 1.0)
 COUNT_SCALE = 0.5
 """The same for the logarithms of the counts of road users."""
 HISTORY_SCALES = {"yaw_rate": 2.0, "speed_": 0.1, "near_": 1.0}
-"""The same for the columns of the state `history` after those of the paper, by the beginnings of their names ..."""
+"""The same for the columns of the state `history` after the columns of the paper, by the prefixes of their names."""
 MPS_SCALE = 0.2
-"""... and for relative velocities."""
+"""The same for relative velocities."""
 LEAST_PRIOR = -4.0
 """Least log probability of the prior, so that training can find modes that the prior has never seen."""
 EXCLUDED_LOGIT = -1e4
-"""Log probability of a mode that is not allowed: its exponential is 0, and 0 times it is 0 (not so with -inf)."""
+"""Log probability of a mode that is not allowed: its exponential is 0, and 0 times it is 0 (unlike -inf)."""
 
 
 @dataclass(frozen=True)
 class PolicyConfig:
-    """Shapes of a policy, and the observation it reads."""
+    """Shapes of a policy, and the parts of the observation that it reads."""
 
     preset: str = "paper"
     """One of perception.presets.PRESETS."""
     modes: int = MODES
     channels: tuple[int, ...] = (16, 32, 32)
-    """Of the convolutions, each with stride 2: a quarter of the pixels remains after each."""
+    """Channels of the convolutions, each with stride 2: each leaves a quarter of the pixels."""
     hidden: int = 128
     head: int = 64
     lookahead: bool = True
-    """Whether it also reads the mode rollouts, where its preset has them."""
+    """Whether the policy also reads the mode rollouts, if its preset has them."""
     image: bool = True
-    """Whether it reads the image."""
+    """Whether the policy reads the image."""
     prior_logits: bool = True
-    """Whether the prior's log probabilities are added to its logits. They hold back road users with a route: of a car
-    on an empty road the prior expects that it keeps its speed, not that it speeds up."""
+    """Whether the prior's log probabilities are added to the policy's logits. They slow road users with a route: on an
+    empty road, the prior expects a car to keep its speed, not to accelerate."""
 
     @property
     def looks_ahead(self) -> bool:
-        """Whether it reads the mode rollouts."""
+        """Whether the policy reads the mode rollouts."""
         return self.lookahead and PRESETS[self.preset].looks_ahead
 
     @property
     def rollout_features(self) -> tuple[str, ...]:
-        """Names of the fields of the mode rollouts that it reads, in the order of its inputs."""
+        """Names of the fields of the mode rollouts that the policy reads, in the order of its inputs."""
         return (*ROLLOUT_SCALES, *(ROUTE_FIT_SCALES if self.preset == "extended" else ()))
 
     @property
     def vector_columns(self) -> tuple[str, ...]:
-        """Names of the columns of Observation.vector that it reads, with the heading, which it leaves out."""
+        """Names of the columns of Observation.vector for the policy, including the heading, which is not read."""
         return STATES[PRESETS[self.preset].state]
 
     @property
     def route_columns(self) -> int:
-        """Columns of Observation.route that it reads."""
+        """Number of columns of Observation.route that the policy reads."""
         preset = PRESETS[self.preset]
         return len(ROUTE_FEATURES) * preset.knows_route + len(PATH_FEATURES) * preset.path
 

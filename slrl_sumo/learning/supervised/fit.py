@@ -33,17 +33,18 @@ HELD_OUT = 0.1
 """Share of the tracks of each type that is not used in training."""
 
 MIRROR_BELOW = 20_000
-"""A type with fewer windows than this is trained on their mirror images too. Left and right differ in traffic, but few
-road users cannot show how; on held-out recordings of HC and SDD mirroring lowered the errors of all types."""
+"""Number of windows below which a type is also trained on mirrored windows. Left and right differ in traffic, but few
+road users do not show the difference; on held-out recordings of HC and SDD, mirroring lowered the errors of all
+types."""
 
 MOVING_DISTANCE = 2.4
-"""m in the 4.8 s of a window above which a road user is in motion: 0.5 m/s, as in the paper's r3."""
+"""Distance (m) in the 4.8 s of a window above which a road user moves: 0.5 m/s, as in the paper's r3."""
 
 Longs = NDArray[np.int64]
 
 
 class TooFewTracksError(InputError):
-    """The recordings hold too few tracks of every type."""
+    """The recordings have too few tracks of each type."""
 
 
 def fit(
@@ -62,14 +63,14 @@ def fit(
 ) -> ModelBundle:
     """Learn a bundle called `name` from recordings of at least one road user type.
 
-    The bundle serves the types that the recordings hold enough of, to learn from and to test; others are left out, with
-    the reason in `training["left_out"]`. Errors are measured on `tests`, recordings that are not used in training;
-    without them on HELD_OUT of the tracks of each type, which are excluded from training. `stride` > 1 uses every
-    stride-th frame only; `modes` is one of MODES_BY; `preset`, one of features.STATES, says what the models read;
-    `mirror` adds mirrored windows for every type, not only for types with few windows; `forget` is passed to
-    train_displacement; `notice` is the text that the data's licence requires in the model card. The same seed and
-    recordings give the same weights on one machine, independent of the number of threads. Raises InputError where the
-    recordings have another interval or an argument is wrong, TooFewTracksError.
+    The bundle contains the types with enough tracks in the recordings for training and test; other types are left out,
+    with the reason in `training["left_out"]`. Errors are measured on `tests`, recordings that are not used in training;
+    without `tests`, on HELD_OUT of the tracks of each type, which are excluded from training. `stride` > 1 uses only
+    every stride-th frame. `modes`: one of MODES_BY. `preset`: one of features.STATES, the inputs of the models.
+    `mirror` adds mirrored windows for each type, not only for types with few windows. `forget`: see train_displacement.
+    `notice`: text that the data's licence requires in the model card. The same seed and recordings give the same
+    weights on one machine, independent of the number of threads. Raises InputError if the recordings have another
+    interval or an argument is wrong, and TooFewTracksError.
     """
     check_whole_number("epochs", epochs, 1, 100_000)
     if not recordings:
@@ -133,18 +134,19 @@ def _fit(
             networks.scale[:, HEADING] = 0.0
     company = [column for column, name in enumerate(STATES[preset]) if name.startswith(COMPANY)]
     if modes == "paths":
-        # Numbers and places of others tell recordings apart, and what is learned from them holds there only.
+        # Numbers and positions of other road users identify a recording: models that read them would not generalise.
         models.networks.scale[:, company] = prior.networks.scale[:, company] = 0.0
     if modes == "accelerations":
-        # What such a mode does must not depend on company: in a queue the hardest mode braked at 2.3 instead of 4 m/s²,
-        # because recorded cars brake less hard there, and cars that came to its end at 16 m/s could not stop.
+        # The motion of such a mode must not depend on other road users: in a queue, the hardest mode braked at 2.3
+        # instead of 4 m/s², because recorded cars brake less hard there, and cars that reached the end of the queue at
+        # 16 m/s could not stop.
         models.networks.scale[:, company] = 0.0
     generator = torch.Generator().manual_seed(seed)
     likely: Longs | Floats = mode
     if modes == "paths":
         mode = train_winners(models, train, mode, epochs, generator, forget=forget, horizon=horizon)
         centres, counts = _of_modes(goal, train.type, mode, centres)
-        # Of modes side by side several predict a path nearly as well; which one is the best says little.
+        # Several similar modes predict a path nearly equally well: the best mode alone carries little information.
         likely = responsibilities(mode_errors(models, train, horizon), train.type)
     else:
         train_displacement(models, train, mode, epochs, generator, forget=forget, horizon=horizon)

@@ -1,4 +1,4 @@
-"""What modes are clusters of: the quantity that K-Means clusters, by the name of a clustering."""
+"""The quantities that K-Means clusters into modes, by the name of the clustering."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -25,21 +25,22 @@ from slrl_sumo.scene.types import TYPE_NAMES, RoadUserType
 
 CLUSTERINGS = ("relative", "kmeans", "balanced", "curved", "accelerations")
 MODES_BY = ("paths", *CLUSTERINGS)
-"""Quantity that K-Means clusters into modes. `relative`: destinations relative to the present speed (Windows.relative),
-which of the clusterings predicted held-out recordings of HC and SDD best (docs/measurements/archive/prediction.md).
+"""Quantities that K-Means clusters into modes. `relative`: destinations relative to the present speed
+(Windows.relative); of the clusterings, it predicted held-out recordings of HC and SDD best
+(docs/measurements/archive/prediction.md).
 `kmeans`: destinations, as in the paper. `balanced`: destinations, balanced between turning and going straight
 (modes.balance). `curved`: for vehicles, balanced, the distance and the curvature of the first 2 s (modes.curved), so
 that some modes decelerate in a turn; the displacement models then learn these 2 s. `accelerations`: for vehicles,
-acceleration and lateral acceleration of the first 1.2 s relative to what was recorded at that speed
-(modes.relative_accelerations), so that modes brake, keep their speed and speed up with fine and with sharp steering at
-every speed; the models learn these 1.2 s. `paths`: begins as `relative`; then the models of all modes compete for whole
-paths of 6.4 s, and each is trained on those that it predicts best (winner_takes_all.train_winners); neither they nor
-the prior read the company of others, and the prior learns how well each mode predicts a path
-(winner_takes_all.responsibilities)."""
+acceleration and lateral acceleration of the first 1.2 s relative to recorded values at the same speed
+(modes.relative_accelerations), so that modes brake, keep their speed and accelerate with fine and with sharp steering
+at each speed; the models learn these 1.2 s. `paths`: begins as `relative`; then the models of all modes compete for
+whole paths of 6.4 s, and each model is trained on the paths that it predicts best (winner_takes_all.train_winners).
+Neither these models nor the prior read data of other road users, and the prior learns how well each mode predicts a
+path (winner_takes_all.responsibilities)."""
 
 HORIZONS = {"curved": CURVATURE_INTERVALS, "accelerations": AT_PRESENT, "paths": 16}
-"""Intervals that the models of these modes learn; of all others, FUTURE. Models of modes that describe the next 1 to
-2 s would continue a turn in circles if they were trained for longer."""
+"""Number of intervals that the models of these modes learn; FUTURE for all other modes. With longer training, models of
+modes that describe the next 1 to 2 s would continue a turn in circles."""
 
 Ranges = dict[RoadUserType, AccelerationRanges]
 
@@ -56,7 +57,7 @@ def ranges(every: Windows, types: Sequence[RoadUserType]) -> Ranges:
 
 
 def trained_ranges(training: dict[str, Any]) -> Ranges:
-    """The ranges of accelerations in the training record of a bundle; none where its modes do not need them."""
+    """The ranges of accelerations in the training record of a bundle; empty if its modes do not need them."""
     known = training.get("acceleration_ranges", {})
     return {
         RoadUserType(TYPE_NAMES.index(name)): AccelerationRanges(**{key: np.array(one) for key, one in values.items()})
@@ -85,7 +86,7 @@ def goals(every: Windows, modes: str, known: Ranges | None = None) -> Floats:
 
 
 def weigh(modes: str, kind: RoadUserType) -> Weigh | None:
-    """How the clustering of this kind (one of MODES_BY) weighs the windows of a type; None: equally."""
+    """The weighting function of this clustering (one of MODES_BY) for the windows of a type; None: equal weights."""
     if modes == "accelerations" and kind != RoadUserType.PEDESTRIAN:
         return balance_accelerations
     return balance if modes in ("balanced", "curved", "accelerations") else None

@@ -5,7 +5,7 @@ from typing import Any
 from slrl_sumo.scene.types import TYPE_NAMES
 
 FEW_WINDOWS = 2000
-"""Training windows below which the card contains a warning."""
+"""Number of training windows below which the card contains a warning."""
 
 MODES_BY_TEXT = {
     "relative": "K-Means of the position after 4.8 s, less three quarters of the displacement at constant velocity",
@@ -24,15 +24,14 @@ OBSERVED = {
     "paper": "speed, acceleration, type, heading and numbers of neighbours",
     "history": "speed and yaw rate of the last 2 s, acceleration, type, the nearest road users and numbers of others",
 }
-"""What models read, by preset."""
+"""Inputs of the models, by preset."""
 
 LEARNED = {"paths": "6.4 s", "curved": "the first 2 s", "accelerations": "the first 1.2 s"}
-"""Part of the windows that the models learn, where it is not all of them."""
+"""Part of the windows that the models learn, if it is not the whole window."""
 TOP_SPEED_PERCENTILE_NAME = {"paths": "99.9th"}
-"""Percentile of the recorded speeds that is the top speed, where it is not the 99th (see
-bounds.TOP_SPEED_PERCENTILE)."""
+"""Percentile of the recorded speeds that is the top speed, if it is not the 99th (see bounds.TOP_SPEED_PERCENTILE)."""
 NOT_OBSERVED = {"accelerations": " (others only the prior, not the displacement models)"}
-"""What the models do not observe, where it is not the same for all."""
+"""Data that only some of the models observe."""
 
 
 def model_card(name: str, training: dict[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Modes: clusters of where road users of one type are 12 intervals later (paper, section 3.2)."""
+"""Modes: clusters of the destinations of road users of one type after 12 intervals (paper, section 3.2)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -12,7 +12,7 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 ENOUGH = 200_000
-"""Distinct destinations beyond which K-Means uses a random sample: 20 centres in the plane need no more."""
+"""Number of distinct destinations above which K-Means uses a random sample: 20 centres in the plane need no more."""
 
 BALANCE = 0.5
 """Balanced clustering gives a cell of n destinations the weight of n to the power of 1 - BALANCE."""
@@ -23,41 +23,41 @@ BEARING_BOUNDS = np.radians([-75.0, -45.0, -20.0, -7.0, 7.0, 20.0, 45.0, 75.0])
 SPEED_CELLS = 6
 
 GENTLE = {RoadUserType.CAR: 0.75, RoadUserType.BICYCLE: 0.5}
-"""Exponent of the distance by which curvature is weighted: cars go far in 4.8 s, where a gentle curve shifts them by a
-lane's width."""
+"""Exponent of the distance in the weight of curvature: in 4.8 s, cars drive so far that a gentle curve shifts them by
+the width of a lane."""
 
 BEND_WEIGHT = {RoadUserType.CAR: 0.22, RoadUserType.BICYCLE: 0.13}
-"""Curvature (1/m) times that power of the distance (m) that weighs as much as the difference of 4 m and 9 m."""
+"""Curvature (1/m) times this power of the distance (m) with the same weight as the difference of 4 m and 9 m."""
 
 CURVATURE_INTERVALS = 5
-"""Intervals, 2 s, over which the curvature is measured."""
+"""Number of intervals (2 s) over which the curvature is measured."""
 
 AT_PRESENT = 3
-"""Intervals, 1.2 s, over which relative accelerations are measured: turns at corners take hardly longer, and means over
-2 s are wider than these turns."""
+"""Number of intervals (1.2 s) over which relative accelerations are measured: turns at corners take hardly longer, and
+means over 2 s smooth these turns."""
 
 SHORT_PATH = 2.0
-"""m below which the curvature of a path is unreliable."""
+"""Length (m) below which the curvature of a path is unreliable."""
 
 SPEED_BIN, FEWEST = 1.0, 300
-"""m/s, and windows of the bins of speed in which ranges of accelerations are measured."""
+"""Width (m/s) and least number of windows of the speed bins for ranges of accelerations."""
 EXTREME = 99.5
-"""Percentile that counts as nearly the highest."""
+"""Percentile that counts as nearly the highest value."""
 LEAST_RANGE = 0.1
-"""m/s²: smallest range."""
+"""Smallest range, m/s²."""
 CELL, EVENLY = 0.2, 0.9
 """Size of the cells of `balance_accelerations`, and its exponent: a cell of n windows has the weight of n to the power
 of 1 - EVENLY."""
 MOST_ACCELERATION = 1.3
-"""Relative accelerations beyond this count as this: outliers must not be modes."""
+"""Bound to which relative accelerations are clipped, so that outliers do not become modes."""
 
 
 def balance(destinations: Floats, counts: NDArray[np.int64]) -> Floats:
-    """Weights (N,) that bring the frequencies of turning and going straight, fast and slow closer together.
+    """Weights (N,) that reduce the differences in frequency of turning and straight, fast and slow motion.
 
     Destinations (N, 2) m, ego frame, that occur `counts` (N,) times are sorted into cells by bearing and distance
-    (that is, speed), SPEED_CELLS of equal width up to the 99th percentile. The paper names the bias of
-    K-Means towards going straight as its first limitation (section 4.3).
+    (that is, speed), SPEED_CELLS of equal width up to the 99th percentile. The paper names the bias of K-Means towards
+    straight motion as its first limitation (section 4.3).
     """
     far = np.hypot(destinations[:, 0], destinations[:, 1])
     width = max(float(np.percentile(np.repeat(far, counts), 99)) / SPEED_CELLS, 1e-3)
@@ -72,29 +72,29 @@ def curved(destinations: Floats, near: Floats, kind: RoadUserType) -> Floats:
 
     `destinations`: positions after 4.8 s, (N, 2) m, ego frame; `near`: positions after the first CURVATURE_INTERVALS
     intervals. The curvature is that of the circle tangent to the heading through `near`. In the plane, paths of 5 m to
-    the left, to the right and straight on are close together, so that K-Means puts them into one mode, which
-    decelerates straight on, and no mode decelerates in a turn. A turn at a junction takes about half of the 4.8 s.
-    Roots of distances, because 2 m and 5 m differ as much as 40 m and 50 m."""
+    the left, to the right and straight on are close together, so that K-Means assigns them to one mode, which
+    decelerates straight on, and no mode decelerates in a turn. A turn at a junction takes about half of the 4.8 s. The
+    root makes the difference of 2 m and 5 m comparable to that of 40 m and 50 m."""
     distance, curvature = np.hypot(destinations[:, 0], destinations[:, 1]), _curvature(near)
     return np.stack([np.sqrt(distance), curvature * distance ** GENTLE[kind] / BEND_WEIGHT[kind]], -1)
 
 
 Weigh = Callable[[Floats, NDArray[np.int64]], Floats]
-"""Gives the weights of distinct points (N, 2) that occur so many times, (N,)."""
+"""Returns the weights of distinct points (N, 2) from their numbers of occurrences, (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class AccelerationRanges:
-    """What one type was recorded to do at each speed: the scale of `relative_accelerations`."""
+    """Recorded ranges of accelerations of a type at each speed: the scale of `relative_accelerations`."""
 
     speeds: Floats
-    """m/s, (k,), rising."""
+    """Speeds, m/s, (k,), rising."""
     forward: Floats
-    """m/s²: nearly the highest acceleration, (k,)."""
+    """Nearly the highest acceleration, m/s², (k,)."""
     braking: Floats
-    """m/s²: nearly the highest deceleration, (k,)."""
+    """Nearly the highest deceleration, m/s², (k,)."""
     lateral: Floats
-    """m/s²: nearly the highest lateral acceleration to either side, (k,)."""
+    """Nearly the highest lateral acceleration to either side, m/s², (k,)."""
 
     def to_json(self) -> dict[str, list[float]]:
         """Plain values, for the training record of a bundle."""
@@ -122,12 +122,12 @@ def acceleration_ranges(speed: Floats, path: Floats) -> AccelerationRanges:
 
 
 def relative_accelerations(speed: Floats, path: Floats, ranges: AccelerationRanges) -> Floats:
-    """Mean acceleration and lateral acceleration of the first 1.2 s relative to those recorded at that speed, (N, 2).
+    """Mean acceleration and lateral acceleration of the first 1.2 s relative to recorded values at the speed, (N, 2).
 
-    Clusters of these contain hard and gentle braking, no, moderate and full acceleration at every speed, each with fine
-    and sharp steering; destinations do not: at 12 m/s, gentle turns without braking are all in one cluster with going
-    straight. Of the lateral acceleration the signed root, so that fine steering is told apart. `speed` (N,) m/s,
-    `path` (N, 12, 2) m.
+    Clusters of these contain hard and gentle braking and no, moderate and full acceleration at each speed, each with
+    fine and sharp steering. Clusters of destinations do not: at 12 m/s, gentle turns without braking are in one cluster
+    with straight motion. The signed root of the lateral acceleration resolves fine steering. `speed` (N,) m/s, `path`
+    (N, 12, 2) m.
     """
     forward, lateral = _accelerations(speed, path)
     highest = np.interp(speed, ranges.speeds, ranges.forward)
@@ -154,14 +154,16 @@ def _accelerations(speed: Floats, path: Floats) -> tuple[Floats, Floats]:
 
 
 def _curvature(near: Floats) -> Floats:
-    """1/m of the circles tangent to the heading through the places `near` (N, 2) m, ego frame; (N,)."""
+    """Curvature (1/m, (N,)) of the circles tangent to the heading through the places `near` (N, 2) m, ego frame."""
     distance = np.hypot(near[:, 0], near[:, 1])
     return np.asarray(2.0 * np.sin(np.arctan2(near[:, 1], near[:, 0])) / np.maximum(distance, SHORT_PATH))
 
 
 def balance_accelerations(relative: Floats, counts: NDArray[np.int64]) -> Floats:
-    """As `balance` for relative accelerations (N, 2), sorted into square cells of CELL: nearly all of traffic goes
-    straight on at nearly constant speed."""
+    """Like `balance`, for relative accelerations (N, 2), sorted into square cells of CELL.
+
+    It is needed because nearly all recorded motion is straight at nearly constant speed.
+    """
     _, cell = np.unique(np.round(relative / CELL).astype(np.int64), axis=0, return_inverse=True)
     return np.asarray(counts * np.bincount(cell, counts)[cell] ** -EVENLY, np.float64)
 
@@ -178,8 +180,8 @@ def cluster(
     `weigh`: `balance`, or `balance_accelerations`.
 
     Sorted by distance from the road user, then by angle, and rounded to mm, so that the same data and seed give the
-    same centres whatever the number of threads. Raises InputError where there are fewer than k distinct destinations;
-    `name` is the type that its message names.
+    same centres for any number of threads. Raises InputError for fewer than k distinct destinations; `name`: type in
+    the message.
     """
     destinations = np.asarray(destinations, np.float64)
     # Rounded to mm, standing road users share one destination: counted once, with its weight, it neither hides a lack

@@ -1,1 +1,1 @@
-"""What traffic engineering measures: trips, queues, density, corridors, crossings of signals."""
+"""Measures of traffic engineering: trips, queues, density, corridors, crossings of signals."""

@@ -11,15 +11,15 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import RoadUserType
 
 PATH_END_CELL = 20.0
-"""m; paths that begin in the same square of this size and end in the same square belong together."""
+"""Side (m) of the squares of a grid: paths with the same begin square and the same end square belong together."""
 CORRIDOR_SPACING = 1.0
-"""m between points of a corridor."""
+"""Spacing (m) of the points of a corridor."""
 MAX_LATERAL_OFFSET = 5.0
-"""m from its middle within which a road user is in it."""
+"""Distance (m) from the middle of a corridor within which a road user is in the corridor."""
 MAX_HEADING_DIFFERENCE = np.radians(45.0)
-"""rad between its direction and a heading, at most."""
+"""Greatest angle (rad) between a heading and the direction of the corridor."""
 SHORTEST_CORRIDOR = 20.0
-"""m."""
+"""Least length (m) of a corridor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Corridor:
 
 
 def busiest(trajectories: Trajectories) -> Corridor | None:
-    """The longest path between the two places with the most metres travelled between them; None where all are short.
+    """The longest path between the two places with the greatest total distance travelled; None if all are short.
 
-    Paths of vehicles count; without vehicles those of pedestrians.
+    Paths of vehicles count; without vehicles, paths of pedestrians.
     """
     t = trajectories
     walking = t.type == RoadUserType.PEDESTRIAN
@@ -60,12 +60,12 @@ def busiest(trajectories: Trajectories) -> Corridor | None:
 
 
 def along(corridor: Corridor, trajectories: Trajectories) -> Floats:
-    """m along the corridor of each row, (R,); nan outside the corridor and in other directions."""
+    """Position (m along the corridor) of each row, (R,); nan outside the corridor and in other directions."""
     t = trajectories
     apart, nearest = cKDTree(corridor.points).query(np.column_stack([t.x, t.y]))
     turned = np.abs(wrap_angle(t.heading - corridor.direction[nearest]))
     dx, dy = t.x - corridor.points[nearest, 0], t.y - corridor.points[nearest, 1]
     beyond = dx * np.cos(corridor.direction[nearest]) + dy * np.sin(corridor.direction[nearest])
-    # Before the beginning and beyond the end the nearest point is the first or the last one.
+    # Before the begin and past the end, the nearest point is the first or the last point.
     inside = (apart < MAX_LATERAL_OFFSET) & (turned < MAX_HEADING_DIFFERENCE) & (np.abs(beyond) <= CORRIDOR_SPACING)
     return np.where(inside, nearest * CORRIDOR_SPACING + beyond, np.nan)
