@@ -1,4 +1,4 @@
-"""Time of decisions of two checkouts that take turns decision by decision, on a machine whose load varies:
+"""Time of decisions of two checkouts that alternate decision by decision, for machines with a varying load:
 
     python benchmarks/alternate_decisions.py CHECKOUT OTHER SCENARIO AGENTS STEPS [MIX [SELECTOR]]
 

@@ -181,7 +181,7 @@ class MotorwaySpec:
     """One carriageway of a motorway, for cars: an on-ramp, an off-ramp, and a lane that ends."""
 
     lanes: int = 2
-    """Before the one that ends, without those of the ramps; 2 to 4."""
+    """Number of lanes before the lane drop, without lanes of the ramps; 2 to 4."""
     stretch: float = 600.0
     """m: each of four: to the on-ramp, to the off-ramp, to the end of the lane, and after it."""
     curve_radius: float = 1000.0

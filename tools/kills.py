@@ -69,7 +69,7 @@ class Command:
         )
 
     def family(self) -> list[int]:
-        """All its processes that live, found by their temporary folder; also those whose parent has died."""
+        """All its living processes, found by their temporary folder, including processes with a dead parent."""
         mark, found = f"TMPDIR={self.temporary}\0".encode(), []
         for process in Path("/proc").glob("[0-9]*"):
             try:

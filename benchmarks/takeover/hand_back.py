@@ -28,7 +28,7 @@ class HandBack:
         """Time of the last hand-back, s."""
 
     def update(self, world: WorldState, learned: frozenset[str], now: float) -> None:
-        """`world`: all road users after the step; `learned`: those that were learned during it; `now`: s."""
+        """`world`: all road users after the step; `learned`: road users learned during the step; `now`: time, s."""
         count, before, self._last = self._count, self._last, {}
         count["teleports"] += len(self._api.simulation.getStartingTeleportIDList())
         columns = (world.x, world.y, world.speed, world.type)

@@ -39,7 +39,7 @@ class Case:
 
     scenario: str
     selector: str
-    """`sumo`: no road user is learned; those that a takeover would have taken are followed."""
+    """`sumo`: no road user is learned; road users that match the takeover are followed."""
     seed: int
     seconds: float
     tail: float
@@ -78,7 +78,7 @@ class Followed:
         self._region, self._trips = region, trips
 
     def renew(self, world: WorldState, now: float) -> None:
-        """Follow road users that enter, release those that leave, as `CoSimulation` does."""
+        """Follow road users that enter, and release road users that leave, as `CoSimulation` does."""
         inside = self._region.inside(world.x, world.y)
         near = self._region.inside(world.x, world.y, HYSTERESIS)
         kept = {world.ids[i] for i in np.flatnonzero(near).tolist() if world.ids[i] in self.ids}

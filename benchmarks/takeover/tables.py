@@ -86,7 +86,7 @@ def time_ratio(kind: str, key: str) -> Value:
 
 
 def time_inside(kind: str) -> Value:
-    """Median time in the region of those that left on their own route, s."""
+    """Median time (s) in the region of the road users that left on their own route."""
 
     def value(row: Row) -> float | None:
         times = [user["inside_s"] for user in row["users"].values() if user["type"] == kind and user["left"]]

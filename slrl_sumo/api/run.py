@@ -340,5 +340,5 @@ def _loaded(file: Path) -> Trajectories:
 
 
 def _peak_memory_mib() -> int:
-    """Of this process and of the largest one that it has waited for (the one with SUMO), added up."""
+    """Sum of the peak memory of this process and of the largest child process (with SUMO) that has ended."""
     return round(peak_memory_mib() + resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)

@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def _run_app() -> None:
-    """Run the command; of one that a signal ends, the exit code is 128 + its number."""
+    """Run the command; the exit code of a command that a signal ends is 128 + the number of the signal."""
     with interruptible() as caught, claims:
         try:
             app(with_ray_address(sys.argv[1:]), prog_name="slrl-sumo")

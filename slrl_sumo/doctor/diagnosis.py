@@ -176,7 +176,7 @@ def _junction_findings(network: Network) -> Iterator[Finding]:
 
 
 def _overtaking(scenario: Scenario) -> Iterator[Finding]:
-    """Lanes on whose opposite lane SUMO's vehicles overtake."""
+    """Lanes from which SUMO's vehicles overtake on the opposite lane."""
     lanes = overtaking_lanes(",".join(str(path) for path in input_files(scenario, "net-file")))
     if lanes:
         yield Finding(

@@ -15,7 +15,7 @@ USUAL_DECELERATION = 4.5
 
 
 def signal_findings(api: SumoApi, network: Network) -> Iterator[Finding]:
-    """Signals whose yellow is too short for the speed limit before them, in an open simulation."""
+    """Signals with a yellow phase too short for the speed limit before them, in an open simulation."""
     limits = {lane.id: lane.max_speed for lane in network.lanes}
     links = signal_links(api)
     shortest = {signal: _shortest_yellow(api, signal) for signal in {link.signal for link in links}}

@@ -1,4 +1,4 @@
-"""Text files that are whole on disk after each part that is added to them."""
+"""Text files that are complete on disk after each added part."""
 
 import zlib
 from contextlib import suppress
@@ -14,10 +14,10 @@ _GZIP = 16 + zlib.MAX_WBITS
 
 
 class GrowingFile:
-    """A file of `head`, parts and `tail`, compressed where its name ends in .gz; a context manager.
+    """A file of `head`, parts and `tail`, compressed if its name ends in .gz; a context manager.
 
-    The file is complete after each `put`, also if the process dies: each part overwrites the tail and ends with it.
-    Raises InputError, with path and reason, where it cannot be written; it then ends with the part before and is
+    The file is complete after each `put`, also if the process dies: each part overwrites the tail and adds it again.
+    Raises InputError, with path and reason, if the file cannot be written; it then ends with the previous part and is
     closed.
     """
 
@@ -37,11 +37,11 @@ class GrowingFile:
 
     @property
     def closed(self) -> bool:
-        """Whether nothing can be added any more."""
+        """Whether the file is closed, so that nothing more can be added."""
         return self._file.closed
 
     def put(self, text: str) -> None:
-        """Add a part, and the tail behind it; if that fails, the file ends as before."""
+        """Add a part, followed by the tail; if that fails, the file ends as before."""
         before = self._whole + len(self._tail)
         try:
             data, tail = self._encoded(text)
@@ -70,7 +70,7 @@ class GrowingFile:
         self.close()
 
     def _encoded(self, text: str) -> tuple[bytes, bytes]:
-        """The bytes of `text`, and those that end a valid file behind it."""
+        """The bytes of `text`, and the bytes that complete a valid file after it."""
         if self._stream is None:
             return text.encode(), self._end
         # All of the part leaves the compressor; a copy of it ends the file.

@@ -30,7 +30,7 @@ PAINT_ORDER = (Surface.SIDEWALK, Surface.CYCLEWAY, Surface.ROAD, Surface.CROSSIN
 INTERACTION = "utm:0,0"
 """Origin of INTERACTION's maps, which lie within a few hundred metres of 0, 0 degrees."""
 LOCAL_DEGREES = 0.5
-"""Degrees: a map whose middle is farther from 0, 0 is not one of these."""
+"""Greatest distance (degrees) of the middle of such a map from 0, 0."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ LOOPBACK = "127.0.0.2"
 """Address of a Ray instance of its own: Ray replaces 127.0.0.1 by the machine's outer address."""
 
 TOKEN = secrets.token_hex(32)
-"""Token of every Ray instance of this process, because Ray keeps the first one that it has read."""
+"""Token of each Ray instance of this process, because Ray keeps the first token that it has read."""
 
 ENVIRONMENT = ("RAY_USAGE_STATS_ENABLED", "TMPDIR", "RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH")
 """Environment variables for Ray and its processes; restored when the connection has ended."""

@@ -7,7 +7,7 @@ from rich.table import Table
 
 
 def table_text(table: Table, width: int = 120) -> str:
-    """The table as text for stdout; `width`: columns of one that is not printed to a terminal."""
+    """The table as text for stdout; `width`: number of columns if stdout is not a terminal."""
     text = io.StringIO()
     if Console().is_terminal:
         Console(file=text, width=Console().width, force_terminal=True).print(table)

@@ -1,4 +1,5 @@
-"""Modes that compete for recorded paths: each is trained on those that it predicts best (`fit --modes paths`)."""
+"""Modes that compete for recorded paths: each mode is trained on the paths that it predicts best (`fit --modes
+paths`)."""
 
 import numpy as np
 import torch
@@ -22,19 +23,19 @@ from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import RoadUserType
 
 CLUSTERS_PART = 4
-"""The modes are first trained on their clusters, for one in CLUSTERS_PART of the epochs."""
+"""Divisor of the number of epochs: in the first part, the modes are trained on their clusters."""
 ASSIGN_EVERY = 4
-"""Epochs after which windows are assigned anew to the mode that predicts them best."""
+"""Number of epochs after which windows are assigned again to the mode that predicts them best."""
 RANDOM_MODE_SHARE = 0.05
-"""Share of the windows that a random mode learns instead of the best one, so that none is left behind untrained."""
+"""Share of the windows that a random mode learns instead of the best mode, so that no mode stays untrained."""
 WEIGHT_DECAY = 0.01
-"""Of the optimiser (AdamW)."""
+"""Weight decay of the optimiser (AdamW)."""
 LONGEST_GRADIENT = 1.0
-"""Norm to which longer gradients are cut, as is usual for those that go through many steps."""
+"""Norm to which gradients are clipped, as is usual for gradients through many steps."""
 ROWS, BLOCKS = 16, 32
-"""Windows of one block, which share type and mode, and blocks of an optimiser step."""
+"""Number of windows of a block, which share type and mode, and number of blocks of an optimiser step."""
 WINDOWS_AT_ONCE = 1024
-"""Windows that are rolled out in all modes at once where nothing is learned."""
+"""Number of windows that are rolled out in all modes at once, outside training steps."""
 
 Longs = NDArray[np.int64]
 
@@ -51,11 +52,11 @@ def train_winners(
 ) -> Longs:
     """Train displacement models so that the modes of a type cover the recorded paths over `horizon` intervals.
 
-    Begins as `train_displacement` with the modes (N,) of clusters. Then every few epochs each window is rolled out in
-    all modes, and the one with the least error learns it. The unit of errors is the same at all times of a path, as in
-    the mean error by which the best of many predictions is found. The modes of a type differ in biases and the last
-    layer only: otherwise each learns its other layers from a twentieth of the windows, and predicts other recordings
-    worse.
+    The training begins like `train_displacement` with the modes (N,) of clusters. Then, every few epochs, each window
+    is rolled out in all modes, and the mode with the least error learns the window. Errors have equal weights at all
+    times of a path, as in the mean error that selects the best of many predictions. The modes of a type differ only in
+    biases and the last layer: otherwise each mode would learn its other layers from a twentieth of the windows, and
+    predict other recordings less well.
     Returns the modes that predict the windows best, (N,).
     """
     train_displacement(
@@ -103,8 +104,10 @@ def mode_errors(models: DisplacementModels, every: Windows, horizon: int) -> Flo
 
 
 def responsibilities(errors: Floats, kind: Longs) -> Floats:
-    """How likely each mode was that of a window, (N, modes), by its error (N, modes) in the unit of the type `kind`
-    (N,): the mean error of the best mode."""
+    """Probability of each mode for each window, (N, modes), from its error (N, modes).
+
+    The unit of the errors is the mean error of the best mode of the type `kind` (N,).
+    """
     unit = np.ones(len(errors))
     for t in np.unique(kind):
         unit[kind == t] = max(errors[kind == t].min(-1).mean(), 1e-6)

@@ -1,4 +1,4 @@
-"""How many road users are in the network over time, and whether they jam."""
+"""Numbers of vehicles in the network over time, and detection of a jam."""
 
 from array import array
 
@@ -10,15 +10,15 @@ from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType
 SHORTEST_RUN = 120.0
 """s; of shorter runs nothing is said: a network that fills up looks the same."""
 GROWTH = 1.2
-"""Ratio of the vehicles in the last tenth of the run to those around its middle above which their number grows."""
+"""Ratio of the number of vehicles in the last tenth of the run to the number around its middle above which it grows."""
 MORE_STANDING = 0.05
-"""By how much their standing share must have grown with it."""
+"""Least growth of the share of standing vehicles in a jam."""
 LEAST_GROWTH = 20
-"""Vehicles more than around the middle; smaller numbers grow by chance."""
+"""Least growth of the number of vehicles in a jam; smaller numbers grow by chance."""
 
 
 class Density:
-    """Numbers of all vehicles in the network, learned or not, after each decision. `start`: before the first one."""
+    """Numbers of all vehicles in the network after each decision. `start`: world before the first decision."""
 
     def __init__(self, start: WorldState) -> None:
         self._times, self._vehicles, self._standing = array("d"), array("i"), array("i")
@@ -32,8 +32,10 @@ class Density:
         self._standing.append(int((world.speed[vehicle] < STANDING_SPEED).sum()))
 
     def jam(self) -> str | None:
-        """A sentence where vehicles accumulate: their number and the share of them that stand have grown since the
-        middle of the run. None where they do not, or where the run is shorter than SHORTEST_RUN."""
+        """A message on a jam: the number of vehicles and the share of standing vehicles have grown since mid-run.
+
+        None without a jam, and for runs shorter than SHORTEST_RUN.
+        """
         times, vehicles, standing = (
             np.array(values, np.float64) for values in (self._times, self._vehicles, self._standing)
         )

@@ -1,4 +1,4 @@
-"""Where vehicles queue: places, times, lengths and the vehicles that waited longest."""
+"""Queues of vehicles: places, times, lengths and the vehicles that waited longest."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -11,11 +11,11 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 
 QUEUE_SPEED = 0.5
-"""m/s; slower vehicles stand in a queue. With STANDING_SPEED, vehicles that move up in it would not."""
+"""Speed (m/s) below which a vehicle stands in a queue. With STANDING_SPEED, vehicles that move up would not count."""
 QUEUE_CELL = 40.0
-"""m; standing vehicles in one square of this size are one queue."""
+"""Side (m) of a square; standing vehicles in the same square form one queue."""
 WAIT = 5.0
-"""s that a vehicle stands without a break before it counts: one that gives way for a moment is no queue."""
+"""Least continuous standing time (s) of a vehicle in a queue: a vehicle that gives way briefly is no queue."""
 
 
 @dataclass(frozen=True)
@@ -26,32 +26,31 @@ class Queue:
     """Mean position of the standing vehicles, m."""
     y: float
     begin: float
-    """Simulation time at which the first of them stands, s."""
+    """Simulation time at which the first vehicle stands, s."""
     end: float
     longest: int
-    """Vehicles that stand there at the same time, at most."""
+    """Greatest number of vehicles that stand at the same time."""
     waited_s: float
-    """Time that all of them stand there, added up."""
+    """Sum of the standing times of all vehicles, s."""
     first_id: str
-    """The vehicle that stands there longest, and for how long."""
+    """The vehicle with the longest standing time; `first_s`: this time, s."""
     first_s: float
 
 
 class StandingLanes:
-    """The lanes on which vehicles stand, for the names of queues: `Trajectories` know no lanes."""
+    """The lanes on which vehicles stand, for the names of queues, because `Trajectories` have no lanes."""
 
     def __init__(self) -> None:
         self._lanes: dict[tuple[int, int], Counter[str]] = {}
 
     def add(self, world: WorldState, lanes: Sequence[str]) -> None:
-        """Count the vehicles that stand at a moment; `lanes`: SUMO's lane of each road user of `world`, '' where there
-        is none."""
+        """Count the standing vehicles of `world`; `lanes`: SUMO's lane of each road user of `world`, '' without one."""
         for row in np.flatnonzero((world.speed < QUEUE_SPEED) & (world.type != RoadUserType.PEDESTRIAN)).tolist():
             if lanes[row]:
                 self._lanes.setdefault(_square(world.x[row], world.y[row]), Counter())[lanes[row]] += 1
 
     def lane_of(self, queue: Queue) -> str:
-        """The lane on which vehicles stood most in the square of a queue; '' where none is known."""
+        """The lane with most standing vehicles in the square of a queue; '' if unknown."""
         found = self._lanes.get(_square(queue.x, queue.y))
         return found.most_common(1)[0][0] if found else ""
 
@@ -61,7 +60,7 @@ def _square(x: float, y: float) -> tuple[int, int]:
 
 
 def find_queues(trajectories: Trajectories) -> list[Queue]:
-    """All places at which vehicles stand for WAIT or longer, the longest added waiting time first."""
+    """All places at which vehicles stand for WAIT or longer, the greatest total standing time first."""
     t = trajectories
     standing = (t.speed < QUEUE_SPEED) & (t.type[t.track] != RoadUserType.PEDESTRIAN)
     new = np.ones(len(t), np.bool_)
@@ -71,7 +70,7 @@ def find_queues(trajectories: Trajectories) -> list[Queue]:
     rows = np.flatnonzero(standing & long)
     if not len(rows):
         return []
-    # All of a stop belongs to the square in which it begins.
+    # A stop belongs to the square in which it begins.
     begins = np.flatnonzero(new)[stop[rows]]
     squares = np.floor(np.column_stack([t.x[begins], t.y[begins]]) / QUEUE_CELL).astype(np.int64)
     _, place = np.unique(squares, axis=0, return_inverse=True)

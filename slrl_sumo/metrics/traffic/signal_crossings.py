@@ -1,4 +1,4 @@
-"""Road users that pass a signal, and what the signal showed."""
+"""Road users that pass a signal, and the aspect of the signal."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,23 +21,23 @@ from slrl_sumo.sumo.road_users import vehicle_ids, vehicle_lane, vehicle_route
 
 Aspect = Literal["red", "yellow", "green"]
 PERMISSIVE: tuple[Aspect, ...] = ("red", "yellow", "green")
-"""From the least permissive to the most."""
+"""Aspects from the least to the most permissive."""
 
 BEYOND, ASIDE = 0.5, 10.0
-"""m behind a stop line, and beside its lane, within which a vehicle has passed the line that stands, or has no lane in
-SUMO."""
+"""Distance (m) past a stop line, and greatest distance beside its lane, at which a vehicle that stands, or has no lane
+in SUMO, has passed the line."""
 CROSSING_END = 1.0
-"""m at each end of a crossing on which persons may wait for green, or cut the corner."""
+"""Length (m) at each end of a crossing on which persons may wait for green, or cut the corner."""
 AWAY = 3.0
-"""m outside a crossing from which a person that returns makes a new crossing."""
+"""Distance (m) outside a crossing from which a person that returns makes a new crossing."""
 
 
 @dataclass(frozen=True)
 class SignalCrossing:
-    """One road user that passed a signal: a vehicle into a junction, a person onto a crossing."""
+    """A passage of a signal: a vehicle into a junction, or a person onto a crossing."""
 
     time: float
-    """s; the end of the SUMO step in which it passed."""
+    """End (s) of the SUMO step of the passage."""
     road_user: str
     type: RoadUserType
     lane: str
@@ -50,7 +50,7 @@ class _Link:
     """A connection over lanes inside a junction to an edge."""
 
     signal: str
-    """'' where no signal controls it, such as a right turn beside the signal."""
+    """Id of the signal; '' for a connection without a signal, such as a right turn beside the signal."""
     index: int
     inside: frozenset[str]
     edge: str
@@ -61,24 +61,25 @@ class _Crossing:
     lane: str
     line: Floats
     inner: Floats
-    """The line without its ends, where people wait."""
+    """The line without its ends, where persons wait."""
     half_width: float
     link: _Link
     walking_areas: tuple[Floats, ...]
-    """Outlines of those of its junction, (k, 2) each: netconvert's crossings begin up to 3 m beyond round kerbs."""
+    """Outlines of the walking areas of its junction, (k, 2) each: netconvert's crossings begin up to 3 m beyond round
+    kerbs."""
 
 
 class SignalCrossings:
-    """Observes signals through `api` (libsumo or a TraCI connection); call `update` after every SUMO step.
+    """Observes signals through `api` (libsumo or a TraCI connection); call `update` after each SUMO step.
 
-    A vehicle passes when SUMO moves it from a lane that ends at a signal to a lane behind the signal. A vehicle without
-    a lane in SUMO, because it is moved from outside and far from its route, passes when its front is behind the stop
-    line. A person passes when its centre is on a signalised crossing, more than CROSSING_END from the ends, from any
-    side; the most permissive aspect counts since it stepped on, or off a walking area within AWAY of it.
+    A vehicle passes when SUMO moves it from a lane that ends at a signal to a lane after the signal. A vehicle without
+    a lane in SUMO, because it is moved from outside and far from its route, passes when its front is past the stop
+    line. A person passes when its centre is on a crossing with a signal, more than CROSSING_END from the ends, from any
+    side; the most permissive aspect counts since the person stepped onto the crossing, or off a walking area within
+    AWAY of it.
 
-    Red means red before the step and after it. SUMO switches at the beginning of a step, so a road user that moves in
-    the step in which the light turns green has not run a red light, nor has one that moves in the step in which yellow
-    ends.
+    Red means red before and after the step. SUMO switches signals at the begin of a step: a road user that moves in the
+    step in which the signal turns green, or in which yellow ends, has not passed a red signal.
     """
 
     def __init__(self, api: SumoApi, network: Network) -> None:
@@ -100,7 +101,7 @@ class SignalCrossings:
         self._passed: dict[str, str] = {}
         self._stepped: dict[str, str] = {}
         self._waiting: dict[tuple[str, str], Aspect] = {}
-        """Aspect that persons at the end of a crossing have seen, until they pass or leave: by person and crossing."""
+        """Aspect seen by persons at the end of a crossing, until they pass or leave, by person and crossing."""
         self._states = signal_states(api)
 
     def update(self, world: WorldState, counted: Iterable[str]) -> list[SignalCrossing]:
@@ -131,7 +132,7 @@ class SignalCrossings:
 
     def _link(self, signal: str, index: int, end: str, via: str) -> _Link:
         inside = [via] if via else []
-        # Where vehicles wait inside a junction, a second internal lane follows.
+        # A second internal lane follows after a waiting position inside a junction.
         while inside and len(inside) < 5:
             onward = [via for _, via in self._following(inside[-1]) if via]
             if not onward:
@@ -165,8 +166,8 @@ class SignalCrossings:
                     aspect = self._aspect(controlled, before)
                     found.append(SignalCrossing(users.time, vehicle, RoadUserType(users.type[row]), came, aspect))
             if lane and not lane.startswith(":"):
-                # On a road again: a vehicle that returns to the same signal passes it once more. For SUMO, a moved
-                # vehicle that stands at the stop line may alternate between both sides of it: that is one crossing.
+                # The vehicle is on a road again: if it returns to the same signal, it passes the signal again. In SUMO,
+                # a moved vehicle that stands at the stop line may alternate between both sides: that is one crossing.
                 if self._passed.get(vehicle) not in (None, self._lanes[lane].edge):
                     del self._passed[vehicle]
                 if lane in self._links:
@@ -191,7 +192,7 @@ class SignalCrossings:
         if not lane:
             return self._on_route(vehicle, came, links) if self._beyond(came, *front) else []
         if lane.startswith(":"):
-            # SUMO has a moved vehicle that stands exactly on the line inside the junction.
+            # SUMO places a moved vehicle that stands exactly on the line inside the junction.
             if stands and not self._beyond(came, *front):
                 return []
             return [link for link in links if lane in link.inside] or (
@@ -201,7 +202,7 @@ class SignalCrossings:
         return [link for link in links if link.edge == edge] if edge != self._lanes[came].edge else []
 
     def _beyond(self, lane: str, x: float, y: float) -> bool:
-        """Whether a place (m) is behind the stop line at the end of a lane."""
+        """Whether a position (m) is past the stop line at the end of a lane."""
         line = self._lanes[lane].shape
         ahead_x, ahead_y = (line[-1] - line[-2]) / max(float(np.hypot(*(line[-1] - line[-2]))), 1e-9)
         dx, dy = x - line[-1, 0], y - line[-1, 1]
@@ -213,7 +214,7 @@ class SignalCrossings:
         return any(inside.rsplit("_", 2)[0] == junction for link in links for inside in link.inside)
 
     def _on_route(self, vehicle: str, came: str, links: list[_Link]) -> list[_Link]:
-        """The links from a lane to the next edge of the route; all links where none leads there."""
+        """The links from a lane to the next edge of the route; all links if none leads there."""
         route, _ = vehicle_route(self._api, vehicle)
         here = self._lanes[came].edge
         following = {route[i + 1] for i in range(len(route) - 1) if route[i] == here}
@@ -250,7 +251,7 @@ class SignalCrossings:
         return found
 
     def _aspect(self, links: list[_Link], before: dict[str, str]) -> Aspect:
-        """The aspect of links; where it is unknown which of several was taken, the most permissive one counts."""
+        """The aspect of links; if it is unknown which of several links was taken, the most permissive aspect counts."""
         seen = [
             (before.get(link.signal, self._states[link.signal])[link.index], self._states[link.signal][link.index])
             for link in links
@@ -283,7 +284,7 @@ def outside_by(x: Floats, y: Floats, line: Floats, half_width: float) -> NDArray
 
 
 def shortened(line: Floats, cut: float) -> Floats:
-    """The polyline `line` (k, 2) without `cut` m at each end, but not more than a third of it at each."""
+    """The polyline `line` (k, 2) without `cut` m, at most a third of its length, at each end."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     cut = min(cut, float(along[-1]) / 3.0)
     s = np.concatenate([[cut], along[(along > cut) & (along < along[-1] - cut)], [along[-1] - cut]])

@@ -12,31 +12,31 @@ from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import arrived_ids, departure_delay, loaded_ids, type_id, wanted_speed
 
 MOVING_SPEED = 0.5
-"""m/s above which a stopped road user has started again, so that speeds around STANDING_SPEED make one stop."""
+"""Speed (m/s) above which a stopped road user has started again, so that speeds around STANDING_SPEED are one stop."""
 SHORTEST_STOP = 1.0
-"""s; a pedestrian that is handed back to SUMO stands for one step, which is no stop."""
+"""Least duration (s) of a stop: a pedestrian that is handed back to SUMO stands for one step, which is no stop."""
 
 
 @dataclass
 class Trip:
-    """One road user; times in s. Sums run from the departure to the arrival, or to the last observed step."""
+    """The trip of a road user; times in s. Sums are from the departure to the arrival, or to the last observed step."""
 
     type: int
     """RoadUserType."""
     sumo_type: str
     """vType, without the suffix that SUMO appends for a vehicle with changed parameters."""
     departed: float
-    """Time at which it entered the network."""
+    """Time at which the road user entered the network."""
     departure_delay: float
     """Time for which a vehicle waited for room on its first lane; 0 for persons."""
     arrived: float | None = None
-    """Beginning of the SUMO step in which it arrived, as in SUMO's tripinfo. None where it has not arrived."""
+    """Begin of the SUMO step of the arrival, as in SUMO's tripinfo. None before the arrival."""
     time_loss: float = 0.0
-    """Time beyond that of the same path at the desired speed: the sum of dt (1 - v / v_desired), as in SUMO's tripinfo.
-    The desired speed of a vehicle is the lane's limit times its speed factor, at most its top speed; that of a person
-    is its walking speed."""
+    """Additional time compared with the same path at the desired speed: the sum of dt (1 - v / v_desired), as in SUMO's
+    tripinfo. The desired speed of a vehicle is the lane's limit times its speed factor, at most its top speed; the
+    desired speed of a person is its walking speed."""
     stops: int = 0
-    """Times at which it stood (below 0.1 m/s) for at least SHORTEST_STOP after it had moved."""
+    """Number of stops (below 0.1 m/s) of at least SHORTEST_STOP after a motion."""
     standing: float = 0.0
     distance: float = 0.0
     """m."""
@@ -48,10 +48,10 @@ class Stops:
     def __init__(self) -> None:
         self._moving: set[str] = set()
         self._still: dict[str, float] = {}
-        """s for which each standing road user has stood."""
+        """Standing time (s) of each standing road user."""
 
     def add(self, trip: Trip, road_user: str, speed: float, dt: float) -> None:
-        """The road user of `trip` had `speed` (m/s) for `dt` s."""
+        """Add `dt` s at `speed` (m/s) to the trip of a road user."""
         trip.distance += speed * dt
         if speed >= STANDING_SPEED:
             self._still.pop(road_user, None)
@@ -66,7 +66,8 @@ class Stops:
 
 
 class Trips:
-    """Follows all road users through `api` (libsumo or a TraCI connection); call `update` after every SUMO step."""
+    """Trips of all road users, observed through `api` (libsumo or a TraCI connection); call `update` after each
+    step."""
 
     def __init__(self, api: SumoApi, step_length: float) -> None:
         self.all: dict[str, Trip] = {}
@@ -74,7 +75,7 @@ class Trips:
         self._stops = Stops()
 
     def update(self, world: WorldState, now: float) -> None:
-        """`world`: all road users after the step; `now`: the time then, s."""
+        """Update the trips. `world`: all road users after the step; `now`: time after the step, s."""
         api, dt = self._api, self._step
         for road_user in arrived_ids(api):
             if road_user in self.all:
@@ -99,12 +100,13 @@ class Trips:
 
 
 def trips_of_trace(tracks: Trajectories, desired: Floats | None = None) -> dict[str, Trip]:
-    """Trips of the road users of a trace that appear after its first time step; those before its last have arrived.
+    """Trips of the road users of a trace that appear after its first time step.
 
-    A trip runs from the first moment of a road user to that at which it is gone, in tracks `id`, `id#1`, … Where one
-    follows the other at once (at a jump), the interval between them has the speed of the next one. A trace does not
-    tell waits to depart: `departure_delay` is 0. `desired`: m/s in each row, (R,), for `time_loss`, which is 0 where it
-    is 0; None: everywhere.
+    A road user that is missing in the last time step has arrived. A trip lasts from the first moment of a road user to
+    its disappearance, in the tracks `id`, `id#1`, … If a track follows another one directly (at a jump), the interval
+    between them has the speed of the following track. A trace has no waiting times before departures: `departure_delay`
+    is 0. `desired`: desired speed in each row, m/s, (R,), for `time_loss`, which is 0 in rows with 0; None: 0 in all
+    rows.
     """
     trips: dict[str, Trip] = {}
     stops, frames = Stops(), tracks.frames

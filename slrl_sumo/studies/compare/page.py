@@ -156,7 +156,7 @@ def _table(measures: Sequence[Measure], result: dict[str, Any]) -> str:
 
 
 def _trips(result: dict[str, Any]) -> str:
-    """Of two traces: the road users whose travel times differ most."""
+    """The road users with the greatest differences of travel times between two traces."""
     if "traces" not in result:
         return ""
     trips, (first, second) = result["trips"], arms(result)

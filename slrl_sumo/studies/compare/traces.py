@@ -120,7 +120,7 @@ def _notices(spans: list[tuple[float, float]]) -> list[str]:
 
 
 def _trips(tracks: Sequence[Trajectories], records: Sequence[Record]) -> dict[str, Any]:
-    """Of road users, by id: counts, and the whole trips whose travel times differ most."""
+    """Comparison of road users by id: counts, and the complete trips with the greatest differences of travel times."""
     here, there = (set(road_users(each.ids)) for each in tracks)
     first, second = ({i: Trip(*trip) for i, trip in record["trips"].items()} for record in records)
     times = [

@@ -50,7 +50,7 @@ class EvaluationSettings:
     seeds: int = 1
     """Number of seeds, from `seed` on."""
     first: int = 0
-    """Number of the first episode of each seed, to repeat one that failed."""
+    """Number of the first episode of each seed, to repeat a failed episode."""
     backend: Backend = field(default_factory=Backend)
     """The processes that run the episodes."""
     recording: Path | None = None

@@ -32,7 +32,7 @@ FIGURES = (
 """Figures; those of the paper's definitions begin with `paper_`."""
 
 SPREAD = ("success_rate", "mean_speed_mps", "paper_success_rate", "paper_survival_steps")
-"""Figures whose standard deviation over episodes is given."""
+"""Figures with a standard deviation over episodes."""
 
 COLUMNS = (
     "selector",

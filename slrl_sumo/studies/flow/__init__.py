@@ -1,1 +1,1 @@
-"""Flow of traffic: learned road users beside SUMO's own in situations that traffic engineering measures."""
+"""Flow of traffic: learned road users compared with SUMO's models in situations of traffic engineering."""

@@ -33,7 +33,7 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
 SUMO = "sumo"
-"""The arm in which SUMO's own models drive everything."""
+"""The arm in which SUMO's models drive all vehicles."""
 Record = dict[str, Any]
 
 
@@ -43,13 +43,13 @@ class Run:
 
     situation: str
     arm: str
-    """SUMO, or a selector, with GUARDED where it runs with the guard."""
+    """SUMO, or a selector, with the suffix GUARDED for runs with the guard."""
     seed: int
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """What a run has recorded; see `figures`."""
+    """The data recorded by a run; see `figures`."""
 
     trace: Trace
     network: Network
@@ -78,7 +78,8 @@ def run_case(bundle: str, share: float, run: Run) -> Record:
 
 
 def learned_shares(bundle: ModelBundle, selector: str, share: float) -> Floats:
-    """The share of each type to take over, (3,): `share` of the types that `bundle` has models for, of all for lane."""
+    """The share of each type to take over, (3,): `share` for types with models in `bundle`, for `lane` for all
+    types."""
     return share * (np.ones(len(RoadUserType)) if selector == "lane" else bundle.types.astype(np.float64))
 
 
@@ -100,7 +101,7 @@ def simulate(config: Path, bundle: ModelBundle, share: float, run: Run, seconds:
             crossings = signals.update(world, world.ids)
             passed, red = passed + len(crossings), red + sum(one.aspect == "red" for one in crossings)
             greens.update(world.time)
-            # Also after they were handed back: the place is that of the model.
+            # This also holds after a hand-back: the position is that of the model.
             counted.update(world.ids if not learning else (world.ids[row] for row in np.flatnonzero(world.learned)))
             encounters.add(world, np.array([name in counted for name in world.ids], np.bool_))
             builder.add(world)

@@ -9,15 +9,15 @@ from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.studies.flow.trace import OnLanes, Trace
 
 FIRST = 5
-"""The first vehicle of a queue whose headway counts: those before still gather speed."""
+"""Number of the first vehicle of a queue with a counted headway: vehicles before it still accelerate."""
 QUEUED = 1.0
-"""m/s: slower vehicles stand in the queue when the light turns green."""
+"""Speed (m/s) below which vehicles stand in the queue when the signal turns green."""
 HEAD = 15.0
-"""m from the stop line within which a queue begins."""
+"""Distance (m) from the stop line within which a queue begins."""
 LONGEST_GAP = 15.0
-"""m between the fronts of vehicles of a queue, at most."""
+"""Greatest distance (m) between the fronts of successive vehicles of a queue."""
 LONGEST_HEADWAY = 10.0
-"""s: a longer time between two vehicles of a queue means that the second one did not follow."""
+"""Headway (s) above which a vehicle of a queue did not follow its leader."""
 
 
 def crossing_times(trace: Trace, on: OnLanes, lane: int) -> dict[int, float]:
@@ -69,7 +69,7 @@ def discharge_headways(trace: Trace, on: OnLanes, greens: Mapping[str, Sequence[
             queue = trace.vehicle[on.row[at[: breaks[0] + 1 if len(breaks) else len(at)]]].tolist()
             last = None
             for place, vehicle in enumerate(queue, start=1):
-                # The first one may stand with its front over the line.
+                # The first vehicle may stand with its front past the line.
                 time = max(crossed.get(vehicle, np.inf), begin)
                 if time >= following or (last is not None and not 0.0 < time - last < LONGEST_HEADWAY):
                     break

@@ -28,11 +28,12 @@ class FlowSettings:
     """Settings of the flow benchmark, named as the options of `slrl-sumo bench --flow`."""
 
     only: tuple[str, ...] = ()
-    """Names of SITUATIONS; empty: all that are no whole networks."""
+    """Names of SITUATIONS; empty: all except whole networks."""
     networks: bool = False
     """Instead of those the whole networks."""
     selectors: tuple[str, ...] = ()
-    """With GUARDED behind the name where it runs with the guard; empty: all that the bundle can, but `sampled`."""
+    """Selectors, with the suffix GUARDED for runs with the guard; empty: all selectors of the bundle except
+    `sampled`."""
     bundle: str = "intersection"
     share: float = 1.0
     """Of the road users of each type that are learned."""
@@ -40,7 +41,7 @@ class FlowSettings:
     seeds: int = 1
     """Number of seeds, from `seed` on."""
     backend: Backend = field(default_factory=Backend)
-    """The processes that do the runs."""
+    """Processes of the runs."""
 
 
 def measure_flow(

@@ -58,7 +58,7 @@ def _base(name: str, run: Run, runs: Mapping[Run, Record]) -> float | None:
 
 
 def _travel_time(run: Run, beside: Run, runs: Mapping[Run, Record]) -> float | None:
-    """Median over the vehicles of `run` that finished both beside SUMO's and in `beside`."""
+    """Median over the vehicles of `run` that also finished in `beside` and in SUMO's run of the same seed."""
     plain = Run(run.situation, SUMO, run.seed)
     arrived = [
         {name for name, (_, end) in runs[one]["trips"].items() if end is not None}

@@ -1,4 +1,4 @@
-"""Positions of all vehicles of a run over time, and where they are on its lanes."""
+"""Positions of all vehicles of a run over time, and their positions on its lanes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ class Trace:
         return np.searchsorted(self.vehicle, np.arange(len(self.ids) + 1))
 
     def steps(self, dt: float) -> Rows:
-        """Rows whose next row is the same vehicle `dt` s later."""
+        """Rows that are followed by a row of the same vehicle `dt` s later."""
         same = (np.diff(self.vehicle) == 0) & (np.abs(np.diff(self.time) - dt) < 1e-6)
         return np.flatnonzero(same)
 
@@ -96,7 +96,7 @@ class TraceBuilder:
 
 @dataclass(frozen=True, eq=False)
 class OnLanes:
-    """Where R rows of cars are on the car lanes `lanes`."""
+    """Positions of R rows of cars on the car lanes `lanes`."""
 
     lanes: tuple[Lane, ...]
     row: Rows

@@ -1,4 +1,4 @@
-"""One prediction out of many: the path that is on average nearest to all of them."""
+"""The central path: the path with the least mean distance to all predictions."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from slrl_sumo.scene.geometry import Floats
 
 ITERATIONS = 30
 LEAST_DISTANCE = 1e-3
-"""m; paths nearer than this count as this near, so that none has an infinite weight."""
+"""Least distance (m) between paths, so that no path has an infinite weight."""
 
 
 def central_path(paths: Floats, weight: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""The routes that the road users of rollouts are expected to take."""
+"""Expected routes of the road users of rollouts."""
 
 from dataclasses import dataclass, replace
 
@@ -14,13 +14,13 @@ from slrl_sumo.studies.prediction.rollout import Cast
 
 @dataclass(frozen=True, eq=False)
 class Expectations:
-    """What a selector expects of the road users of a recording."""
+    """Expected routes of the road users of a recording for a selector."""
 
     bundle: ModelBundle
-    """With a selector that counts as much as it does on expected routes."""
+    """Bundle with a selector that is weighted for expected routes."""
     routes: ExpectedRoutes
     types: NDArray[np.bool_]
-    """Which types have routes, (3,): those of which the selector counts."""
+    """Whether each type has expected routes, (3,): types with a nonzero weight of the selector."""
 
     def of(self, recording: Trajectories, cast: Cast) -> list[ExpectedRoute | None]:
         """The routes of all members of the cast from their entries on; each call returns new ones."""
@@ -36,8 +36,7 @@ class Expectations:
 
 
 def expectations(bundle: ModelBundle, routes: ExpectedRoutes | None) -> Expectations | None:
-    """What the bundle's selector expects on `routes`; None without them, or where it was not calibrated to expected
-    routes."""
+    """The Expectations of the bundle's selector on `routes`; None without routes, or without a calibration to them."""
     if routes is None or bundle.policy is None:
         return None
     policy = on_expected_routes(bundle.policy, bundle.policy_training or {})

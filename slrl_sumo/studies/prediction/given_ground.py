@@ -14,14 +14,14 @@ from slrl_sumo.sumo.net_file import read_net_lanes
 
 
 class GivenGround(NamedTuple):
-    """What a user gives as the ground of a recording."""
+    """The ground of a recording, given by the user."""
 
     roadmap: RoadMap | None
-    """None where nothing is given."""
+    """The road map; None if the user gave no ground."""
     surface: str
     """Its name."""
     routes: ExpectedRoutes | None = None
-    """On its lanes; None where it has none."""
+    """Expected routes on its lanes; None without lanes."""
 
 
 def given_ground(
@@ -56,7 +56,7 @@ def given_ground(
 
 
 def check_ground(recording: Trajectories, roadmap: RoadMap, surface: str) -> None:
-    """Raise InputError where less than 5 % of the positions lie on any surface of the ground called `surface`."""
+    """Raise InputError if less than 5 % of the positions lie on any surface of the ground called `surface`."""
     share = float((roadmap.surface_at(recording.x, recording.y) != Surface.NONE).mean()) if len(recording) else 1.0
     if share < 0.05:
         x0, y0, x1, y1 = roadmap.bounds

@@ -1,4 +1,4 @@
-"""Long rollouts: whether road users of a recording still move plausibly after a long time of simulation."""
+"""Long rollouts: a check whether road users of a recording still move plausibly after a long simulation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

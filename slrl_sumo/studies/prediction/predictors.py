@@ -1,4 +1,5 @@
-"""How the road users of rollouts move: constant velocity, the best mode in hindsight, or a selector of a bundle."""
+"""Predictors of the road users of rollouts: constant velocity, the best mode in hindsight, or a selector of a
+bundle."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -21,9 +22,10 @@ from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.studies.prediction.rollout import Moment, Motion, Move
 
 Expected = Sequence[ExpectedRoute | None] | None
-"""The routes that members of a cast are expected to take; None where none are known."""
+"""Expected routes of the members of a cast; None for members without one."""
 ON_EXPECTED_ROUTES = Constraints(deadlock_release=False)
-"""In predictions road users with a route and others decide together, and those that stand may do so all the time."""
+"""Constraints of predictions: road users with and without routes decide together, and road users may stand
+throughout."""
 
 
 def constant_velocity(moment: Moment) -> Motion:
@@ -33,9 +35,10 @@ def constant_velocity(moment: Moment) -> Motion:
 
 
 def step_oracle(bundle: ModelBundle, ground: RoadMap) -> Move:
-    """At each step the mode whose next position comes nearest to the true one, greedily, without a view of later steps.
+    """At each step, the mode with the next position nearest to the true position, without regard to later steps.
 
-    No prediction can do so. The floor of predictions that hold one mode is the best of `held_mode` over all modes.
+    This needs the truth and is no prediction. The lower bound of predictions that hold one mode is the best `held_mode`
+    over all modes.
     """
 
     def move(moment: Moment) -> Motion:
@@ -71,14 +74,16 @@ def held_mode(bundle: ModelBundle, ground: RoadMap, mode: int) -> Move:
 
 
 class PriorRanked:
-    """Each road user holds the mode that has the rank `rank` (U,), by member of the cast, in the prior's probabilities
-    of its first decision; 0 is the most probable one."""
+    """Each road user holds the mode with the rank `rank` (U,), by member of the cast.
+
+    Ranks refer to the prior's probabilities at its first decision; 0 is the most probable mode.
+    """
 
     def __init__(self, bundle: ModelBundle, ground: RoadMap, rank: NDArray[np.int64]) -> None:
         self._bundle, self._ground, self._rank = bundle, ground, rank
         self._held = np.full(len(rank), -1)
         self.probability = np.ones(len(rank))
-        """Of the held modes, (U,); 1 for road users that were never moved."""
+        """Probabilities of the held modes, (U,); 1 for road users that were never moved."""
 
     def __call__(self, moment: Moment) -> Motion:
         """Hold the modes (see Move)."""
@@ -104,18 +109,18 @@ def prior_sampled(bundle: ModelBundle, ground: RoadMap, draws: Floats) -> Move:
 
 
 def policy_central(bundle: ModelBundle, ground: RoadMap, expected: Expected = None) -> Move:
-    """The trained policy's single prediction: at each step its most central mode, as that of the prior.
+    """The trained policy's single prediction: at each step its most central mode, as for the prior.
 
-    `expected`: the routes of the members of the cast; None where none are known.
+    `expected`: expected routes of the members of the cast; None without routes.
     """
     return _decided(bundle, ground, lambda uniform: PolicySelector(bundle, middle=True), np.zeros((0, 0)), expected)
 
 
 def policy_chosen(bundle: ModelBundle, ground: RoadMap, draws: Floats | None, expected: Expected = None) -> Move:
-    """Modes of the trained policy, which sees the ground, as in a run (see PolicySelector).
+    """Modes of the trained policy, which reads the ground, as in a run (see PolicySelector).
 
-    `draws` (U, steps) from [0, 1) by member of the cast and step; without, the most probable mode is taken. `expected`:
-    as in policy_central. Raises InputError where the bundle has no policy.
+    `draws` (U, steps) from [0, 1) by member of the cast and step; None takes the most probable mode. `expected`: see
+    policy_central. Raises InputError if the bundle has no policy.
     """
     if draws is None:
         return _decided(bundle, ground, lambda uniform: PolicySelector(bundle), np.zeros((0, 0)), expected)
@@ -151,7 +156,7 @@ def _decided(
 
 
 def _scene_by_scene(moment: Moment, move: Move) -> Motion:
-    """The motion of road users of whom those of other scenes are not seen: with routes, all of a world are."""
+    """The motion of road users, computed for each scene separately: with routes, all road users of a world interact."""
     result = np.empty((3, len(moment.rows)))
     for part, places in moment.scenes():
         result[:, places] = move(part)

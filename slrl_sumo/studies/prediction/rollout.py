@@ -1,7 +1,7 @@
 """Prediction error: recorded road users, simulated from their true state and compared with their recorded motion.
 
-All road users of a start frame are simulated together (paper, section 3.5). Many start frames are run as one batch:
-each is a scene of its own, whose road users do not see other scenes.
+All road users of a start frame are simulated together (paper, section 3.5). Many start frames run as one batch: each is
+a separate scene, and road users of different scenes do not perceive each other.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,24 +27,25 @@ STEPS = 16
 class Cast:
     """U road users of the rollouts from some start frames: their scenes, and the intervals in which they take part.
 
-    A road user is there as recorded until its motion is known (PAST intervals, as in training), then it is simulated,
-    to the end of its track or of the rollout. Parked ones, and types that the bundle lacks, are there as recorded all
-    the time, and so are cars that reverse on the way: nothing here drives backwards, so nothing would be measured.
+    A road user moves as recorded until its motion is known (PAST intervals, as in training); then it is simulated to
+    the end of its track or of the rollout. Parked road users, types without models, and cars that reverse move as
+    recorded throughout: the models do not drive backwards, so that a simulation of reversing cars would measure
+    nothing.
     """
 
     scene: Integers
     """Index of the start frame, (U,)."""
     track: Integers
     row: Integers
-    """Row of the recording at the start frame, (U,); beyond the track's rows where it appears later."""
+    """Row of the recording at the start frame, (U,); outside the track's rows if the road user appears later."""
     appears: Integers
-    """First interval in which it is seen, (U,)."""
+    """First interval in which the road user is visible, (U,)."""
     enters: Integers
-    """First interval in which it is simulated, (U,)."""
+    """First interval in which the road user is simulated, (U,)."""
     leaves: Integers
-    """Intervals after the start at which its track or the rollout ends, (U,)."""
+    """Number of intervals from the start to the end of its track or of the rollout, (U,)."""
     reverses: NDArray[np.bool_]
-    """Whether it is a car that would be simulated, but reverses then and is there as recorded, (U,)."""
+    """Whether the road user is a reversing car, which moves as recorded instead of being simulated, (U,)."""
 
     def __len__(self) -> int:
         return len(self.scene)
@@ -63,9 +64,9 @@ class Moment:
     scene: Integers
     """Scene of each road user of `world`."""
     rows: NDArray[np.intp]
-    """Rows of `world` that are to be moved, (m,)."""
+    """Rows of `world` of the simulated road users, (m,)."""
     users: NDArray[np.intp]
-    """The same as members of the cast."""
+    """Indices of the same road users in the cast, (m,)."""
     step: int
     next_x: Floats
     """True positions after the interval, (m,), m."""
@@ -74,7 +75,7 @@ class Moment:
     """Motion of the road users of `world` in the last 2 s, (n, PAST, 2) (see perception.past_motion)."""
 
     def scenes(self) -> Iterator[tuple["Moment", NDArray[np.intp]]]:
-        """Each scene alone in which road users are to be moved, with their places (k,) among `rows`."""
+        """Each scene with simulated road users as a separate moment, with their indices (k,) in `rows`."""
         mine = self.scene[self.rows]
         for scene in np.unique(mine).tolist():
             members, places = np.flatnonzero(self.scene == scene), np.flatnonzero(mine == scene)
@@ -97,7 +98,7 @@ Motion = tuple[Floats, Floats, Floats]
 """Acceleration (m/s²), yaw rate (rad/s) and top speed (m/s), each (m,)."""
 
 Move = Callable[[Moment], Motion]
-"""Motion of the road users to be moved in a moment."""
+"""Returns the motion of the simulated road users of a moment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +110,12 @@ class Errors:
     steps: Integers
     """Simulated intervals, (U,)."""
     error: Floats
-    """m to the true position after each interval since the road user's entry, (U, STEPS); 0 after `steps`."""
+    """Distance (m) to the true position after each interval since the entry, (U, STEPS); 0 after `steps`."""
     off_surface: Integers
-    """Intervals that ended off the own surface, (U,); 0 without a map."""
+    """Number of intervals that ended off the own surfaces, (U,); 0 without a map."""
     path: Floats
-    """x, y (m) and heading at the start and after each interval, (U, STEPS + 1, 3), also while it is there as recorded;
-    without meaning where it is not seen."""
+    """x, y (m) and heading at the start and after each interval, (U, STEPS + 1, 3), including recorded motion; without
+    meaning while the road user is not visible."""
 
 
 def cast_of(
@@ -122,7 +123,7 @@ def cast_of(
 ) -> Cast:
     """The cast of the rollouts that begin at the frames `starts` (S,), scene by scene, in the order of tracks.
 
-    Road users of other than `types` (3,) are there as recorded; without, all types are simulated.
+    Only road users of the `types` (3,) are simulated, None: all types; all other road users move as recorded.
     """
     first_row = recording.starts[:-1]
     first, last = recording.frame[first_row], recording.frame[recording.starts[1:] - 1]
@@ -151,7 +152,7 @@ def cast_of(
 def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | None = None) -> Errors:
     """Simulate the cast: in each interval `move` gives the motion, and `advance` applies it.
 
-    With a map, intervals that end off the own surface are counted.
+    With a map, it counts intervals that end off the own surfaces.
     """
     steps = STEPS
     users, kind = len(cast), recording.type[cast.track]
@@ -193,7 +194,7 @@ def rollout(recording: Trajectories, cast: Cast, move: Move, roadmap: RoadMap | 
 def _world(
     state: Floats, kind: NDArray[np.int8], length: Floats, width: Floats, moving: NDArray[np.bool_]
 ) -> WorldState:
-    # Picked columns lie across their rows; compiled functions would be compiled once more for that.
+    # Selected columns are not contiguous; compiled functions would be compiled again for this layout.
     x, y, heading, speed, acceleration, yaw_rate = np.ascontiguousarray(state)
     names = ("",) * len(x)  # not used
     return WorldState(0.0, names, kind, x, y, heading, speed, acceleration, yaw_rate, length, width, moving)

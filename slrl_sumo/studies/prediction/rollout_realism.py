@@ -1,4 +1,4 @@
-"""Realism of rollouts: each simulated road user of a recording against what it did there."""
+"""Realism of rollouts: each simulated road user of a recording, compared with its recorded motion."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,7 +18,7 @@ from slrl_sumo.studies.prediction.rollout import STEPS, Cast
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """What the road users of a recording did."""
+    """The recorded motion of the road users of a recording."""
 
     recording: Trajectories
     features: dict[str, Floats]
@@ -54,7 +54,7 @@ def rollout_scores(truth: Recorded, cast: Cast, paths: Floats) -> Floats:
     ahead = np.arange(1, STEPS + 1)
     rows = first.reshape(len(paths), len(cast))[:, whole, None] + ahead
     found = features(made, truth.shapes, rows.ravel())
-    # Sums over other numbers of rows would differ in the last digit, and the edge between two bins with them.
+    # Sums over other numbers of rows would differ in the last digit, and with it the bin of a value.
     simulated = {name: np.round(values, 9).reshape(rows.shape) for name, values in found.items()}
     true = {name: np.round(values[cast.row[whole, None] + ahead], 9) for name, values in truth.features.items()}
     for name, values in window_scores(true, simulated).items():

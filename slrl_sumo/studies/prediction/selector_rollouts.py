@@ -1,4 +1,4 @@
-"""Rollouts of the road users of a recording by one selector: its one prediction, and the best of several."""
+"""Rollouts of the road users of a recording by a selector: its single prediction, and the best of several samples."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -45,25 +45,25 @@ class Rollouts:
     type: NDArray[np.int8]
     """RoadUserType, (U,)."""
     row: Integers
-    """Row of the recording from which the road user is simulated, (U,); without meaning where `steps` is 0."""
+    """Row of the recording from which the road user is simulated, (U,); without meaning if `steps` is 0."""
     steps: Integers
     """Simulated intervals, (U,)."""
     bend: NDArray[np.bool_]
-    """Whether the road user was simulated for all STEPS and went round a bend, (U,)."""
+    """Whether the road user was simulated for all STEPS and was in a bend, (U,)."""
     error: Floats
-    """m after each step of the one prediction, (U, STEPS)."""
+    """Error (m) of the single prediction after each step, (U, STEPS)."""
     best: Floats
-    """m, the least of all samples after each step, (U, STEPS)."""
+    """Least error (m) of all samples after each step, (U, STEPS)."""
     best_mean: Floats
-    """m, the least of all samples' mean errors over the steps so far, (U, STEPS)."""
+    """Least mean error (m) of all samples over the steps so far, (U, STEPS)."""
     off_surface: Integers
-    """Intervals of the one prediction that ended off the own surface, (U,)."""
+    """Number of intervals of the single prediction that ended off the own surfaces, (U,)."""
     realism: Floats
-    """Scores of the distribution, (U, features) (see rollout_realism); of one prediction where there is no other."""
+    """Scores of the distribution, (U, features) (see rollout_realism); without samples, of the single prediction."""
 
 
 def joined(parts: Sequence[Rollouts]) -> Rollouts:
-    """The rollouts of all parts, one after the other."""
+    """Concatenate the rollouts of all parts."""
     names = Rollouts.__dataclass_fields__
     return Rollouts(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
@@ -80,13 +80,13 @@ def selector_rollouts(
 ) -> Rollouts:
     """Simulate the cast of the frames `starts` by the selector `name`, one of SELECTORS and POLICY_SELECTORS.
 
-    The samples of the prior hold different modes, the most probable ones of the road user's first decision: 20 draws of
-    20 modes would hold about half of the modes. Its one prediction is the most central mode at each step; where modes
-    are whole paths (`fit --modes paths`), which are not chosen anew at each step, the most central path of the samples.
-    Its realism is that of draws as in a run. The one prediction of `sampled` is the most central mode at each step,
-    too; `greedy` takes the most probable one, as in a run. Samples of a policy choose anew in every decision, as in
-    training; each takes another twentieth of the distribution (`stratified`). A policy reads the routes that are
-    `expected`.
+    The samples of the prior hold different modes, the most probable modes of the road user's first decision: 20 draws
+    of 20 modes would contain only about half of the modes. The single prediction of the prior is the most central mode
+    at each step; if modes are whole paths (`fit --modes paths`), which are not chosen again at each step, it is the
+    most central path of the samples. The realism of the prior is that of draws as in a run. The single prediction of
+    `sampled` is also the most central mode at each step; `greedy` takes the most probable mode, as in a run. Samples of
+    a policy choose again at each decision, as in training; each sample uses another twentieth of the distribution
+    (`stratified`). A policy reads the `expected` routes.
     """
     recording = truth.recording
     copies = _copies(cast, len(starts))
@@ -129,7 +129,7 @@ def selector_rollouts(
 
 
 def _mode_oracle(truth: Recorded, cast: Cast, bundle: ModelBundle, ground: RoadMap) -> Rollouts:
-    """The rollouts of the one mode, held from the first decision to the last, whose mean error is the least."""
+    """The rollouts of the mode with the least mean error, held from the first to the last decision."""
     moves = [held_mode(bundle, ground, mode) for mode in range(bundle.config.modes)]
     every = [rollout(truth.recording, cast, move, ground) for move in moves]
     samples = np.stack([one.error for one in every])
@@ -172,17 +172,17 @@ def _rollouts(truth: Recorded, cast: Cast, one: Errors, samples: Floats, paths: 
 
 
 def draws(cast: Cast, starts: Integers, seed: int, samples: int, steps: int) -> Floats:
-    """Random numbers (samples, U, steps, 2): those of a scene depend on seed and start frame alone."""
+    """Random numbers (samples, U, steps, 2); the numbers of a scene depend only on seed and start frame."""
     parts = []
     for scene, start in enumerate(starts.tolist()):
         count = int((cast.scene == scene).sum())
-        # User by user and sample by sample, so that a scene's numbers do not depend on what else is simulated.
+        # Draw for each road user and sample, so that the numbers of a scene do not depend on other scenes.
         parts.append(np.random.default_rng((seed, start)).random((count, samples, steps, 2)).swapaxes(0, 1))
     return np.concatenate(parts, axis=1)
 
 
 def stratified(draws: Floats) -> Floats:
-    """Random numbers (samples, ...) from [0, 1) of which each sample has another stratum of width 1 / samples.
+    """Random numbers (samples, ...) from [0, 1); each sample has another stratum of width 1 / samples.
 
     `draws` (samples, ..., 2): the first of each pair places the number in its stratum, the second assigns the strata.
     """
@@ -195,7 +195,7 @@ def so_far(error: Floats) -> Floats:
 
 
 def _copies(cast: Cast, scenes: int) -> Cast:
-    """The cast SAMPLES times, each in scenes of its own."""
+    """SAMPLES copies of the cast, each in separate scenes."""
     scene = (np.arange(SAMPLES)[:, None] * scenes + cast.scene).ravel()
     names = [name for name in Cast.__dataclass_fields__ if name != "scene"]
     return replace(cast, scene=scene, **{name: np.tile(getattr(cast, name), SAMPLES) for name in names})
