@@ -178,14 +178,14 @@ class RandomSpec:
 
 @dataclass(frozen=True)
 class MotorwaySpec:
-    """One carriageway of a motorway, for cars: an on-ramp, an off-ramp, and a lane that ends."""
+    """One carriageway of a motorway, for cars: an on-ramp, an off-ramp, and a lane drop."""
 
     lanes: int = 2
     """Number of lanes before the lane drop, without lanes of the ramps; 2 to 4."""
     stretch: float = 600.0
-    """m: each of four: to the on-ramp, to the off-ramp, to the end of the lane, and after it."""
+    """Length (m) of each of four stretches: to the on-ramp, to the off-ramp, to the lane drop, and after it."""
     curve_radius: float = 1000.0
-    """m, of the stretches that are no straight lines."""
+    """Radius (m) of curved stretches."""
     ramp_limit: float = 22.22
     """m/s."""
     speed_limit: float = 33.33

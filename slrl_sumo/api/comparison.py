@@ -1,4 +1,4 @@
-"""Comparisons with SUMO's own models as a function, and their result for notebooks."""
+"""Comparison with SUMO's models as a function, and its result for notebooks."""
 
 import warnings
 from dataclasses import dataclass, field
@@ -25,7 +25,7 @@ COLUMNS = ("measure", "type", "unit", "sumo", "learned", "difference", "differen
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What learned road users change in a scenario; shown as a table in a notebook."""
+    """Result of a comparison of learned road users with SUMO's models; shown as a table in a notebook."""
 
     folder: Path
     """With comparison.html, results.json, results.csv, conflicts.csv and comparison.png."""

@@ -37,18 +37,18 @@ class InlineReplay:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """What a run came to; shown as a table in a notebook."""
+    """Result of a run; shown as a table in a notebook."""
 
     settings: RunSettings
     summary: RunSummary
     record: RunRecord | None = field(default=None, repr=False)
-    """What trajectories, report and replay are made from; None where the run was not asked to keep it."""
+    """Record from which trajectories, report and replay are made; None if the run was not asked to keep it."""
     fcd: Path | None = None
-    """The trace that was written."""
+    """Path of the written trace."""
     failures: tuple[SlrlError, ...] = ()
-    """What ended the run before its time, and outputs that could not be written."""
+    """Errors that ended the run early, and outputs that could not be written."""
     interrupted_by: int = 0
-    """Number of the signal that ended the run; 0 where none did."""
+    """Number of the signal that ended the run; 0 without one."""
 
     @property
     def trajectories(self) -> Trajectories:
@@ -77,7 +77,7 @@ class RunResult:
             return self.write_report(folder, recording)
 
     def write_report(self, folder: Path, recording: Trajectories | None = None) -> Path:
-        """As `report`, into a folder that is claimed already."""
+        """Like `report`, into a folder that is already claimed."""
         from slrl_sumo.report.report import write_report  # matplotlib takes its time
 
         write_report(self._kept(), folder, self.summary.to_dict(), recording)

@@ -20,7 +20,7 @@ from typing import Any
 from slrl_sumo.errors import InputError
 
 MAX_NAME = 200
-"""Bytes of a name: file systems allow 255, and temporary names beside it are longer than the name itself."""
+"""Greatest length (bytes) of a name: file systems allow 255, and temporary names are longer than the name."""
 REPLACED = ("*",)
 """`holds` of a folder that is replaced as a whole."""
 
@@ -30,7 +30,7 @@ class Output:
     """A file, or a folder with results, that a command writes."""
 
     argument: str
-    """As the user names it: `fcd` is --fcd on the command line."""
+    """Name for the user: `fcd` is --fcd on the command line."""
     path: Path
     holds: tuple[str, ...] = ()
     """Patterns of the names that are written into a folder; empty for a file."""
@@ -86,7 +86,7 @@ def check_writable(path: Path, *, folder: bool = False) -> None:
             raise InputError(f"{path}: is a device or a pipe; name a file")
         if exists and not os.access(place, os.W_OK):
             raise PermissionError(None, "Permission denied")
-        # Some places refuse files although the rights allow them, also to root: /proc, full and damaged disks.
+        # Some locations refuse files despite sufficient rights, even for root: /proc, full and damaged disks.
         tempfile.TemporaryFile(dir=place if exists and folder else parent).close()
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = getattr(error, "strerror", None) or error

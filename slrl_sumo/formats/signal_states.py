@@ -1,4 +1,4 @@
-"""What traffic lights show over time, in the format of SUMO's output SaveTLSStates
+"""States of traffic lights over time, in the format of SUMO's output SaveTLSStates
 (https://sumo.dlr.de/docs/Simulation/Output/Traffic_Lights.html)."""
 
 import os
@@ -19,7 +19,7 @@ _STATE = '    <tlsState time="%.2f" id="%s" programID="%s" phase="%d" state="%s"
 
 
 class SignalState(NamedTuple):
-    """What a traffic light shows."""
+    """The state of a traffic light."""
 
     signal: str
     """Id of the traffic light."""
@@ -31,7 +31,7 @@ class SignalState(NamedTuple):
 
 
 Shown = dict[str, tuple[list[int], list[str]]]
-"""By traffic light: times (ms) from which on it shows a state, and these states."""
+"""For each traffic light, the times (ms) from which it shows its states, and these states."""
 
 
 class SignalsWriter:

@@ -25,7 +25,7 @@ FILE_VERSION = 2
 MAX_FRAME = 10_000_000
 """Highest number of a frame, also below 0: 46 days of 0.4 s. Some figures need memory for every frame."""
 MAX_SIZE = 1000.0
-"""m; longest box."""
+"""Greatest length of a box, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Trajectories:
     t0: float = 0.0
     """Time of frame 0 in s."""
     source: str = ""
-    """Where the tracks come from."""
+    """Source of the tracks."""
     licence: str = ""
     """Terms of use."""
     parked: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
@@ -65,9 +65,9 @@ class Trajectories:
     learned: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, np.bool_))
     """Whether learned models moved the road user when the track began, per track, (T,). Default: none."""
     mode: NDArray[np.int8] = field(default_factory=lambda: np.zeros(0, np.int8))
-    """Mode that led to the row, (R,); -1 where none was chosen. Default: none."""
+    """Mode that led to each row, (R,); -1 without a mode. Default: none."""
     notes: tuple[str, ...] = ()
-    """What an importer corrected or left out, with counts."""
+    """Corrections and omissions of the importer, with counts."""
 
     def __post_init__(self) -> None:
         rows, tracks = len(self.track), len(self.ids)

@@ -41,7 +41,7 @@ def load_trajectories(path: str | os.PathLike[str]) -> Trajectories:
 
 
 def _arrays(name: str, file: IO[bytes]) -> dict[str, NDArray[Any]]:
-    """The arrays of the file. Raises InputError where it is of another kind or version, OSError, ValueError."""
+    """The arrays of the file. Raises InputError for another kind or version, OSError, ValueError."""
     try:
         with zipfile.ZipFile(file) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
@@ -66,7 +66,7 @@ def _arrays(name: str, file: IO[bytes]) -> dict[str, NDArray[Any]]:
 
 
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
-    """One array; ValueError where its header does not fit its size, so that nothing larger is allocated."""
+    """One array; ValueError if its header does not match its size, so that nothing larger is allocated."""
     with archive.open(info) as stream:
         version = np.lib.format.read_magic(stream)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0

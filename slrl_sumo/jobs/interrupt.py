@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Ctrl-C, a polite `kill`, and the end of the terminal or of the connection."""
+"""Signals of Ctrl-C, of `kill`, and of the end of the terminal or of the connection."""
 
 
 _open: list[list[int]] = []

@@ -1,4 +1,4 @@
-"""Memory that a process has taken."""
+"""Memory of the process."""
 
 import re
 import resource

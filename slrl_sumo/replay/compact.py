@@ -1,4 +1,4 @@
-"""Positions of many road users in few bytes, as the replay page unpacks them (assets/unpack.js)."""
+"""Compact encoding of positions of many road users, which the replay page decodes (assets/unpack.js)."""
 
 from dataclasses import dataclass
 
@@ -16,9 +16,9 @@ HEADING_UNITS = 1024
 SPEED_UNITS = 10
 """Units of speed in 1 m/s."""
 JUMP_SPEED = 70.0
-"""m/s: a road user that moves faster between two steps has been put there and did not drive."""
+"""Speed (m/s) between two steps above which a road user has jumped."""
 JUMP_SLACK = 4.0
-"""m added to that: without the sublane model SUMO changes lanes in one step."""
+"""Additional distance (m): without the sublane model, SUMO changes lanes in one step."""
 
 
 @dataclass(frozen=True)

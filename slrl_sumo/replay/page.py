@@ -36,9 +36,10 @@ from slrl_sumo.sumo.network import Network
 MOST_CONFLICTS = 2000
 """In the page's list: collisions first, then the near misses with the smallest times to collision."""
 SAMPLE = 20_000
-"""Positions that are looked up in the network."""
+"""Number of positions that are compared with the network."""
 SURFACE_MARGIN = 2.0
-"""m from a surface within which a position belongs to the network: SUMO's own pedestrians walk there at dead ends."""
+"""Distance (m) from a surface within which a position belongs to the network: SUMO's persons walk there at dead
+ends."""
 FOREIGN, ODD = 0.4, 0.05
 """Shares of positions off the network above which the trace belongs to another network, and above which a note says
 so."""
@@ -164,7 +165,7 @@ def centred(table: FcdTable, users: Users) -> Rows:
     x, y = centre_from_front(front_x, front_y, heading, users.length[key])
     mode = np.frombuffer(table.mode, np.int8)[order].astype(np.int64)
     learned = np.frombuffer(table.learned, np.int8)[order] > 0
-    # Traces without the flag still name the types of spawned road users.
+    # Traces without the flag still contain the types of spawned road users.
     learned |= np.array([vtype.startswith("learned_") for vtype in users.vtypes], np.bool_)[key] | (mode > 0)
     return Rows(
         user=key,
@@ -284,7 +285,7 @@ def build_page(
     style = (folder / "page.css").read_text(encoding="utf-8")
     script = "".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS)
     page = (folder / "page.html").read_text(encoding="utf-8")
-    # Only this script and this style run, and nothing is fetched, whatever a trace may contain.
+    # Only this script and this style are allowed, and nothing is fetched, for any content of a trace.
     policy = f"default-src 'none'; script-src '{_hash(script)}'; style-src '{_hash(style)}'; base-uri 'none'"
     for name, text in (("title", html.escape(title)), ("policy", policy), ("style", style), ("script", script)):
         page = page.replace(f"<!--{name}-->", text)

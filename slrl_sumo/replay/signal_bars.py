@@ -1,4 +1,4 @@
-"""Where the replay page draws what traffic lights show: bars across lanes at stop lines, at both ends of crossings."""
+"""Positions of signals on the replay page: bars across lanes at stop lines, and at both ends of crossings."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.links import SignalLink
 
 BEHIND = 0.5
-"""m before the end of its lane, where SUMO's vehicles stop about 1 m away, that a bar lies."""
+"""Distance (m) of a bar from the end of its lane; SUMO's vehicles stop about 1 m before the end."""
 
 
 def signal_bars(network: Network, links: Sequence[SignalLink], shown: Shown) -> list[dict[str, Any]]:
@@ -40,7 +40,7 @@ def _bars(lanes: dict[str, Lane], links: Sequence[SignalLink]) -> Iterator[tuple
         elif link.start in lanes:
             of_lane.setdefault((link.signal, link.start), set()).add(link.link_index)
     for (signal, start), indices in of_lane.items():
-        # netconvert numbers the links of a lane from right to left, as they lie.
+        # netconvert numbers the links of a lane from right to left.
         edges = np.linspace(0.0, 1.0, len(indices) + 1)
         lane = lanes[start]
         for number, index in enumerate(sorted(indices)):

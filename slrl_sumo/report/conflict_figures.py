@@ -21,7 +21,7 @@ def draw_conflicts(
     """Histograms of the smallest TTC and PET of each encounter, by group, and a map of the places."""
     figure = Figure(figsize=(15.0, 5.2), layout="constrained")
     left, middle, place = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 1.3))
-    # Post-encroachment times are multiples of 0.1 s: they lie in the middle of their bins.
+    # Post-encroachment times are multiples of 0.1 s, in the middle of their bins.
     for axes, found, limit, name, edges in (
         (left, ttc, TTC_LIMIT, "time to collision", np.linspace(0.0, TTC_LIMIT, 16)),
         (middle, pet, PET_LIMIT, "post-encroachment time", np.linspace(-0.05, PET_LIMIT - 0.05, 11)),

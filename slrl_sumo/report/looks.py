@@ -15,9 +15,9 @@ class Look:
     suffix: str
     """Of the names of files."""
     ink: str
-    """Lines and marks that belong to no type."""
+    """Colour of lines and marks without a type."""
     own: str
-    """SUMO's own road users."""
+    """Colour of background road users."""
     types: tuple[str, str, str]
     """By RoadUserType."""
     greys: Mapping[Surface, tuple[int, int, int]]

@@ -15,7 +15,7 @@ from slrl_sumo.report.looks import Look
 from slrl_sumo.scene.types import TYPE_NAMES
 
 DENSITY_CELL = 2.0
-"""m; side of a cell of the density map, larger where there would be more than MOST_CELLS along a side."""
+"""Side (m) of a cell of the density map; larger if a side would have more than MOST_CELLS cells."""
 MOST_CELLS = 400
 
 
@@ -55,7 +55,7 @@ def draw_density(tracks: Trajectories, ground: GroundPicture) -> Figure:
     extent = ground.extent
     side = max(DENSITY_CELL, max(extent[1] - extent[0], extent[3] - extent[2]) / MOST_CELLS)
     edges = [np.arange(extent[k], extent[k + 1] + side, side) for k in (0, 2)]
-    # A car is 6 m further after an interval: the cells in between had it as well.
+    # A car moves by 6 m in an interval: it also passed the cells in between.
     begin = np.flatnonzero(np.diff(tracks.track) == 0)
     shares = (np.arange(INTERVAL_PARTS) + 0.5)[:, None] / INTERVAL_PARTS
     x, y = ((v[begin] + shares * (v[begin + 1] - v[begin])).ravel() for v in (tracks.x, tracks.y))

@@ -64,7 +64,7 @@ def draw_views(views: Sequence[Views]) -> Figure:
         for row, road_user in enumerate(view.ids):
             axes = grid[row, column]
             axes.set_visible(True)
-            # The image's first row is the left side; 8 m behind to 32 m ahead.
+            # The first row of the image is the left side; the image reaches from 8 m behind to 32 m ahead.
             axes.imshow(view.images[row], extent=(-8, 32, -10, 10), interpolation="nearest")
             axes.set_title(f"{road_user} at {view.time:.1f} s", fontsize=9)
             axes.set_xlabel("ahead (m)", fontsize=8)

@@ -42,7 +42,7 @@ dt:target, dt:target + dd { background: #fff3c4; }
 }
 """
 MAPS = ("paths", "queues")
-"""Figures of one panel: a phone shows them whole, the others are scrolled."""
+"""Figures of one panel, which fit on a phone; wider figures are scrolled."""
 
 SUMMARY = (
     ("count", "count", "count", 1.0, "d"),

@@ -1,4 +1,4 @@
-"""A map of the places where vehicles queued in a run."""
+"""A map of the queues of vehicles in a run."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from slrl_sumo.metrics.traffic.queues import Queue
 from slrl_sumo.report.looks import Look
 
 NAMED_QUEUES = 8
-"""Queues in the table, with their numbers on the map."""
+"""Number of queues in the table, with their numbers on the map."""
 
 
 def draw_queues(queues: Sequence[Queue], ground: GroundPicture, look: Look) -> Figure:
-    """Queues as discs whose areas are their waiting times; the first NAMED_QUEUES with their numbers in the table."""
+    """Queues as discs with areas proportional to their waiting times; the first NAMED_QUEUES have their numbers."""
     figure = Figure(figsize=ground.fitting(9.0, (4.5, 3.5)), layout="constrained")
     axes = figure.subplots()
     axes.imshow(ground.pixels, origin="lower", extent=ground.extent, interpolation="nearest")

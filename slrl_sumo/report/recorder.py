@@ -1,4 +1,4 @@
-"""What is kept of a run: positions, modes and ego images, collected while it goes on."""
+"""Record of a run for its report: positions, modes and ego images, collected during the run."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from slrl_sumo.scene.state import WorldState
 from slrl_sumo.simulation.events import Decision, Event, Started, Views
 
 MOST_ROWS = 1_000_000
-"""Positions after which no more are kept, so that a long run has bounded costs."""
+"""Greatest number of stored positions, so that a long run has bounded costs."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
-    """What was kept of a run."""
+    """The record of a run."""
 
     started: Started
     tracks: Trajectories
-    """All road users, every 0.4 s; a road user that becomes learned, or SUMO's again, goes on in a new track."""
+    """All road users every 0.4 s; a road user that is taken over or handed back continues in a new track."""
     modes: NDArray[np.int64] | None
-    """How often each type chose each mode, (3, modes); None where the selector has no modes."""
+    """Number of choices of each mode by type, (3, modes); None if the selector has no modes."""
     views: tuple[Views, ...]
     cut: bool
     """Whether the run was longer than `tracks`."""
     signals: Shown
-    """What traffic lights showed, every 0.4 s."""
+    """States of traffic lights, every 0.4 s."""
     standing: StandingLanes
 
     @property
@@ -41,7 +41,7 @@ class RunRecord:
 
 
 class RunRecorder:
-    """Collects a RunRecord while a run goes on."""
+    """Collects a RunRecord during a run."""
 
     def __init__(self, started: Started) -> None:
         self._started = started
@@ -59,7 +59,7 @@ class RunRecorder:
         self._extend(started.step.world, (), None)
 
     def add(self, event: Event) -> None:
-        """Take a decision, or ego images of some road users."""
+        """Add a decision, or ego images of some road users."""
         if isinstance(event, Views):
             self._views.append(event)
         elif isinstance(event, Decision):
@@ -79,7 +79,7 @@ class RunRecorder:
         if self._rows > MOST_ROWS:
             self._cut = True
             return
-        # A jump to the other side of the scene is no path.
+        # A jump to the other side of the scene ends a track.
         new_tracks = set(reinserted)
         if self._before is not None:
             new_tracks.update(jumped(self._before, world))
@@ -90,7 +90,7 @@ class RunRecorder:
         self._before = world
 
     def build(self) -> RunRecord:
-        """What was collected."""
+        """The collected record."""
         return RunRecord(
             self._started,
             self._builder.build(),

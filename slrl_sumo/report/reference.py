@@ -1,4 +1,4 @@
-"""What the learned road users of a run are compared with, and conflicts between the two groups."""
+"""Reference for the learned road users of a run, and conflicts between the two groups."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from slrl_sumo.scene.types import TYPE_NAMES
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Road users that the learned ones of a run are compared with."""
+    """Reference road users for the comparison with the learned road users of a run."""
 
     name: str
     motion: Kinematics
@@ -21,7 +21,7 @@ class Reference:
 
 
 def reference_for(record: RunRecord, recording: Trajectories | None) -> Reference:
-    """The road users of a recording; without one, SUMO's own road users in the same run.
+    """The road users of a recording; without a recording, the background road users of the same run.
 
     A recording comes from another place: map features are left out.
     """

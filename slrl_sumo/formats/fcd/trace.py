@@ -1,4 +1,4 @@
-"""A trace with the files beside it that hold what its format cannot: who is learned (XML) and what signals show.
+"""A trace, with additional files for data that its format lacks: learned road users (XML) and states of signals.
 
 SUMO's schema of FCD has no attribute for a mode, and a processing instruction in its place would be an element to many
 scripts that read it by lxml. Signals belong to no road user, and have no place in any of the formats.
@@ -78,7 +78,7 @@ class TraceWriter:
         self._learned.put("".join(lines))
 
     def write_signals(self, time: float, states: Iterable[SignalState]) -> None:
-        """Add what traffic lights show from `time` (s) on."""
+        """Add the states of traffic lights from `time` (s) on."""
         self._signals.write(time, states)
 
     def close(self) -> None:

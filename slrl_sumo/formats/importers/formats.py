@@ -1,4 +1,4 @@
-"""The formats by name: which recordings lie in a folder, how to read one, and several in one table."""
+"""The formats by name: search for recordings in a folder, reading, and joining of several recordings."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ RECORDING_PAUSE = 250
 
 @dataclass(frozen=True)
 class Format:
-    """How the recordings of a data set are found and read."""
+    """Rules to find and read the recordings of a data set."""
 
     read: Callable[[Path], Trajectories]
     """From the main file of a recording."""
@@ -92,7 +92,7 @@ class Recording:
 
 
 def find_recordings(format: str, path: Path) -> list[Recording]:
-    """The recordings in a folder and the folders below it, by name, or the one that a file belongs to.
+    """The recordings in a folder and its subfolders, by name, or the recording of a file.
 
     Raises InputError on an unknown format and where there is none.
     """

@@ -25,7 +25,7 @@ back within a second: a tenth of the accelerations is above 6.3 m/s²; smoothed 
 
 
 def read_interaction(vehicles: Path) -> Trajectories:
-    """Read the recording whose vehicles are in `vehicle_tracks_NNN.csv`; pedestrians, if any, are in files beside it.
+    """Read the recording with vehicles in `vehicle_tracks_NNN.csv`; pedestrians, if any, are in files beside it.
 
     The class "pedestrian/bicycle" of the pedestrian files is decided per track by its speed.
     """
@@ -57,7 +57,7 @@ def _read_walkers(file: Path) -> Part:
 
 
 def _settle(part: Part) -> Part:
-    """With "pedestrian/bicycle" made one of the two."""
+    """Replace the class "pedestrian/bicycle" by one of the two types."""
     speed = np.hypot(part.table.numbers("vx"), part.table.numbers("vy"))
     moving = np.flatnonzero(speed > 0.5)
     order = moving[np.lexsort((speed[moving], part.user[moving]))]

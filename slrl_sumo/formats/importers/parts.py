@@ -1,4 +1,4 @@
-"""Recordings whose road users are spread over several files, as vehicles and pedestrians often are."""
+"""Recordings in several files, often one for vehicles and one for pedestrians."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path

@@ -11,7 +11,7 @@ LICENCE = "SinD: for non-commercial research, on request (https://github.com/SOT
 
 
 def read_sind(vehicles: Path) -> Trajectories:
-    """Read the recording whose vehicles are in `Veh_smoothed_tracks.csv`; pedestrians, if any, are in files beside it.
+    """Read the recording with vehicles in `Veh_smoothed_tracks.csv`; pedestrians, if any, are in files beside it.
 
     Headings of vehicles and bicycles are yaw_rad, the direction of the box (heading_rad is that of its motion).
     """

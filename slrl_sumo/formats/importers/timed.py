@@ -1,4 +1,4 @@
-"""Tables whose rows have track_id, timestamp_ms, agent_type, x and y: SinD, INTERACTION and similar data."""
+"""Tables with the columns track_id, timestamp_ms, agent_type, x and y: SinD, INTERACTION and similar data."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -38,7 +38,7 @@ def read_timed(path: Path, heading: str | None, more: Sequence[str] = ()) -> Par
 
 
 def period_of(parts: Sequence[Part]) -> float:
-    """Median time in s between two rows of a road user. Raises InputError where it is not a usual one."""
+    """Median time (s) between two rows of a road user. Raises InputError for an unusual value."""
     waits = []
     for part in parts:
         order = np.lexsort((part.time, part.user))

@@ -1,4 +1,4 @@
-"""`slrl-sumo bench`: throughput on this machine, beside plain SUMO and the bare library calls."""
+"""`slrl-sumo bench`: throughput on this machine, compared with plain SUMO and the bare library calls."""
 
 import os
 import platform
@@ -30,7 +30,7 @@ with this mix all fit, and none starts bumper to bumper."""
 
 @dataclass(frozen=True)
 class BenchSettings:
-    """What to measure; the words are those of `slrl-sumo bench`."""
+    """Settings of the measurement, named as in `slrl-sumo bench`."""
 
     scenarios: tuple[str, ...] = ("intersection", "shared-space", "district")
     agents: tuple[int, ...] = (16, 64, 256, 1024)
@@ -150,7 +150,7 @@ def write_bench(settings: BenchSettings, file: Path | None) -> int:
             except KeyboardInterrupt:
                 interrupted_by = caught[0]
     finally:
-        # Also if SUMO dies: finished measurements are kept.
+        # Finished measurements are kept, also if SUMO dies.
         if file is not None and (rows or not sys.exc_info()[0]):
             write_json(file, {"rows": rows, "left_out": list(left_out), **_circumstances(settings)})
         if rows:

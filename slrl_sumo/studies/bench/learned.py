@@ -36,9 +36,9 @@ from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import bare_moves
 
 WARM_UP_DECISIONS = 10
-"""Decisions before the measurement: the first ones draw the ground and read every road user from SUMO."""
+"""Number of decisions before the measurement: the first decisions draw the ground and read all road users from SUMO."""
 REPEATS = 20
-"""Repetitions of each bare call; the median is used."""
+"""Number of repetitions of each bare call, of which the median is used."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def measure_learned(work: Workload) -> Generator[None, None, LearnedCost]:
     """
     cv2.setNumThreads(1)
     selector = work.selector or usual_selector_of(work.bundle)
-    # PyTorch counts in the memory of a run that needs it.
+    # The memory of a run with PyTorch includes PyTorch.
     bundle = load_bundle(work.bundle, policy=selector in TRAINED, training=False)
     stopwatch = Stopwatch()
     seconds: list[dict[str, float]] = []

@@ -1,4 +1,4 @@
-"""One measurement in processes of its own: each has its own simulation and its own peak of memory."""
+"""A measurement in separate processes, each with its own simulation and its own peak memory."""
 
 import pickle
 from collections.abc import Callable, Generator
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Workload:
-    """What is measured."""
+    """The measured workload."""
 
     scenario: str
     agents: int
@@ -33,7 +33,7 @@ class Workload:
 
 
 class DoesNotFit(SlrlError):  # noqa: N818 (an outcome of a measurement, not a fault)
-    """The scenario has no room for that many road users."""
+    """The scenario has no room for the number of road users."""
 
 
 Measurement = Callable[[Workload], Generator[None, None, Result]]

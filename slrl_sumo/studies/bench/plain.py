@@ -1,4 +1,4 @@
-"""Cost of SUMO's own road users, in the same number as the learned ones."""
+"""Cost of SUMO's road users, in the same number as the learned road users."""
 
 import statistics
 from collections.abc import Generator
@@ -25,9 +25,9 @@ from slrl_sumo.sumo.session import SumoSession
 from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
 
 WARM_UP_STEPS = 50
-"""SUMO steps before the measurement: road users that find no gap at first have been inserted by then."""
+"""Number of SUMO steps before the measurement, in which road users without a gap at first are inserted."""
 DESTINATION_ATTEMPTS = 8
-"""Destinations that are tried for a road user before its route ends on its first edge."""
+"""Number of tried destinations of a road user before its route ends on its first edge."""
 
 
 class _Traffic:
@@ -46,7 +46,7 @@ class _Traffic:
             self._add(f"plain_{number}")
 
     def renew(self) -> None:
-        """After a SUMO step: road users that have arrived start again."""
+        """Restart the road users that have arrived; call it after each SUMO step."""
         for user in sorted(arrived_ids(self._api)):
             if user in self._starts:
                 self._add(user)

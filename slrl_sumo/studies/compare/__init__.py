@@ -1,1 +1,1 @@
-"""A scenario with learned road users beside SUMO's own models on the same demand."""
+"""Comparison of a scenario with learned road users and with SUMO's models on the same demand."""

@@ -1,4 +1,4 @@
-"""The same scenario and seeds with SUMO's own models and with learned road users: all runs and their result."""
+"""A scenario with equal seeds, with SUMO's models and with learned road users: all runs and their result."""
 
 import math
 import shlex
@@ -49,7 +49,7 @@ class ComparisonSettings:
     """Number of seeds, from `seed` on."""
     step_length: float | None = None
     backend: Backend = field(default_factory=Backend)
-    """The processes that do the runs."""
+    """Processes of the runs."""
 
 
 def compare(
@@ -125,7 +125,7 @@ def write_compared(settings: ComparisonSettings, folder: Path) -> int:
 
 
 def _command(common: ComparedScenario, run: Run) -> str:
-    """The command that repeats the two runs of a seed alone."""
+    """The command that repeats only the two runs of a seed."""
     words: list[Any] = ["slrl-sumo", "compare", common.scenario, "--bundle", common.bundle]
     words += ["--takeover", common.takeover, "--selector", common.selector, "--steps", common.decisions]
     words += [*(["--region", common.region] if common.region else []), *(["--guard"] if common.guard else [])]
@@ -142,7 +142,7 @@ def _notices(runs: dict[Run, Record], seed: int) -> list[str]:
 
 
 def _header(common: ComparedScenario, scenario: Scenario, bundle: ModelBundle) -> dict[str, Any]:
-    """All settings on which a run depends besides the Run itself."""
+    """All settings on which a run depends, except the Run itself."""
     own = {name: value for name, value in asdict(common).items() if name not in ("scenario", "bundle")}
     return inputs_header(scenario, bundle) | own
 

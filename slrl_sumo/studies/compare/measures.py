@@ -23,7 +23,7 @@ class SeedRun:
     trips: Mapping[str, Trip]
     """All trips, by road user."""
     same: frozenset[str]
-    """Road users that arrived in both arms."""
+    """Ids of road users that arrived in both arms."""
 
 
 Value = Callable[[SeedRun, str], float | None]
@@ -262,7 +262,7 @@ MEASURES = (
     ),
 )
 RUNS_ALONE = ("delay", "red", "learned")
-"""Traces tell neither waits to depart nor signals, and not always which road users are learned."""
+"""Traces contain neither waiting times before departure nor signals, and do not always mark learned road users."""
 AT_LIMITS = (
     "time beyond what the same way takes at the limits of the lanes, or at the top speed of the vehicle type where "
     f"that is less; {SAME}"

@@ -59,7 +59,7 @@ def _title(measure: Measure) -> str:
 
 
 def _verdict(result: dict[str, Any]) -> str:
-    """What the intervals allow to say, in sentences; of traces what is higher and lower, the largest share first."""
+    """Conclusions from the intervals, in sentences; for traces, higher and lower values, the largest share first."""
     titles = {measure.name: measure.title for measure in MEASURES}
     said, (first, second), rows = [], arms(result), result["rows"]
     if "traces" in result:

@@ -1,4 +1,4 @@
-"""One run of a comparison: a scenario with learned road users or with SUMO's own models, and its measurements."""
+"""A run of a comparison: a scenario with learned road users or with SUMO's models, and its measurements."""
 
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass
@@ -33,7 +33,7 @@ from slrl_sumo.sumo.session import SumoSession
 
 SUMO, LEARNED = "sumo", "learned"
 ARMS = (SUMO, LEARNED)
-"""SUMO: no road user is learned. LEARNED: the road users that are taken over are."""
+"""SUMO: no road user is learned. LEARNED: taken-over road users are learned."""
 
 Record = dict[str, Any]
 """Measurements of a run, ready for JSON; see `run_comparison`."""
@@ -131,7 +131,7 @@ def _arm(session: SumoSession, bundle: ModelBundle, common: ComparedScenario, ru
 
 
 def motion_record(tracks: Trajectories) -> Record:
-    """`conflicts` and `histograms` of a run: what positions alone tell."""
+    """`conflicts` and `histograms` of a run, from positions only."""
     values = kinematics(tracks)
     return {
         "conflicts": {

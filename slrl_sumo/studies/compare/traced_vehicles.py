@@ -1,4 +1,4 @@
-"""The vehicles of a trace by their types: the speeds that they might have, and what they emit."""
+"""The vehicles of a trace by their types: desired speeds and emissions."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from slrl_sumo.sumo.road_users import Motor
 from slrl_sumo.sumo.spawned import SUMO_TEMPLATES
 
 TRACE_POINT_SPACING = 2.0
-"""m between lane points."""
+"""Spacing (m) of lane points."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class TracedVehicles:
 
 
 def unknown_types(traced: Iterable[TracedVehicles]) -> list[str]:
-    """What to say of vehicle types that are unknown."""
+    """Notice on unknown vehicle types."""
     unknown = sorted(frozenset[str]().union(*(each.unknown for each in traced)))
     if not unknown:
         return []

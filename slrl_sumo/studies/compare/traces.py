@@ -1,4 +1,4 @@
-"""Two traces of one network beside each other: what differs between their road users."""
+"""Comparison of the road users of two traces of one network."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -28,9 +28,9 @@ from slrl_sumo.sumo.scenario import Scenario
 
 FIRST, SECOND = "first", "second"
 LISTED = 10
-"""Road users that the page names."""
+"""Number of road users on the page."""
 MAX_END_DIFFERENCE = 1.0
-"""s between the ends of two traces from which counts are of different lengths."""
+"""Difference (s) between the ends of two traces from which their counts are for different durations."""
 
 
 def write_compared_traces(
@@ -97,7 +97,7 @@ def _record(traced: TracedVehicles, network: Network, road_map: RoadMap) -> Reco
     stats, names = DrivingStats(road_map), np.array(road_users(tracks.ids), np.object_)
     for frame in tracks.frames:
         world = tracks.world(frame)
-        # A pair that collides counts once, also where one of them goes on in a new track.
+        # A colliding pair counts once, even if a road user continues in a new track.
         users = tuple(names[tracks.track[tracks.rows_at(frame)]].tolist())
         if len(set(users)) == len(users):  # a vehicle and a person may have the same id
             world = replace(world, ids=users)

@@ -1,4 +1,4 @@
-"""What a confidence interval allows to say of a difference."""
+"""Conclusions from the confidence interval of a difference."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,14 +21,14 @@ def verdict(row: Mapping[str, Any], first: str) -> str:
 
 
 def sign(difference: float) -> str:
-    """Of a difference between single runs, which have no interval."""
+    """Conclusion from a difference between single runs, which have no interval."""
     if difference == 0.0:
         return EQUAL
     return MORE if difference > 0.0 else LESS
 
 
 def too_few(rows: Sequence[Mapping[str, Any]], seeds: int) -> str:
-    """A sentence where intervals say nothing; '' where all say something."""
+    """A sentence on inconclusive intervals; '' if all intervals are conclusive."""
     silent = sum(row["verdict"] == UNKNOWN for row in rows)
     if not silent:
         return ""

@@ -1,4 +1,4 @@
-"""Words about a comparison that its page, its picture and its printed table share."""
+"""Texts on a comparison that its page, its picture and its printed table share."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ def title(result: dict[str, Any]) -> str:
 
 
 def lead(result: dict[str, Any]) -> str:
-    """What was compared, in one line."""
+    """Description of the comparison, in one line."""
     if "traces" in result:
         spans = "; ".join(
             f"{arm}: {name}, {begin:g} to {end:g} s"
@@ -41,12 +41,12 @@ def lead(result: dict[str, Any]) -> str:
 
 
 def percent(row: dict[str, Any], first: str) -> str:
-    """The difference of a row as a share of the first arm; '–' where that is 0."""
+    """The difference of a row as a share of the first arm; '–' if the first arm is 0."""
     return f"{100.0 * row['difference'] / abs(row[first]):+.0f}" if row[first] else "–"
 
 
 def caveat(result: dict[str, Any]) -> str:
-    """What the figures do not allow to say; '' where there is nothing."""
+    """Limits of the figures; '' without any."""
     if "traces" in result:
         return (
             "Two runs differ by chance, too, and one trace of each does not tell how much: "

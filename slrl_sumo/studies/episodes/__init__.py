@@ -1,1 +1,1 @@
-"""Selectors measured over many episodes in a scenario."""
+"""Measurement of selectors over many episodes in a scenario."""

@@ -1,4 +1,4 @@
-"""One episode of an evaluation: learned road users, SUMO's own or recorded ones, from the start to its outcome."""
+"""An episode of an evaluation, with learned, SUMO's or recorded road users, from the start to its outcome."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,15 +29,15 @@ from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
 SUMO = "sumo"
-"""The selector of SUMO's own models: no road user is learned, and the scenario's road users are counted."""
+"""Name of SUMO's models as selector: no road user is learned, and the scenario's road users are counted."""
 
 WARM_UP = 60.0
-"""s of plain SUMO before an episode, so that the scenario's traffic is present from the first decision on."""
+"""Duration (s) of plain SUMO before an episode, so that the scenario's traffic is present at the first decision."""
 
 
 @dataclass(frozen=True)
 class EpisodeSettings:
-    """What all episodes of an evaluation have in common."""
+    """Settings common to all episodes of an evaluation."""
 
     scenario: str
     bundle: str
@@ -51,7 +51,7 @@ class Episode:
 
     selector: str
     agents: int
-    """Learned road users; 0 with selector SUMO."""
+    """Number of learned road users; 0 with selector SUMO."""
     seed: int
     number: int
 
@@ -105,7 +105,7 @@ def recorded(recording: Trajectories, steps: int) -> Iterator[tuple[TypeOutcome,
 
 
 def _watch(session: SumoSession, steps: int) -> tuple[TypeOutcome, ...]:
-    """Count SUMO's own road users while they are there."""
+    """Count SUMO's road users while they are present."""
     roadmap = RoadMap(session.network.surfaces())
     world = background_world(session.reader.read(), session.time, frozenset())
     outcomes = Outcomes(world, np.ones(len(world), np.bool_))
@@ -141,7 +141,7 @@ def _not_in(world: WorldState, ids: frozenset[str]) -> NDArray[np.bool_]:
 
 
 def _spawn(cosimulation: CoSimulation, session: SumoSession, bundle: ModelBundle, episode: Episode) -> None:
-    """Add the learned road users as a run does, but not upon the traffic that is there already."""
+    """Add the learned road users as a run does, but clear of the present traffic."""
     points = cosimulation.points
     counts, _ = type_counts(episode.agents, None, points, str(session.scenario.config), bundle)
     background = background_world(session.reader.read(), session.time, frozenset())
@@ -155,7 +155,7 @@ def _spawn(cosimulation: CoSimulation, session: SumoSession, bundle: ModelBundle
 
 
 def _clear(points: tuple[LanePoints, ...], others: WorldState) -> tuple[LanePoints, ...]:
-    """Places from which each type has room to stop before any of `others`, as for a wrap-around."""
+    """Places from which each type has room to stop before each of `others`, as for a wraparound."""
     radii = 0.5 * np.hypot(others.length, others.width)
     clear = []
     for kind, places in enumerate(points):

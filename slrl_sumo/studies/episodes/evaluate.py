@@ -41,7 +41,7 @@ class EvaluationSettings:
     scenario: str
     bundle: str
     selectors: tuple[str, ...] = ()
-    """Empty: all selectors of the bundle, and SUMO's own models."""
+    """Selectors; empty: all selectors of the bundle, and SUMO's models."""
     agents: tuple[int, ...] = (32,)
     episodes: int = 64
     """Per selector, number of agents and seed."""
@@ -52,7 +52,7 @@ class EvaluationSettings:
     first: int = 0
     """Number of the first episode of each seed, to repeat a failed episode."""
     backend: Backend = field(default_factory=Backend)
-    """The processes that run the episodes."""
+    """Processes of the episodes."""
     recording: Path | None = None
     """Trajectories of recorded road users, counted in the same way."""
 

@@ -1,4 +1,4 @@
-"""The episodes of an evaluation, without a list of them: there may be millions."""
+"""The episodes of an evaluation, generated instead of listed, because there may be millions."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The published figures that stand beside ours: Tables 1 and 2 of the paper (section 4.2)."""
+"""The published figures for comparison: Tables 1 and 2 of the paper (section 4.2)."""
 
 from typing import Any
 

@@ -29,7 +29,7 @@ FIGURES = (
     "paper_survival_steps",
     "paper_collisions_per_1000_steps",
 )
-"""Figures; those of the paper's definitions begin with `paper_`."""
+"""Figures; figures by the paper's definitions begin with `paper_`."""
 
 SPREAD = ("success_rate", "mean_speed_mps", "paper_success_rate", "paper_survival_steps")
 """Figures with a standard deviation over episodes."""
@@ -77,7 +77,7 @@ class EpisodeTables:
         self._ended(episode, seed)
 
     def leave_out(self, episode: Episode) -> None:
-        """An episode has failed: it has no outcome, and will have none."""
+        """Count a failed episode, which has no outcome."""
         self._ended(episode, self._seed(episode))
 
     def rows(self) -> list[dict[str, Any]]:
@@ -181,7 +181,7 @@ class _Spread:
                 self._moments[name] = n + 1, first + exact, second + exact * exact
 
     def deviation(self, name: str) -> float | None:
-        """The sample standard deviation; None of fewer than two."""
+        """The sample standard deviation; None for fewer than two values."""
         n, first, second = self._moments.get(name, (0, Fraction(0), Fraction(0)))
         return round(math.sqrt((second - first * first / n) / (n - 1)), 6) if n > 1 else None
 

@@ -1,4 +1,4 @@
-"""Gaps in the rows of road users: how long one may wait for the next row, and what is told of tracks that are split."""
+"""Gaps in the rows of road users: greatest time to the next row, and notes on split tracks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ LONGEST_PERIOD = 5.0
 and 5 to 25 Hz side by side. Beyond that the times are wrong, or it is seen now and then."""
 
 FEWEST_WAITS = 5
-"""Waits that tell the period of a road user, or else of its type."""
+"""Least number of waits from which the period of a road user, or else of its type, is estimated."""
 
 MANY = 20
 """Waits of a type from which they are judged."""

@@ -1,4 +1,4 @@
-"""Headings of a recording against the motion of its road users: reversed ones are turned, others replaced."""
+"""Check of recorded headings against motion: reversed headings are turned, other wrong headings replaced."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,13 +8,13 @@ from slrl_sumo.formats.trajectories import Integers
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 
 JUDGED_SPEED = 2.0
-"""m/s above which the direction between two rows tells the direction of motion."""
+"""Speed (m/s) above which the direction between two rows is the direction of motion."""
 
 JUDGED_DISTANCE = 5.0
-"""m at that speed that a road user must cover to be judged."""
+"""Least distance (m) above this speed for the check of a road user."""
 
 OFF = 0.5
-"""rad between heading and motion above which the heading is wrong. Body slip of road traffic is below 0.2."""
+"""Angle (rad) between heading and motion above which the heading is wrong. Body slip of road traffic is below 0.2."""
 
 ALL, FEW = 0.9, 0.1
 """Share of the distance in which a heading is reversed where it is turned as a whole, and in which it may be wrong."""

@@ -16,7 +16,7 @@ from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.types import DECISION_INTERVAL, MAX_POSITION, TYPE_NAMES, RoadUserType
 
 TOP_SPEED = np.array([70.0, 17.0, 9.0])
-"""m/s per type; a higher speed between two rows is a jump, at which the track is split."""
+"""Speed (m/s) by type above which a motion between two rows is a jump, at which the track is split."""
 
 MOST_S, MOST_M = 1e10, MAX_POSITION
 """Highest time and position. Times may count from 1970."""
@@ -49,7 +49,7 @@ class Samples:
     x: Floats
     y: Floats
     heading: Floats
-    """(N,); NaN for road users whose heading follows from their motion."""
+    """Headings, (N,); NaN for road users with headings from their motion."""
     period: float
     """s between two rows; of a road user with longer ones, its own counts (see `gaps.periods`)."""
     ids: tuple[str, ...]
@@ -59,7 +59,7 @@ class Samples:
     length: Floats
     width: Floats
     still: Floats
-    """Heading of road users without one that never move, (U,)."""
+    """Heading of road users without recorded headings that never move, (U,)."""
     smoothing: float = 0.0
     """s⁴ (see SMOOTHING) where positions are raw marks in images or of a tracker; headings then follow from motion.
     0 where the source is smoothed."""
@@ -216,7 +216,7 @@ def _check_units(
 
 
 def _parked(samples: Samples) -> NDArray[np.bool_]:
-    """Which road users are parked, (U,)."""
+    """Whether each road user is parked, (U,)."""
     low, high = np.full((3, len(samples.ids)), np.inf), np.full((3, len(samples.ids)), -np.inf)
     for i, values in enumerate((samples.x, samples.y, samples.time)):
         np.minimum.at(low[i], samples.user, values)

@@ -1,4 +1,4 @@
-"""Speeds that road users of a type do not have, which tell that positions are in another unit than metres."""
+"""Detection of positions in another unit than metres, from implausible speeds of road users."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ FEWEST_USERS, FEWEST_ROWS = 3, 5
 
 
 def speed_notes(trajectories: Trajectories) -> tuple[str, ...]:
-    """A note for each type that moves more slowly or faster than it does anywhere."""
+    """A note for each type with a speed below or above all known recordings."""
     t = trajectories
     notes = []
     for kind, (least, most) in enumerate(USUAL_SPEEDS):
@@ -35,7 +35,7 @@ def speed_notes(trajectories: Trajectories) -> tuple[str, ...]:
 
 
 def _middle(speed: Floats) -> float:
-    """The speed at which half of the way is covered, so that a stand does not count; 0 where there is no way."""
+    """The speed at which half of the way is covered, so that standing does not count; 0 without motion."""
     ordered = np.sort(speed)
     way = np.cumsum(ordered)
     return float(ordered[np.searchsorted(way, 0.5 * way[-1])]) if len(way) else 0.0
