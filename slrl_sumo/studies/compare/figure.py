@@ -18,7 +18,7 @@ PANELS = ("travel_time", "delay", "stops", "speed", "ttc", "pet", "collisions", 
 
 def draw_comparison(result: dict[str, Any]) -> Figure:
     """A panel for each of PANELS that is not 0: bars are means over the seeds, whiskers their 95 % confidence
-    intervals, dots the seeds; the same seed's dots are joined."""
+    intervals, dots the seeds; lines join the dots of a seed."""
     rows = [row for row in result["rows"] if any(any(pair.values()) for pair in row["by_seed"].values())]
     shown = [name for name in PANELS if any(row["measure"] == name for row in rows)]
     columns = 4
@@ -60,7 +60,7 @@ def _draw(axes: Axes, name: str, rows: list[dict[str, Any]]) -> None:
     axes.set_xticks(places, [row["type"] for row in rows])
     axes.set_ylabel(f"{measure.title} ({'count' if measure.unit == '1' else measure.unit})")
     most = max(value for row in rows for values in row["by_seed"].values() for value in values.values())
-    # With few seeds an interval may be many times as long as what was measured: it goes on outside of the panel.
+    # With few seeds, an interval may be many times as long as the measured values: it may leave the panel.
     counted = measure.unit == "1"
     axes.set_ylim(0.0, max(1.4 * most, 1.0 if counted else 1e-3))
     if counted:

@@ -30,12 +30,12 @@ from slrl_sumo.studies.prediction.rollout_realism import Recorded, rollout_score
 
 SELECTORS = ("constant-velocity", "prior", "step-oracle", "mode-oracle")
 POLICY_SELECTORS = ("greedy", "sampled")
-"""Those of bundles with a trained policy."""
+"""Selectors of bundles with a trained policy."""
 SAMPLES = 20
-"""Rollouts of which the best counts, per road user."""
+"""Number of rollouts per road user, of which the best counts."""
 
 BEND_ANGLE = np.radians(20.0)
-"""A road user whose recorded heading differs by more than this after 6.4 s is in a bend."""
+"""Change (rad) of the recorded heading in 6.4 s above which a road user is in a bend."""
 
 
 @dataclass(frozen=True, eq=False)
