@@ -18,7 +18,7 @@ from slrl_sumo.netgen.specs import DemandSpec
 TYPES_PER_CLASS = 8
 """Different drivers, riders and walkers in the routes file: models that learn from this traffic need variety."""
 _MOST_FLOWS = 32
-"""Per class: a large net has too many pairs of ends for one flow each."""
+"""Greatest number per class: a large net has too many pairs of ends for one flow each."""
 
 _Range = tuple[float, float]
 # Drawn uniformly per type, around SUMO's defaults: https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html

@@ -117,7 +117,7 @@ def _draw_motorway(random: Random, seed: int) -> tuple[MotorwaySpec, DemandSpec]
         speed_limit=random.choice((19.44, 22.22, 27.78, 33.33, 36.11)),
         seed=seed,
     )
-    # Some seeds bring more than the narrow stretch can take, so that speeds between jam and limit are seen.
+    # Some seeds exceed the capacity of the narrow stretch, so that speeds between jam and limit occur.
     cars = float(random.randint(800 * (lanes - 1), 2300 * (lanes - 1)))
     return spec, DemandSpec(cars_per_hour=cars, bicycles_per_hour=0.0, pedestrians_per_hour=0.0, seed=seed)
 

@@ -19,7 +19,7 @@ class NetGraph:
     follows: Mapping[tuple[str, str], frozenset[str]]
     """(class, edge) -> edges one step further; also through walking areas and crossings, which count as edges."""
     inside: Mapping[str, float]
-    """m: lengths of walking areas, crossings and all other edges inside junctions."""
+    """Lengths (m) of walking areas, crossings and all other edges inside junctions."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the demand of a scenario means for a run with learned road users; nothing is started."""
+"""Consequences of a scenario's demand for a run with learned road users, without starting SUMO."""
 
 from collections.abc import Iterator
 
@@ -13,11 +13,11 @@ from slrl_sumo.sumo.vehicle_classes import MAX_LENGTH, MAX_WIDTH
 KEPT = {"pedestrian": (0.73, 1.57), "bicycle": (0.0, 6.93)}
 """m/s at which learned ones of each class go on a free way, measured with the bundle `intersection`."""
 SPEED_SPREAD = 0.1
-"""Share by which a wanted speed may be beyond these: types in the usual spread are nothing to report."""
+"""Share by which a desired speed may exceed these speeds: types within the usual spread are not reported."""
 
 
 def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
-    """What the route and additional files mean for a run."""
+    """Consequences of the route and additional files for a run."""
     for path, reason in demand.unreadable.items():
         yield Finding("problem", "files", f"{path} is not well-formed: {reason}", "correct the file or make it again")
     yield from _name_findings(demand)
@@ -80,7 +80,7 @@ def demand_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
 
 
 def _speed_findings(demand: Demand) -> Iterator[Finding]:
-    """Speeds that learned pedestrians and bicycles do not keep."""
+    """Desired speeds that learned pedestrians and bicycles do not reach or keep."""
     beyond = sorted(
         name
         for name, (of, wanted) in demand.wanted_speeds.items()
@@ -162,7 +162,7 @@ def _rerouting_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]
 
 
 def output_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
-    """Files that the scenario itself writes."""
+    """Output files of the scenario."""
     written = sorted(filter(is_output, scenario.options))
     if demand.writers:
         written.append(counted(demand.writers, "detector or data collector", "detectors or data collectors"))

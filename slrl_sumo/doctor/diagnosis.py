@@ -66,7 +66,7 @@ def _loaded_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]:
 
 
 def network_findings(network: Network) -> Iterator[Finding]:
-    """What the network offers learned road users."""
+    """Surfaces of the network for learned road users."""
     places = starting_points(network)
     possible = [kind for kind in RoadUserType if len(places[kind])]
     if not possible:
@@ -103,7 +103,7 @@ def network_findings(network: Network) -> Iterator[Finding]:
 
 
 def _missing_surface(network: Network, kind: RoadUserType) -> tuple[str, str]:
-    """What is missing, and how to add it."""
+    """Missing surfaces, and how to add them."""
     name = TYPE_NAMES[kind]
     mend = {
         RoadUserType.CAR: "lanes that allow passenger cars",
@@ -189,7 +189,7 @@ def _overtaking(scenario: Scenario) -> Iterator[Finding]:
 
 
 def _bridges(network: Network) -> Iterator[Finding]:
-    """Streets that cross without a junction: whether that was meant, only the user knows."""
+    """Streets that cross without a junction; only the user knows whether this is intended."""
     crossing = sorted({separation.edges for separation in network.grade_separations})
     if crossing:
         named = ", ".join(" over or under ".join(pair) for pair in crossing[:2])

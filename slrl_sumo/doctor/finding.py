@@ -9,7 +9,7 @@ Severity = Literal["ok", "note", "warning", "problem"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing about a scenario that matters to a run with learned road users.
+    """A finding about a scenario that matters to a run with learned road users.
 
     `problem`: the run would be refused or would end with SUMO's error; `warning`: results may mislead; `note`: the run
     changes or handles it; `ok`: good to know.

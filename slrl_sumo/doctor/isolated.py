@@ -1,4 +1,4 @@
-"""The examination in a process of its own: a crash of SUMO ends that process alone."""
+"""The examination in a child process: a crash of SUMO ends only that process."""
 
 from slrl_sumo.doctor.finding import Finding
 from slrl_sumo.sumo.isolation import isolated
@@ -6,7 +6,7 @@ from slrl_sumo.sumo.scenario import Scenario
 
 
 def examine_isolated(scenario: Scenario) -> list[Finding]:
-    """The same as slrl_sumo.doctor.diagnosis.examine, from a child process. Raises InputError where SUMO crashes."""
+    """Like slrl_sumo.doctor.diagnosis.examine, in a child process. Raises InputError if SUMO crashes."""
     return isolated(_examine, scenario, scenario.config)
 
 

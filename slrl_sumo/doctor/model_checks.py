@@ -1,4 +1,4 @@
-"""What the models of the usual bundle cannot do in a network: turns that are too sharp, lanes that are too fast."""
+"""Limits of the default bundle's models in a network: turns that are too sharp, lanes that are too fast."""
 
 import math
 from collections.abc import Iterator
@@ -22,9 +22,9 @@ from slrl_sumo.sumo.network.lanes import Lane
 from slrl_sumo.sumo.network.links import LaneLinks
 
 SMALLEST_TURN = math.radians(45.0)
-"""Turns below this angle are not looked at."""
+"""Angle below which turns are not checked."""
 TURN_REACH = 25.0
-"""m of the lanes before and after a junction that belong to a turn."""
+"""Length (m) of the lanes before and after a junction that belongs to a turn."""
 
 
 def turn_findings(api: SumoApi, network: Network) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""What the options of a scenario mean for a run with learned road users; nothing is started."""
+"""Consequences of a scenario's options for a run with learned road users, without starting SUMO."""
 
 from collections.abc import Iterator
 
@@ -13,7 +13,7 @@ TELEPORT_AFTER = 300.0
 
 
 def missing_inputs(scenario: Scenario) -> Iterator[Finding]:
-    """What keeps SUMO from being started at all: files that do not exist, modes in which nothing can be moved."""
+    """Obstacles to a start of SUMO: missing files, and modes in which nothing can be moved."""
     for name in ("net-file", "route-files", "additional-files"):
         for path in input_files(scenario, name):
             if not path.exists():
@@ -30,7 +30,7 @@ def missing_inputs(scenario: Scenario) -> Iterator[Finding]:
 
 
 def option_findings(scenario: Scenario) -> Iterator[Finding]:
-    """What the options of the configuration mean for a run."""
+    """Consequences of the options of the configuration for a run."""
     yield from _time_findings(scenario)
     yield from _removal_findings(scenario)
     if (option(scenario, "remote-port") or "0") != "0":

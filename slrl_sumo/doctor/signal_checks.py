@@ -1,4 +1,4 @@
-"""Signals that road users cannot obey: yellow that is shorter than vehicles need to stop or to pass."""
+"""Signals that vehicles cannot obey, because yellow is too short to stop or to pass."""
 
 from collections.abc import Iterator, Sequence
 

@@ -1,4 +1,4 @@
-"""Which SUMO is installed: its parts must be of one version, because moveToXY behaves differently between releases."""
+"""Versions of the installed SUMO: all parts must have one version, because moveToXY differs between releases."""
 
 import os
 import re

@@ -24,7 +24,7 @@ MAX_REGIONS = 100_000
 """Regions of one colour; in a scanned or noisy picture each speck is one."""
 
 ROAD_MARGIN = 60.0
-"""m of road around the outermost positions: more than an ego image shows."""
+"""Width (m) of road around the outermost positions: more than the extent of an ego image."""
 
 
 def everywhere_road(x: Floats, y: Floats) -> RoadMap:
@@ -60,7 +60,7 @@ def ground_of_mask(mask: Path, metres_per_pixel: float) -> RoadMap:
         )
     if not any(area.surface == Surface.ROAD for _, area in regions):
         raise InputError(f"--mask {mask}: there is no road in it; paint it white")
-    # A region in a hole is smaller than the region around it: painted later it stays visible, also without a surface.
+    # A region in a hole is smaller than the region around it: painted later, it stays visible, also without a surface.
     regions.sort(key=lambda region: -region[0])
     return RoadMap(SurfaceShapes(tuple(area for _, area in regions)))
 
@@ -77,7 +77,7 @@ def _read_picture(mask: Path) -> NDArray[np.uint8]:
     except OSError as error:
         reason = error.strerror or "it is damaged or no picture"
     except Exception as error:
-        # Decoders raise many kinds of errors where a picture is damaged.
+        # Decoders raise many kinds of errors for damaged pictures.
         reason = " ".join(str(error).split())
     raise InputError(f"--mask {mask}: cannot be read as a picture ({reason}); give a PNG")
 

@@ -21,11 +21,11 @@ TILE_MARGIN = 48.0
 TILE_MEMORY = 128 * 2**20
 """Bytes: 334 tiles."""
 CIRCLE = np.arange(16.0) * (np.pi / 8.0)
-"""rad; the directions in which a surface near a point is looked for."""
+"""Directions (rad) in which a surface near a point is searched."""
 SCENE_MARGIN = 10.0
-"""m from every surface; road users farther away have left the scene."""
+"""Distance (m) from all surfaces beyond which road users have left the scene."""
 NEAR_CELL = 2.0
-"""Cell of the occupancy grid in m; larger where the scene would need more than MAX_CELLS cells."""
+"""Cell size (m) of the occupancy grid; larger if the scene would need more than MAX_CELLS cells."""
 MAX_CELLS = 16 * 2**20
 
 
@@ -66,7 +66,7 @@ class RoadMap:
 
     @property
     def resident_bytes(self) -> int:
-        """Memory of the painted tiles that are kept now."""
+        """Memory of the present painted tiles."""
         return self._tiles.resident_bytes
 
     def surface_at(self, x: Floats, y: Floats) -> Ids:
@@ -76,7 +76,7 @@ class RoadMap:
     def beyond_own_surface(
         self, kind: NDArray[np.int8], x: Floats, y: Floats, margin: float, circle: Floats = CIRCLE
     ) -> NDArray[np.bool_]:
-        """Which points (m) are more than `margin` m off the own surfaces of road users of these types, (n,).
+        """Whether each point (m) is more than `margin` m off the own surfaces of a road user of this type, (n,).
 
         `kind`: RoadUserType, (n,). The own surface is looked for at the point and on a circle of that radius, in the
         directions `circle` (rad).

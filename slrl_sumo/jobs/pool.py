@@ -1,6 +1,6 @@
 """Requests to worker processes with retry: independent jobs in any order, or one request to each worker.
 
-Where the processes run is the only difference between backends: `LocalWorkers` starts them on this machine,
+Backends differ only in the machines of the processes: `LocalWorkers` starts them on this machine,
 slrl_sumo.jobs.ray_workers on the machines of a Ray cluster.
 """
 
@@ -34,12 +34,12 @@ Record = TypeVar("Record")
 
 @dataclass(frozen=True)
 class Backend:
-    """Where worker processes run; the words are those of the command line."""
+    """Location of worker processes; fields are named as on the command line."""
 
     workers: int | None = None
-    """How many processes at once. None: 2, or as many as Ray has cores."""
+    """Number of processes at the same time. None: 2, or the number of Ray's cores."""
     ray: str | None = None
-    """None: this machine. "local": a Ray instance of its own on this machine; otherwise the address of a Ray cluster:
+    """None: this machine. "local": a separate Ray instance on this machine. Otherwise the address of a Ray cluster:
     HOST:PORT of its head, or "auto" for the cluster of this machine."""
 
     def __post_init__(self) -> None:
@@ -57,7 +57,7 @@ class Finished(Generic[Job, Record]):
 
 
 class Failures:
-    """How often processes and machines were lost, by job or worker."""
+    """Numbers of lost processes and machines, by job or worker."""
 
     def __init__(self, attempts: int) -> None:
         self.attempts = attempts
@@ -76,12 +76,13 @@ def run_jobs(
 ) -> Generator[Finished[Job, Record], None, None]:
     """Apply `work` to each of `jobs` and yield each job once, when it is finished, in any order.
 
-    `work`, jobs and records are pickled; the record must depend on the job alone. `jobs` may be a generator: it is
-    advanced as processes become free, so that only unfinished jobs are in memory.
+    `work`, jobs and records are pickled; the record must depend only on the job. `jobs` may be a generator: it advances
+    when processes become free, so that only unfinished jobs are in memory.
 
-    A job whose process dies is repeated in a fresh process, JOB_ATTEMPTS attempts in all; a job in which SUMO fails is
-    not, because it would fail again. A job whose machine is lost is repeated on another one. Raises InputError for
-    wrong input, SumoError if the first MAX_FIRST_FAILURES jobs all fail, DefectError with the traceback of a defect.
+    After the death of its process, a job is repeated in a new process, with JOB_ATTEMPTS attempts in total. After a
+    failure of SUMO, a job is not repeated, because it would fail again. After the loss of its machine, a job is
+    repeated on another machine. Raises InputError for wrong input, SumoError if the first MAX_FIRST_FAILURES jobs all
+    fail, and DefectError with the traceback of a defect.
     Closing the generator ends the processes, and so does the death of this process.
     """
     with closing(_workers(work, backend)) as workers:
@@ -145,8 +146,8 @@ def ask_all(
 ) -> dict[int, Any]:
     """`begin` a request at each of the workers `numbers` and wait for all answers, by number.
 
-    After each failure (a process or machine is lost, or SUMO fails) `failed` is called, then `begin` once more, with a
-    fresh process. Raises SumoError when a worker has failed too often (see Failures), and other exceptions at once.
+    After each failure (a process or machine is lost, or SUMO fails), `failed` is called, then `begin` again, with a new
+    process. Raises SumoError if a worker has failed too often (see Failures), and other exceptions immediately.
     """
     missing, answers = set(numbers), dict[int, Any]()
     for number in sorted(missing):

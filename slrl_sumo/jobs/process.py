@@ -1,6 +1,6 @@
 """A child process that may crash: libsumo holds one simulation per process, and a crash of SUMO ends that process.
 
-Every process of this package that holds SUMO is a WorkerProcess: runs, studies, training and benchmarks.
+All processes of this package with SUMO are WorkerProcesses: runs, studies, training and benchmarks.
 """
 
 import ctypes
@@ -30,7 +30,7 @@ PRINTED = "printed"
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's mallopt (https://man7.org/linux/man-pages/man3/mallopt.3.html)."""
 EXIT_S = 5.0
-"""s that a process may take to exit after its pipe was closed."""
+"""Time (s) for the exit of a process after its pipe was closed."""
 GUARD = """read -r end
 for second in 1 2 3 4 5; do kill -0 "$1" && sleep 1; done
 kill -9 "$1"
@@ -65,7 +65,7 @@ class WorkerProcess:
         open_closed_streams()
         self.work = work
         self.requests = 0
-        """How many were sent."""
+        """Number of sent requests."""
         self._child: _Child | None = None
         try:
             with interrupts_deferred():

@@ -22,24 +22,25 @@ LEARNING_RATE = 3e-3
 """Initial learning rate of Adam; it falls linearly to 0 over the epochs."""
 
 TYPE_EPOCHS = 10
-"""Epochs in which the modes of a type share their weights before they separate: a mode may have only a few windows."""
+"""Number of epochs in which the modes of a type share their weights: a mode may have only a few windows."""
 
 FEWEST_STEPS = 8
-"""Minimum number of optimiser steps of an epoch, where there are enough windows: otherwise small data sets would get
-hardly any steps. Many more steps made modes with few windows overfit (tried on the HC recordings)."""
+"""Least number of optimiser steps of an epoch, if there are enough windows: otherwise small data sets would get hardly
+any steps. Many more steps made modes with few windows overfit (tried on the HC recordings)."""
 
 KINEMATIC_WEIGHT = 0.1
-"""Weight of the first step's errors of acceleration and yaw rate relative to the position errors: near standstill
+"""Weight of the first step's errors of acceleration and yaw rate relative to the position errors: near a standstill,
 positions contain neither the turn nor the deceleration of a stopped road user."""
 
 EPOCH_PATHS = 120_000
-"""Maximum number of windows of an epoch of path training: successive windows share 11 of 12 intervals, so one in eight
-of a million contains as much. Each mode gets the same share, or all of its windows: modes of rare manoeuvres have a few
-hundred of a million windows and would hardly learn otherwise."""
+"""Greatest number of windows of an epoch of path training: successive windows share 11 of 12 intervals, so that one in
+eight of a million windows contains nearly the same information. Each mode gets the same share, or all of its windows:
+modes of rare manoeuvres have a few hundred of a million windows and would hardly learn otherwise."""
 
 HIDDEN_SHARE = 0.5
-"""Share of the windows in which the nearest road users are hidden: with them, models learn the few encounters of the
-recordings by heart (best of 20 of SDD's pedestrians elsewhere 0.59 instead of 0.56 of constant velocity without)."""
+"""Share of the windows in which the nearest road users are hidden: without hiding, models memorise the few encounters
+of the recordings (error of the best of 20 on other recordings of SDD's pedestrians: 0.59 instead of 0.56 of constant
+velocity)."""
 
 PRIOR_PENALTY = 1.0
 """Weight of the sum of squared weights of the mode classifiers relative to the sum of the windows' cross-entropies.
@@ -56,8 +57,10 @@ Longs = NDArray[np.int64]
 
 
 def turned(vector: Tensor, generator: torch.Generator) -> Tensor:
-    """Feature vectors with random headings: the models must not depend on the direction of north. In the preset
-    `history` the nearest road users are hidden in the share HIDDEN_SHARE."""
+    """Feature vectors with random headings, because the models must not depend on the direction of north.
+
+    In the preset `history`, the nearest road users are hidden in the share HIDDEN_SHARE of the vectors.
+    """
     turned = vector.clone()
     turned[..., HEADING] = (torch.rand(vector.shape[:-1], generator=generator) * 2 - 1) * torch.pi
     if vector.shape[-1] > len(FEATURES):
@@ -76,8 +79,8 @@ def epochs_of(count: int, what: str, optimizer: torch.optim.Optimizer) -> Iterat
 def batches(group: Longs, rows: int, blocks: int, random: np.random.Generator) -> Iterator[Tensor]:
     """One epoch: int64 indices (up to `blocks`, `rows`) of windows, in blocks that share a group.
 
-    Every window occurs once, and the last block of a group is padded with windows of the group. The blocks of each
-    group are spread evenly over the epoch, so that every step contains the groups in the same proportion."""
+    Each window occurs once, and the last block of a group is padded with windows of the group. The blocks of each group
+    are spread evenly over the epoch, so that each step contains the groups in the same proportion."""
     order = np.lexsort((random.random(len(group)), group))
     made, place = [], []
     for mine in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
@@ -106,11 +109,11 @@ def train_displacement(
 
     A model is rolled out over `horizon` intervals, usually the 4.8 s to the destination, with its own speed and
     acceleration as input as in a run, and all positions on the path count: models trained on single steps drift.
-    `forget`: share of the windows in which the acceleration is hidden. Accelerations persist, so models that always
-    observe them continue the present motion instead of starting the motion of the mode. The models start as constant
-    velocity; the modes of a type share their weights for TYPE_EPOCHS and are then trained separately.
+    `forget`: share of the windows in which the acceleration is hidden. Accelerations persist, so that models that
+    always observe the acceleration continue the present motion instead of starting the motion of the mode. The models
+    start as constant velocity; the modes of a type share their weights for TYPE_EPOCHS and are then trained separately.
 
-    With `tied` the modes of a type differ in biases and in the last layer only.
+    With `tied`, the modes of a type differ only in biases and in the last layer.
     """
     networks = models.networks
     networks.initialise(generator)
@@ -156,7 +159,7 @@ def rolled(
 
 
 def _later(rest: Tensor, speed: Tensor, yaw_rate: Tensor) -> Tensor:
-    """The columns from the third on of the preset `history` one interval later, in unchanged surroundings."""
+    """The columns of the preset `history` from the third on, one interval later, in unchanged surroundings."""
     skipped = ACCELERATION + 1
     fixed, now = rest[..., : YAW_RATE - skipped], rest[..., YAW_RATE - skipped, None]
     speeds = rest[..., PAST_SPEED - skipped : PAST_YAW_RATE - skipped - 1]
@@ -175,7 +178,7 @@ def _train_paths(
     horizon: int,
     tied: bool = False,
 ) -> None:
-    """Train each model on the windows of its type and mode (N,); with `tied` as `tie` has it."""
+    """Train each model on the windows of its type and mode (N,); `tied`: with equal gradients, see `tie`."""
     vector, kind, chosen = torch.from_numpy(train.vector), torch.from_numpy(train.type), torch.from_numpy(mode)
     target = torch.from_numpy(train.path[:, :horizon].astype(np.float32))
     # Motion beyond the bounds cannot be learned; the position errors still contain it.
@@ -210,14 +213,14 @@ def _train_paths(
 
 
 def tie(networks: StackedNetworks) -> None:
-    """Give all members of a type the same gradient in the weights of all layers but the last: equal ones stay equal."""
+    """Give all members of a type equal gradients in all layers except the last, so that equal weights stay equal."""
     for weight in networks.weight[:-1]:
         if weight.grad is not None:
             weight.grad.copy_(weight.grad.sum(1, keepdim=True).expand_as(weight))
 
 
 def seen_in_training(vector: Tensor, forget: float, generator: torch.Generator) -> Tensor:
-    """What a model observes of the windows `vector` (..., columns) in training (see `turned`, `train_displacement`)."""
+    """Inputs of a model for the windows `vector` (..., columns) in training (see `turned`, `train_displacement`)."""
     seen = turned(vector, generator)
     if forget:
         seen[..., ACCELERATION] *= torch.rand(seen.shape[:-1], generator=generator) >= forget

@@ -15,10 +15,10 @@ from slrl_sumo.scene.geometry import Floats, to_ego
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
 PAST = 2
-"""Recorded intervals that a window needs before it: a speed needs one, an acceleration two."""
+"""Number of recorded intervals needed before a window: a speed needs one, an acceleration two."""
 
 FUTURE = 12
-"""Intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
+"""Number of intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
 
 OWN_SPEED = 0.75
 """Share of the constant-velocity displacement that is subtracted in relative destinations. With 1, modes describe
@@ -32,7 +32,7 @@ BACKWARDS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """N moments of recorded road users, as parallel arrays. Ego frame: that of the moment itself."""
+    """N moments of recorded road users, as parallel arrays, in the ego frame of each moment."""
 
     vector: NDArray[np.float32]
     """Features at the moment, (N, columns of the preset)."""
@@ -80,13 +80,13 @@ def windows(
 ) -> Windows:
     """All windows of the recordings: each row with 2 rows before it and `future` after it in its track.
 
-    `preset`: of the vector (see features.STATES).
+    `preset`: preset of the vector (see features.STATES).
 
-    With `stride` > 1 only every stride-th frame number is used. Parked road users have no windows, and neither have
-    cars that reverse in the intervals before or in the next one: the models drive forwards only and would learn to
-    accelerate. A car that stands and reverses later has windows, because standing is the models' nearest motion.
-    Features are computed by the code of live simulation, with every recorded road user of the frame as a neighbour,
-    parked and reversing ones included."""
+    With `stride` > 1, only every stride-th frame number is used. There are no windows of parked road users, and of cars
+    that reverse in the intervals before or in the next interval: the models drive forwards only and would learn to
+    accelerate. A car that stands and reverses later has windows, because standing is the nearest motion of the models.
+    Features are computed by the code of live simulation, with all recorded road users of the frame as neighbours,
+    including parked and reversing road users."""
     console = bar_console()
     numbered = track(
         enumerate(recordings),
@@ -100,7 +100,7 @@ def windows(
 
 
 def joined(parts: Sequence[Windows]) -> Windows:
-    """The windows of all parts, one after the other."""
+    """Concatenate the windows of all parts."""
     names = Windows.__dataclass_fields__
     return Windows(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 

@@ -1,9 +1,9 @@
-"""How much of a trained policy counts where a route is not known, or only expected: as much as recordings bear out.
+"""Weights of a trained policy for unknown or expected routes, calibrated on recordings.
 
-A policy of the preset `extended` learns in simulations, where every road user has a route. Without one, as on
-recordings, its scorers still weigh what modes lead to as if all of them fitted the route alike, and drive standing cars
-off. Recordings say by how much heads and scorers make the recorded modes likelier, per type; where lanes are known,
-also by how much on the routes that are expected along these (slrl_sumo.routing.expected_routes).
+A policy of the preset `extended` learns in simulations, in which each road user has a route. Without a route, as in
+recordings, its scorers rate mode rollouts as if all modes fitted the route equally, and make standing cars start.
+Recordings show, by type, how much heads and scorers raise the likelihood of the recorded modes; with known lanes, also
+on expected routes along these lanes (slrl_sumo.routing.expected_routes).
 """
 
 from collections.abc import Sequence
@@ -46,13 +46,12 @@ higher."""
 def calibrated(
     bundle: ModelBundle, recordings: Sequence[Trajectories], routes: Sequence[ExpectedRoutes] = ()
 ) -> ModelBundle:
-    """The bundle with a policy that counts without a route, and on expected `routes`, as much as the recordings bear
-    out.
+    """The bundle with a policy that is weighted for unknown routes, and for expected `routes`, from recordings.
 
     The shares, from 0 to 1 by type for heads and scorers, maximise the likelihood of the recorded modes under
-    prior + share x correction. The prior has learned from these recordings, so the shares are rather too small than too
-    large. `routes`: those on the lanes of each recording; without, the policy does not count on expected ones. Raises
-    InputError where the bundle has no policy of the preset `extended`.
+    prior + share x correction. The prior was trained on these recordings, so that the shares are too small rather than
+    too large. `routes`: expected routes on the lanes of each recording; without these, the policy has no weight on
+    expected routes. Raises InputError if the bundle has no policy of the preset `extended`.
     """
     if bundle.policy is None or not bundle.policy.config.route_columns:
         raise InputError(f"bundle {bundle.name}: it has no trained selector that reads routes")
@@ -85,8 +84,10 @@ def _shares_by_type(parts: Sequence[tuple[Tensor, ...]]) -> list[list[float]]:
 
 
 def shares(known: Tensor, corrections: Tensor, mode: Tensor) -> Tensor:
-    """Shares (2,) of the `corrections` (2, n, modes) beside the log probabilities `known` (n, modes), for which the
-    modes (n,) are the likeliest; 0 where they are hardly likelier than by `known` alone."""
+    """Shares (2,) of the `corrections` (2, n, modes) that maximise the likelihood of the modes (n,).
+
+    `known`: log probabilities of the prior, (n, modes). The shares are 0 if they hardly raise the likelihood.
+    """
     share = torch.full((2,), 0.1, requires_grad=True)
     optimizer = torch.optim.Adam([share], lr=0.02)
     for _ in range(ROUNDS):
@@ -107,8 +108,10 @@ def shares(known: Tensor, corrections: Tensor, mode: Tensor) -> Tensor:
 def _parts(
     bundle: ModelBundle, policy: Policy, recording: Trajectories, routes: ExpectedRoutes | None = None
 ) -> tuple[Tensor, ...]:
-    """Type, recorded mode, log probabilities of the prior, and logits of heads and scorers, of all windows; with
-    `routes` of those on one."""
+    """Type, recorded mode, log probabilities of the prior, and logits of heads and scorers of all windows.
+
+    With `routes`, only of windows on an expected route.
+    """
     modes_by = str(bundle.training.get("modes_by", "kmeans"))
     every = windows([recording], STRIDE, bundle.config.preset, max(HORIZONS.get(modes_by, FUTURE), FUTURE))
     every = every.take(bundle.types[every.type])
