@@ -70,9 +70,9 @@ RATES = (
     ("as_rule", "steps", 1.0),
     ("faster", "steps", 1.0),
 )
-"""Figures of each group: a sum, the sum that it is divided by, and a factor. `contacts`: all; `at_fault`: those that it
-moved into (learning.rewards.fault); `faster`: m/s that the chosen mode is faster than that of `rule` would be, 2 s
-later."""
+"""Figures of each group: a sum, its divisor (also a sum), and a factor. `contacts`: all contacts; `at_fault`: contacts
+by own fault (learning.rewards.fault); `faster`: speed (m/s) of the chosen mode after 2 s minus the speed of the mode of
+`rule`."""
 NEAR, AHEAD, OFFSET = 15.0, 40.0, 0.4
 """m."""
 

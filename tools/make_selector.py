@@ -81,11 +81,12 @@ NETWORKS, SCENARIOS = ("intersection", "town", "roundabout"), ("intersection", "
 """Traffic without known routes that `intersection` is calibrated to, and tested on."""
 SEED, SECONDS = 6001, 150.0
 NOT_WORSE = 1.002
-"""Of the prior's mean error, at most, for every type: one that keeps the prior's modes differs by up to that through
-the road users beside it, which do not."""
+"""Greatest ratio to the prior's mean error for each type: a type that keeps the prior's modes differs by up to this
+ratio, because road users of other types near it do not keep them."""
 BETTER = 0.97
-"""Of the prior's mean error, at most, where a selector on expected routes counts as better. Bicycles of the shipped one
-have 0.953, in 150 s of 17 riders; in 300 s with another seed they have 0.67 in one scenario and 1.01 in the other."""
+"""Greatest ratio to the prior's mean error at which a selector on expected routes counts as better. Bicycles of the
+shipped selector have 0.953, in 150 s of 17 riders; in 300 s with another seed they have 0.67 in one scenario and 1.01
+in the other."""
 
 
 def main() -> None:

@@ -5,19 +5,19 @@
     python -m benchmarks.takeover.study --log study.jsonl --markdown --scenarios signalised        # only its tables
 
 All eligible road users are taken over, everywhere or in --region, until --seconds; then all are handed back, and the
-run continues for --tail s to follow them. In `sumo` no road user is taken; those that a takeover would have taken are
-followed. Runs that are in --log already are not repeated, except those that failed.
+run continues for --tail s to follow them. In `sumo`, no road user is taken over; road users that match the takeover are
+followed. Runs that are already in --log are not repeated, except failed runs.
 
-How things are counted:
+Definitions:
 
-- Left on their own route: arrived at their own destination, or, with a region, given back outside it with the route or
-  destination that they came with, before --seconds. The share is of those that have left by then, in any way, and those
-  that were taken at least 120 s before --seconds. A road user that SUMO had to put back onto its route has not left on
-  its own route, even if it left the network at its own destination (counted apart, within 30 m of it); nor has one that
-  was still learned at --seconds: `unfinished`; of these, `arrived later` arrived in the tail, driven by SUMO. Give the
-  run more than a trip's time.
-- Time in the region: of those that left on their own route, from takeover to leaving or arriving; the ratio to `sumo`
-  is over those that left in both runs.
+- Left on their own route: arrived at their own destination, or, with a region, handed back outside it with their
+original   route or destination, before --seconds. The share refers to road users that have left by then, in any way,
+and road   users that were taken over at least 120 s before --seconds. A road user that SUMO had to put back onto its
+route has not   left on its own route, even if it left the network at its own destination (counted separately, within 30
+m of it). Nor   has a road user that was still learned at --seconds: `unfinished`; of these, `arrived later` arrived in
+the tail, driven   by SUMO. The run should last longer than a trip.
+- Time in the region: of road users that left on their own route, from the takeover to leaving or arriving; the ratio to
+  `sumo` is over road users that left in both runs.
 - Signals: slrl_sumo/metrics/traffic/signal_crossings.py. Overlaps: slrl_sumo/metrics/driving_stats.py, every 0.4 s.
 - Off surface, speeds, braking (below -4.5 m/s²): of all steps (0.4 s) of road users while learned, or followed.
 - Cars on their lanes: lane_keeping.py; changes of side beyond 0.15 m. After the hand-back: hand_back.py.

@@ -173,9 +173,9 @@ class OutcomeCounts:
 def count_outcomes(trips: Iterable[TakenTrip], end: float, time_to_leave: float, under_way: int) -> OutcomeCounts:
     """Count the trips of a takeover that ended at `end` (s).
 
-    `counted` are those that were taken at least `time_to_leave` s before the end, and those that have left by then in
-    any way: a road user that blocks the road for ever counts as one that did not leave, and one that came shortly
-    before the end does not count. Lost ones count.
+    `counted` are road users that were taken over at least `time_to_leave` s before the end, and road users that have
+    left by then in any way, including lost road users. A road user that blocks the road for ever thus counts as not
+    left, and a road user that came shortly before the end does not count.
     """
     trips = list(trips)
     good: NDArray[np.bool_] = np.array([trip.fate in ("left", "arrived") for trip in trips], np.bool_)

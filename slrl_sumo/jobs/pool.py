@@ -18,13 +18,13 @@ from slrl_sumo.jobs.ray_workers import RayActors, RayTasks
 from slrl_sumo.jobs.workers import MAX_REQUESTS, LocalWorkers, MachineLostError
 
 JOB_ATTEMPTS = 3
-"""Attempts of a job whose process dies; then the job is left out."""
+"""Number of attempts of a job after deaths of its process; then the job is left out."""
 
 MACHINE_ATTEMPTS = 20
-"""Attempts of a job or request whose machine is lost, which is rarely caused by the job."""
+"""Number of attempts of a job or request after losses of its machine, which the job rarely causes."""
 
 MAX_FIRST_FAILURES = 3
-"""Jobs left out before the first success, after which the whole study is given up."""
+"""Number of jobs left out before the first success after which the whole study fails."""
 
 MAX_WORKERS = 16_384
 

@@ -21,13 +21,13 @@ FUTURE = 12
 """Number of intervals from a window to its destination: 4.8 s (paper, section 3.2)."""
 
 OWN_SPEED = 0.75
-"""Share of the constant-velocity displacement that is subtracted in relative destinations. With 1, modes describe
-changes only; with 0 they are the paper's, where half of the 20 modes of pedestrians belong to speeds that a given
-pedestrian does not have. Of 0, 0.5, 0.75 and 1 it predicted held-out recordings of HC and SDD best
+"""Share of the constant-velocity displacement that is subtracted in relative destinations. With 1, modes describe only
+changes. With 0, they are the modes of the paper, of which half of the 20 modes of pedestrians belong to speeds that a
+given pedestrian does not have. Of 0, 0.5, 0.75 and 1, this value predicted held-out recordings of HC and SDD best
 (docs/measurements/archive/prediction.md)."""
 
 BACKWARDS = 0.3
-"""m/s; a car that moves against its heading faster than this reverses."""
+"""Speed (m/s) against its heading above which a car reverses."""
 
 
 @dataclass(frozen=True, eq=False)

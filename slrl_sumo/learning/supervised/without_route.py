@@ -31,16 +31,16 @@ from slrl_sumo.routing.expected_routes import ExpectedRoutes, routes_ahead
 from slrl_sumo.scene.types import RoadUserType
 
 STRIDE = 2
-"""Every such frame of the recordings is used: 0.8 s."""
+"""Stride of the used frames of the recordings: 0.8 s."""
 SHARE_PENALTY = 10.0
-"""Of the squared shares, in nats: of a type with few windows they stay near 0, the prior."""
+"""Penalty (nats) of the squared shares: for a type with few windows, the shares stay near 0, the prior."""
 ROUNDS = 200
 CHANCE = 10.0
-"""Nats by which the shares must raise the likelihood, or they are 0: two numbers gain that much by chance, because
-successive windows of a road user are nearly the same."""
+"""Least gain (nats) of the log likelihood by the shares, otherwise they are 0: two numbers gain this much by chance,
+because successive windows of a road user are nearly equal."""
 WORTH = 0.01
-"""Nats per window by which they must raise it, too: 0.005 in SUMO's traffic made the mean error of cars elsewhere 3 %
-higher."""
+"""Least gain (nats per window), in addition: 0.005 in SUMO's traffic raised the mean error of cars in other recordings
+by 3 %."""
 
 
 def calibrated(
