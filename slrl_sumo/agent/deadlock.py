@@ -30,8 +30,12 @@ WAITING = 5.0
 BEYOND = 1.0
 """Distance (m) past a stop line from which the line is no reason to stand: there a road user blocks crossing road
 users, which wait for it."""
-LONG = 45.0
-"""Standing time (s) after which each mode without an immediate collision is tolerated."""
+LONG, NEAR = 45.0, 2.0
+"""Standing time (s) without a reason within NEAR (m) of one place after which a vehicle may choose each mode without an
+immediate collision, and a pedestrian any mode, as SUMO's persons walk through each other in a jam. A car that was
+forced to creep by 0.2 m at a time, and two persons in contact before it, stood on a crossing for 200 s."""
+ANY = 2.0
+"""Tolerance of all collision scores."""
 SOON = 0.6
 """Collision score of a collision after 1.6 s."""
 MOVING = 0.5
@@ -44,6 +48,8 @@ class DeadlockTimer:
     def __init__(self) -> None:
         self._stood: dict[str, float] = {}
         self._forced: dict[str, tuple[float, float]] = {}
+        self._blocked: dict[str, tuple[float, float, float]] = {}
+        """Where (m) road users began to stand without a reason, and for how long (s) they have stood near there."""
 
     def tolerance(self, users: WorldState, context: RouteContext, allowed_speed: Floats) -> Floats:
         """Highest collision score tolerated by each of n road users that is forced to move, (n,); 0: not forced.
@@ -75,21 +81,31 @@ class DeadlockTimer:
             if name in self._forced and name not in stood and self._forced[name][0] > users.time
         }
         for row in rows:
-            name = users.ids[row]
+            name, blocked = users.ids[row], self._blocked_time(users, row)
             # A vehicle at the end of a queue is not forced: it would drive into its leader.
             if stood[name] >= (IDLE if free[row] else math.inf if queues[row] else _limit(name)):
-                forced[name] = users.time + FORCED, SOON if stood[name] < LONG else 1.0
+                long = ANY if users.type[row] == RoadUserType.PEDESTRIAN else 1.0
+                forced[name] = users.time + FORCED, long if blocked >= LONG else SOON
         self._stood, self._forced = stood, forced
         tolerance = np.zeros(len(users))
         if forced:
             tolerance[:] = [forced[name][1] if name in forced else 0.0 for name in users.ids]
         return np.where(closed | waits, 0.0, tolerance)
 
+    def _blocked_time(self, users: WorldState, row: int) -> float:
+        """Time (s) for which a road user has stood without a reason, now included, within NEAR of one place."""
+        name, x, y = users.ids[row], users.x.item(row), users.y.item(row)
+        begin_x, begin_y, time = self._blocked.get(name, (x, y, 0.0))
+        if math.hypot(x - begin_x, y - begin_y) > NEAR:
+            begin_x, begin_y, time = x, y, 0.0
+        self._blocked[name] = begin_x, begin_y, time + DECISION_INTERVAL
+        return time + DECISION_INTERVAL
+
     def forget(self, ids: tuple[str, ...]) -> None:
         """Drop the standing times of road users that are no longer learned."""
         for name in ids:
-            self._stood.pop(name, None)
-            self._forced.pop(name, None)
+            for known in (self._stood, self._forced, self._blocked):
+                known.pop(name, None)
 
 
 @lru_cache(100_000)

@@ -157,7 +157,8 @@ def _rerouting_findings(scenario: Scenario, demand: Demand) -> Iterator[Finding]
             "rerouting",
             f"background vehicles choose new routes under way ({'; '.join(sources)}{weights}), also round jams that "
             "learned road users cause",
-            "none needed: learned road users get no device; to compare with plain SUMO on equal routes, switch it off",
+            "none needed: learned road users follow rerouters, but get no device; to compare with plain SUMO on equal "
+            "routes, switch it off",
         )
 
 

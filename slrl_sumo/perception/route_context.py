@@ -120,8 +120,11 @@ def _stop_distances(
             if leader[i] < 0:
                 continue
             later = 0.0 if leading[i] < 1.0 else (stand[leader[i]] if leader[i] < n else np.inf)
-            stand[i] = min(stop[i], max(gap[i] - GAP[kind[i]], 0.0) + max(later, 0.0))
-            waits[i] = _exit_taken(stand[i], stop[i], keep[i], out[i], wait[i], length[i])
+            behind = max(gap[i] - GAP[kind[i]], 0.0) + max(later, 0.0)
+            stand[i] = min(stop[i], behind)
+            # A stop inside the junction, as before a left turn, is temporary: the room behind the leader decides.
+            line = np.inf if keep[i] < stop[i] < out[i] else stop[i]
+            waits[i] = _exit_taken(min(line, behind), line, keep[i], out[i], wait[i], length[i])
             if waits[i]:
                 stand[i] = keep[i] - BEFORE
     for i in range(n):

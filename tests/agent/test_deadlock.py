@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builders import make_routes, make_world
 
-from slrl_sumo.agent.deadlock import BLOCKED, IDLE, LONG, SOON, SPREAD, DeadlockTimer, force_progress
+from slrl_sumo.agent.deadlock import ANY, BLOCKED, IDLE, LONG, NEAR, SOON, SPREAD, DeadlockTimer, force_progress
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import allowed_speed
 from slrl_sumo.models.capability import STOPPING, Capability
@@ -110,6 +110,34 @@ def test_in_the_end_any_mode_counts_that_does_not_collide_at_once() -> None:
     # After driving for a while, the time begins anew.
     _tolerance(timer, _car(70.0, speed=5.0), held)
     assert _tolerance(timer, _car(70.4), held) == 0.0
+
+
+def test_creeping_does_not_begin_the_time_anew() -> None:
+    """A car that crept by 0.2 m every 20 s kept two persons waiting for 200 s."""
+    timer, held, place, most = DeadlockTimer(), _context(gap=1.0), 0.0, []
+    for k in range(round(120.0 / DECISION_INTERVAL)):
+        creeps = k % 50 == 49
+        place += 0.2 * creeps
+        car = replace(_car(k * DECISION_INTERVAL, speed=0.5 * creeps), x=np.array([place]))
+        most.append(_tolerance(timer, car, held))
+    assert max(most[: round(LONG / DECISION_INTERVAL)]) == SOON
+    assert most[-2] == 1.0
+    far = replace(_car(121.0), x=np.array([place + NEAR]))
+    later = [_tolerance(timer, replace(far, time=121.0 + k * DECISION_INTERVAL), held) for k in range(60)]
+    assert max(later) == SOON
+
+
+def test_persons_that_block_each_other_for_long_may_choose_any_mode() -> None:
+    timer, held = DeadlockTimer(), _context(gap=1.0)
+    walker = replace(_car(0.0), type=np.array([RoadUserType.PEDESTRIAN], np.int8))
+    seen = [_tolerance(timer, replace(walker, time=k * DECISION_INTERVAL), held) for k in range(round(60 / 0.4))]
+    assert max(seen) == ANY
+    none, collision = np.zeros((1, 2)), np.array([[0.0, 1.0]])
+    modes = force_progress(
+        ModeRollouts(none, none, collision, none, np.array([[0.0, 1.2]]), none), np.array([ANY]), None
+    )
+    assert modes is not None
+    assert modes[0].tolist() == [False, True]
 
 
 def test_only_modes_that_move_and_do_not_collide_soon_are_left() -> None:

@@ -35,9 +35,12 @@ def test_without_a_leader_there_is_no_queue() -> None:
     assert not route_context(make_routes(ALONG[None], np.zeros((1, len(ALONG)))), world).queues.any()
 
 
-def queued(places: Floats, keep: Floats, speed: Floats, *, ring: float = 0.0) -> RouteContext:
+def queued(
+    places: Floats, keep: Floats, speed: Floats, *, ring: float = 0.0, stop: Floats | float = np.inf
+) -> RouteContext:
     """Of cars of 5 m one behind the other, the first one in front, all on one path to the east. `keep`: m to a junction
-    that each has to keep clear, 10 m long. With `ring` (m round), the last one leads the first one."""
+    that each has to keep clear, 10 m long; `stop`: m to a line before which it has to stop. With `ring` (m round), the
+    last one leads the first one."""
     n = len(places)
     if ring:
         angle, radius = places / ring * 2.0 * np.pi, ring / (2.0 * np.pi)
@@ -47,7 +50,8 @@ def queued(places: Floats, keep: Floats, speed: Floats, *, ring: float = 0.0) ->
     else:
         world = make_world(places, np.zeros(n), speed=speed)
         routes = make_routes(places[:, None] + ALONG, np.zeros((n, len(ALONG))))
-    return route_context(replace(routes, keep_clear_line=keep, line=keep, keep_clear_exit=keep + 10.0), world)
+    lines = replace(routes, keep_clear_line=keep, line=keep, keep_clear_exit=keep + 10.0, stop=np.zeros(n) + stop)
+    return route_context(lines, world)
 
 
 def test_a_junction_is_kept_clear_where_the_exit_is_taken() -> None:
@@ -57,6 +61,16 @@ def test_a_junction_is_kept_clear_where_the_exit_is_taken() -> None:
     # With room for all of it, or where nothing crosses, it goes on.
     assert queued(np.array([27.0, 0.0]), np.array([np.inf, 4.0]), np.zeros(2)).stop_distance[1] == np.inf
     assert queued(np.array([22.0, 0.0]), np.full(2, np.inf), np.zeros(2)).stop_distance[1] == np.inf
+
+
+def test_a_left_turner_does_not_enter_where_the_exit_is_taken() -> None:
+    """Its stop inside hid the queue behind the exit: ten cars of a tester stood in junctions, for up to 300 s."""
+    keep, stop = np.array([np.inf, 4.0]), np.array([np.inf, 10.0])
+    held = queued(np.array([22.0, 0.0]), keep, np.zeros(2), stop=stop)
+    assert held.stop_distance[1] == pytest.approx(4.0 - BEFORE - STOP_MARGIN[0])
+    # With room behind the exit it waits inside.
+    free = queued(np.array([27.0, 0.0]), keep, np.zeros(2), stop=stop)
+    assert free.stop_distance[1] == pytest.approx(10.0 - STOP_MARGIN[0])
 
 
 def test_a_leader_that_moves_will_stop_before_the_next_junction_that_is_taken() -> None:
