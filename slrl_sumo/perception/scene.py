@@ -35,7 +35,7 @@ class Scene:
 
     places: tuple[Floats, Floats] | None = None
     """Actual positions (m, (m,) each) of the road users of `world`, if `world` has persons moved to the kerb for
-    vehicles (see slrl_sumo.routing.waiting_persons); pedestrians avoid persons at their actual positions."""
+    vehicles (see slrl_sumo.routing.walking.waiting_persons); pedestrians avoid persons at their actual positions."""
 
     def __len__(self) -> int:
         return len(self.rows)

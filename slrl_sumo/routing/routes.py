@@ -17,11 +17,11 @@ from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
 from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
-from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.speed_limits import SpeedLimits, looking_speed
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
-from slrl_sumo.routing.waiting_persons import WaitingPersons
+from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
+from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, SignalAspect, spacing_at
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType

@@ -16,7 +16,7 @@ from slrl_sumo.routing.lane_changes import SETTLES
 from slrl_sumo.routing.lane_path import STOP_LINE
 from slrl_sumo.routing.routes import NEAR_END, Routes
 from slrl_sumo.routing.speed_limits import LOOKS_WITH
-from slrl_sumo.routing.walk_path import FARTHEST_BACK, WAITING_DISTANCE
+from slrl_sumo.routing.walking.walk_path import FARTHEST_BACK, WAITING_DISTANCE
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.route import HERE, SPACING, RouteAhead, on_path
 from slrl_sumo.scene.state import WorldState

@@ -18,11 +18,11 @@ from slrl_sumo.background.lane_paths import SPACING
 from slrl_sumo.ground.road_map import RoadMap
 from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
-from slrl_sumo.routing.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.routes import is_near_end
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
-from slrl_sumo.routing.waiting_persons import WaitingPersons
+from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
+from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
 from slrl_sumo.scene.geometry import Floats, wrap_angle
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, SPAWNED_PREFIX, STANDING_SPEED, RoadUserType

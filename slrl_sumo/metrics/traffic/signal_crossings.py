@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.lane_path import junction_of
-from slrl_sumo.routing.walking_area import distance_to
+from slrl_sumo.routing.walking.walking_area import distance_to
 from slrl_sumo.scene.geometry import Floats, front_from_centre
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import STANDING_SPEED, RoadUserType

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
 from slrl_sumo.routing.junctions.crossing_occupants import CrossingOccupants
+from slrl_sumo.routing.junctions.meeting import SharedDistances, meets, stand_off
 from slrl_sumo.routing.junctions.occupants import (
     UNUSED,
     BackgroundOccupants,
@@ -19,7 +20,7 @@ from slrl_sumo.routing.junctions.occupants import (
     lanes_through,
     reserves_from,
 )
-from slrl_sumo.routing.junctions.right_of_way import RightOfWay, time_to_cover
+from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
@@ -27,20 +28,10 @@ from slrl_sumo.scene.route import SignalAspect
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.sumo.api import SumoApi
 
-STANDING = 1.0
-"""Speed (m/s) below which a vehicle in a conflict area is not expected to leave it in time."""
-GAP = 0.5
-"""Least time gap (s) between two road users in the same conflict area."""
-SLOWEST = 0.1
-"""Least speed (m/s) assumed of an approaching road user: a standing one is expected to start."""
 HARD = 3.0
 """Deceleration (m/s²) above which a vehicle no longer yields, because it would have to brake too hard to stop."""
 IN_WAY = 10.0
 """Distance (m) ahead of the other vehicle within which an ego vehicle on its path goes first, whatever the order."""
-
-_Shared = tuple[float, float, float, float]
-"""A shared conflict area: m from the front of the ego vehicle to the begin of the area, m that it drives until its rear
-has left the area, and the same two distances of the other road user."""
 
 
 class JunctionReservations:
@@ -132,7 +123,7 @@ class JunctionReservations:
             areas = self._shared(mine, other)
             if areas and not self._in_way(track, size, theirs):
                 # The vehicle must leave an area that it is already in, whatever the order.
-                met = _meets(mine, other, areas, until, priority=False, pauses=False)
+                met = meets(mine, other, areas, until, priority=False, pauses=False)
                 waits = min(waits, min((enter for enter in met if enter > 0.0), default=math.inf))
         self._hold(vehicle, junction, mine)
         # Where the vehicle can no longer stop, the collision scores of its modes decide.
@@ -197,7 +188,7 @@ class JunctionReservations:
         for until in sorted({exits, pause}, reverse=True):
             mine = mine._replace(reserved_until=until, needs_turning_room=until == exits)
             free = (too_late and until == pause) or not any(
-                next(_meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
+                next(meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
                 for name, other in self._occupants(junction, vehicle, mine, entry)
                 if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
             )
@@ -221,7 +212,7 @@ class JunctionReservations:
         for name, one in self._background.of(junction).items():
             if one.approach_lane and (entry is None or not self._right_of_way.goes_first(one.approach_lane, entry)):
                 continue
-            if mine is not None and _stand_off(mine, one):
+            if mine is not None and stand_off(mine, one):
                 continue
             if name != vehicle and name not in held and name not in on_foot:
                 yield name, one
@@ -245,7 +236,7 @@ class JunctionReservations:
                 return True
         return False
 
-    def _shared(self, mine: Occupant, other: Occupant) -> list[_Shared]:
+    def _shared(self, mine: Occupant, other: Occupant) -> list[SharedDistances]:
         """The conflict areas that the ego vehicle shares with another occupant, and that neither of the two has left.
 
         Leaves out an area into which both ways lead in the same direction, if one of the two road users is wholly past
@@ -269,81 +260,6 @@ class JunctionReservations:
             if leave > 0.0 and their_leave > 0.0:
                 shared.append((ahead + area.begin, leave, their_ahead + area.other_begin, their_leave))
         return shared
-
-
-def _meets(
-    mine: Occupant, other: Occupant, areas: list[_Shared], until: float, *, priority: bool, pauses: bool
-) -> Iterator[float]:
-    """Distances (m) from the front of the ego vehicle to the shared `areas` in which it would meet the `other`
-    occupant.
-
-    `until`: m from its front to the end of its reservation. `pauses`: whether that end is a waiting position.
-    """
-    for enter, leave, their_enter, their_leave in areas:
-        if enter > until:
-            continue  # beyond the waiting position
-        if their_enter > other.reserved_until:
-            # The other vehicle waits before this area and needs it later. The ego vehicle must not stop in it. With
-            # equal rights, a vehicle outside the junction does not go before a vehicle that waits inside, or that one
-            # would wait for ever.
-            first = not priority and not other.waits_at_red and other.entry_time < mine.entry_time == math.inf
-            if first or (pauses and leave > until):
-                yield enter
-        elif (their_enter > 0.0 or (other.is_pedestrian and enter < 0.0)) and (
-            _is_idle(other, mine) or (priority and other.yields)
-        ):
-            continue  # the other road user goes second: it may be waiting for the ego vehicle, or yields to it
-        elif not (
-            _before(mine, leave, other, their_enter)
-            or (_goes_on(other, their_leave) and _before(other, their_leave, mine, enter))
-        ):
-            yield enter
-
-
-def _stand_off(inside: Occupant, background: Occupant) -> bool:
-    """Whether a learned vehicle inside a junction and a background vehicle are idle, waiting for each other.
-
-    A SUMO vehicle stays 0.1 m behind its leader in the junction, so only the learned vehicle can resolve the deadlock.
-    """
-    return inside.idle and inside.entry_time < math.inf and background.idle and not background.is_pedestrian
-
-
-def _goes_on(one: Occupant, leave: float) -> bool:
-    """Whether a road user is expected to leave a conflict area, `leave` m ahead, without stopping or waiting in it."""
-    pauses = not one.needs_turning_room and leave > one.reserved_until
-    return not (one.may_be_stopped or pauses or one.speed < STANDING)
-
-
-def _is_idle(one: Occupant, other: Occupant) -> bool:
-    """Whether vehicle `one` has stood for so long that vehicle `other` need not wait for it.
-
-    Of two vehicles that wait for each other, exactly one goes: the vehicle whose exit is not blocked, else the vehicle
-    that entered the junction first, else the vehicle that has stood for longer.
-    """
-    if one.exit_blocked != other.exit_blocked:
-        return one.exit_blocked
-    return one.idle and not (other.idle and (one.entry_time, -one.idle_time) < (other.entry_time, -other.idle_time))
-
-
-def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:
-    """Whether road user `one` leaves a conflict area before road user `other` enters it; distances in m."""
-    comes = time_to_cover(enter, max(other.speed, SLOWEST), other.acceleration)
-    return enter > 0.0 and _time_to_leave(one, leave) + GAP < comes
-
-
-def _time_to_leave(one: Occupant, leave: float) -> float:
-    """Time (s) in which a road user covers `leave` m, inside the junction at no more than the pace of its way.
-
-    Without that limit, cars that approached a U-turn at 6.9 m/s were expected to leave in 2.3 s, but needed 5 s.
-    """
-    pace = max(one.way.pace, STANDING)
-    if one.speed > pace:
-        before = min(max(one.ahead[0], 0.0), leave) if one.ahead else 0.0
-        return before / (0.5 * (one.speed + pace)) + (leave - before) / pace
-    faster = (pace * pace - one.speed * one.speed) / (2.0 * one.acceleration)
-    if leave <= faster:
-        return time_to_cover(leave, one.speed, one.acceleration)
-    return (pace - one.speed) / one.acceleration + (leave - faster) / pace
 
 
 def stops_inside(track: VehicleTrack, entry: JunctionEntry) -> tuple[float, float]:

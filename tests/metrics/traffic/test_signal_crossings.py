@@ -10,7 +10,7 @@ from builders import make_world
 from slrl_sumo.metrics.traffic.signal_crossings import SignalCrossings, outside_by, shortened
 from slrl_sumo.netgen.scenario import write_scenario
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
-from slrl_sumo.routing.walking_area import distance_to
+from slrl_sumo.routing.walking.walking_area import distance_to
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType

@@ -8,8 +8,9 @@ import libsumo
 import pytest
 
 from slrl_sumo.routing.junctions.conflict_areas import Way
+from slrl_sumo.routing.junctions.meeting import stand_off
 from slrl_sumo.routing.junctions.occupants import UNUSED, USUAL, Occupant
-from slrl_sumo.routing.junctions.reservations import JunctionReservations, _stand_off
+from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.studies.flow.scenarios.junctions import left_turns
@@ -56,12 +57,12 @@ def test_one_inside_does_not_wait_for_one_of_sumos_that_stands_as_long(waiting: 
     reservations.renew(make_world())
     theirs = dict(reservations._occupants(lane.rsplit("_", 2)[0], ""))[vehicle]
     mine = theirs._replace(idle=True, entry_time=5.0)
-    assert not _stand_off(mine, theirs)
-    assert _stand_off(mine, theirs._replace(idle=True))
+    assert not stand_off(mine, theirs)
+    assert stand_off(mine, theirs._replace(idle=True))
     # Outside it waits, and inside as long as it has just stopped, or for persons.
-    assert not _stand_off(mine._replace(entry_time=math.inf), theirs._replace(idle=True))
-    assert not _stand_off(mine._replace(idle=False), theirs._replace(idle=True))
-    assert not _stand_off(mine, theirs._replace(idle=True, is_pedestrian=True))
+    assert not stand_off(mine._replace(entry_time=math.inf), theirs._replace(idle=True))
+    assert not stand_off(mine._replace(idle=False), theirs._replace(idle=True))
+    assert not stand_off(mine, theirs._replace(idle=True, is_pedestrian=True))
 
 
 def test_vehicles_in_a_turn_swing_out_unless_they_wait() -> None:

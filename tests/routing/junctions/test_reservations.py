@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas, half_width
+from slrl_sumo.routing.junctions.meeting import is_idle, meets
 from slrl_sumo.routing.junctions.occupants import SIDE_GAP, UNUSED, Occupant, Size
-from slrl_sumo.routing.junctions.reservations import JunctionReservations, _is_idle, _meets
+from slrl_sumo.routing.junctions.reservations import JunctionReservations
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.vehicle_track import VehicleTrack
@@ -135,7 +136,7 @@ def test_one_that_may_wait_in_an_area_is_not_expected_to_leave_it(
     other = other._replace(needs_turning_room=swings)
     shared = reservations._shared(mine, other)
     assert shared
-    assert bool(list(_meets(mine, other, shared, math.inf, priority=False, pauses=False))) == waits
+    assert bool(list(meets(mine, other, shared, math.inf, priority=False, pauses=False))) == waits
 
 
 def test_areas_are_as_wide_as_the_vehicles(graph: LaneGraph) -> None:
@@ -260,7 +261,7 @@ def test_of_two_that_stand_never_both_disregard_the_other(graph: LaneGraph) -> N
                 second.entry_time,
                 second.exit_blocked,
             )
-            assert same or not (_is_idle(first, second) and _is_idle(second, first))
+            assert same or not (is_idle(first, second) and is_idle(second, first))
 
 
 @pytest.mark.parametrize(("on_foot", "stood", "enter", "waits"), [
@@ -273,7 +274,7 @@ def test_a_person_that_stands_beside_a_car_on_a_crossing_does_not_keep_it_there(
     mine = Occupant(way, (0.0,), 0.0, SIZE, math.inf, 1.0, yields=False, idle=True, entry_time=0.5, idle_time=9.0)
     other = mine._replace(is_pedestrian=on_foot, idle=stood > UNUSED, idle_time=stood, entry_time=math.inf)
     shared = [(enter, enter + 5.0, -0.5, 3.0)]
-    assert bool(list(_meets(mine, other, shared, math.inf, priority=False, pauses=False))) is waits
+    assert bool(list(meets(mine, other, shared, math.inf, priority=False, pauses=False))) is waits
 
 
 def test_one_that_could_have_gone_does_not_keep_others_waiting(graph: LaneGraph) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slrl_sumo.routing.walking_area import back_from, distance_to, way_across
+from slrl_sumo.routing.walking.walking_area import back_from, distance_to, way_across
 
 SQUARE = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
 CORNER = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 2.0), (2.0, 2.0), (2.0, 10.0), (0.0, 10.0)])

@@ -13,8 +13,8 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.netgen.scenario import write_scenario
 from slrl_sumo.netgen.specs import DemandSpec, IntersectionSpec
 from slrl_sumo.routing.polyline import line_through
-from slrl_sumo.routing.walk_graph import WalkGraph
-from slrl_sumo.routing.walk_path import ASIDE, CLEARANCE, OFF_VEHICLES
+from slrl_sumo.routing.walking.walk_graph import WalkGraph
+from slrl_sumo.routing.walking.walk_path import ASIDE, CLEARANCE, OFF_VEHICLES
 from slrl_sumo.studies.flow.scenarios.junctions import crosswalk
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession

@@ -8,7 +8,7 @@ import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
-from slrl_sumo.routing.walking_area import BACK, back_from, distance_to, way_across
+from slrl_sumo.routing.walking.walking_area import BACK, back_from, distance_to, way_across
 from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane
 

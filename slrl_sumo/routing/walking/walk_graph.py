@@ -11,8 +11,8 @@ import numpy as np
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.routing.polyline import line_through
-from slrl_sumo.routing.walk_path import PathDrawing, Step, WalkPath
-from slrl_sumo.routing.walking_area import distance_to
+from slrl_sumo.routing.walking.walk_path import PathDrawing, Step, WalkPath
+from slrl_sumo.routing.walking.walking_area import distance_to
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slrl_sumo.routing.walking_area import back_from
+from slrl_sumo.routing.walking.walking_area import back_from
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slrl_sumo.routing.walk_graph import WalkGraph
-from slrl_sumo.routing.walk_path import CrossingEntry, WalkPath
+from slrl_sumo.routing.walking.walk_graph import WalkGraph
+from slrl_sumo.routing.walking.walk_path import CrossingEntry, WalkPath
 from slrl_sumo.scene.geometry import wrap_angle
 from slrl_sumo.scene.types import SPAWNED_PREFIX
 from slrl_sumo.sumo.api import SumoApi

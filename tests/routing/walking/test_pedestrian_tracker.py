@@ -5,7 +5,7 @@ import math
 import libsumo
 import pytest
 
-from slrl_sumo.routing.pedestrian_tracker import ASTRAY, KERB, PAST, PedestrianTracker
+from slrl_sumo.routing.walking.pedestrian_tracker import ASTRAY, KERB, PAST, PedestrianTracker
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from builders import make_crossroads
 
-from slrl_sumo.routing.waiting_persons import WaitingPersons
-from slrl_sumo.routing.walking_area import BACK, distance_to
+from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
+from slrl_sumo.routing.walking.walking_area import BACK, distance_to
 from slrl_sumo.simulation.background_state import background_world
 from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.scenario import find_scenario
