@@ -35,7 +35,8 @@ def with_selector(
     last = {name: _mean([row[name] for row in log[-LAST:]]) for name in (log[-1] if log else {})}
     wanted = ("episode/", "reward/", "motion/")
     figures = {name: value for name, value in last.items() if name.startswith(wanted)}
-    training = {**record, "slrl_sumo": __version__, "last_updates": figures}
+    # Of a folder its name: the path is that of the machine on which it was trained.
+    training = {**record, "bundle": Path(record["bundle"]).name, "slrl_sumo": __version__, "last_updates": figures}
     if record.get("goes_on") and bundle.policy_training:
         training.setdefault("before", bundle.policy_training)
     card = bundle.card.split(HEADING)[0].rstrip("\n") + "\n" + HEADING + _section(training, figures)
@@ -61,9 +62,9 @@ def _by_type(shares: list[list[float]]) -> str:
 
 def _command(training: dict[str, Any]) -> str:
     """The command of a training, in Markdown."""
-    source, bundle = "--from" if training.get("goes_on") else "--bundle", Path(training["bundle"]).name
+    source = "--from" if training.get("goes_on") else "--bundle"
     return (
-        f"`slrl-sumo train {training['scenarios']} {source} {bundle} --steps {training['steps']} "
+        f"`slrl-sumo train {training['scenarios']} {source} {training['bundle']} --steps {training['steps']} "
         f"--workers {training['workers']} --seed {training['seed']}`"
     )
 
