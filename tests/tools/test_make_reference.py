@@ -24,5 +24,5 @@ def test_what_attach_returns_is_described() -> None:
     assert {("slrl_sumo.simulation.attach", "Attached"), ("slrl_sumo.scene.state", "WorldState")} < set(NAMES)
     for member in ("step", "world", "ids", "refused"):
         assert f"#### `Attached.{member}`\n" in PAGE
-    assert "| `x` | `Floats` | m, of the centre of the box; " in PAGE
+    assert "| `x` | `Floats` | x of the centre of the box, m; " in PAGE
     assert "#### `Trajectories.speed`\n\nProperty, `Floats`.\n" in PAGE

@@ -26,6 +26,7 @@ from slrl_sumo.models.policy import Policy
 from slrl_sumo.models.policy_network import PolicyConfig
 
 SELECTORS = Path(__file__).parents[3] / "tools" / "selectors"
+SHARED_SPACE_PARTS = ("shared-space-further", "shared-space-crowded")
 SETTINGS = TrainSettings(
     ppo=PpoSettings(num_steps=4, num_minibatches=2, update_epochs=1),
     arena=ArenaSettings(agents=8, warm_up=0.0, episode_steps=4),
@@ -144,9 +145,13 @@ def test_shipped_settings_of_selectors_can_be_read() -> None:
     presets = {file.stem: read_settings(file).policy.preset for file in sorted(SELECTORS.glob("*.toml"))}
     assert presets.pop("ablation") == "paper"
     assert presets.pop("ablation-routes") == "extended"
-    first = read_settings(SELECTORS / "intersection.toml")
-    further = read_settings(SELECTORS / "intersection-further.toml", first)
-    assert (presets.pop("intersection-further"), further.policy.preset) == ("paper", "extended")
+    # Settings of further parts tell only what differs from the part before.
+    for *earlier, last in (("intersection", "intersection-further"), ("shared-space", *SHARED_SPACE_PARTS)):
+        known = None
+        for part in (*earlier, last):
+            known = read_settings(SELECTORS / f"{part}.toml", known)
+            assert known.policy.preset == "extended"
+            assert part == earlier[0] or presets.pop(part) == "paper"
     assert presets == {
         "intersection": "extended",
         "intersection-image": "image",
