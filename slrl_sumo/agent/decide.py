@@ -174,13 +174,12 @@ def decide(situation: Situation, agent: Agent, ids: Sequence[Hashable] | None = 
     modes, excluded = choose(situation, agent.selector, ids)
     changed = {name: np.zeros(len(modes), np.bool_) for name, applies in asdict(rules).items() if applies}
     changed |= situation.changed | excluded
+    each = np.arange(len(modes))
     if situation.rollouts is None:
         acceleration, yaw_rate = agent.bundle.motion(situation.observation, modes)
     else:
-        each = np.arange(len(modes))
         acceleration, yaw_rate = situation.rollouts.acceleration[each, modes], situation.rollouts.yaw_rate[each, modes]
     if situation.motions is not None:
-        each = np.arange(len(modes))
         if rules.steering_residual:
             changed["steering_residual"] = np.abs(situation.motions.steering_residual[each, modes]) > STEERED
         if rules.braking_residual:

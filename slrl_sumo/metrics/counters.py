@@ -196,11 +196,12 @@ class RunCounters:
 
     def notices(self) -> list[str]:
         """Notices at the end of a run: excluded ids that never appeared, and a jam of the traffic (see `Density`)."""
-        notices = [f"exclude: no road user had one of the ids {', '.join(sorted(self._not_seen))}"] * bool(
-            self._not_seen
-        )
-        jam = self._density.jam()
-        return notices if jam is None else [*notices, jam]
+        notices = []
+        if self._not_seen:
+            notices.append(f"exclude: no road user had one of the ids {', '.join(sorted(self._not_seen))}")
+        if (jam := self._density.jam()) is not None:
+            notices.append(jam)
+        return notices
 
 
 def ratio(value: float, count: float, digits: int = 4) -> float | None:

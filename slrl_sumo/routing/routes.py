@@ -127,9 +127,9 @@ class Routes:
         self._add_junction_to_keep_clear(route, i, track, size.length)
         route.remaining_distance[i] = left = self._vehicles.remaining_distance(road_user)
         self._note_end(road_user, left, track.speed)
-        astray = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
+        off_lane = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
         # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane.
-        if left < 0.0 or (astray and self._vehicles.on_no_lane(road_user)):
+        if left < 0.0 or (off_lane and self._vehicles.on_no_lane(road_user)):
             self._off_route.add(road_user)
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
