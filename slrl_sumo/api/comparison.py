@@ -10,6 +10,7 @@ from slrl_sumo.errors import check_type, check_whole_number
 from slrl_sumo.extras import require
 from slrl_sumo.formats.output_files import Output, claimed
 from slrl_sumo.models.bundle_folder import DEFAULT_BUNDLE, find_bundle
+from slrl_sumo.simulation.excluded import Excluded
 from slrl_sumo.simulation.shares import Shares, shares_text
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.scenario.options import named_files
@@ -62,6 +63,7 @@ def compare(
     bundle: str | Path = DEFAULT_BUNDLE,
     takeover: Shares = ALL_TYPES,
     region: "str | RegionSpec | None" = None,
+    exclude: Excluded = (),
     selector: str | None = None,
     guard: bool = False,
     steps: int | None = None,
@@ -76,8 +78,8 @@ def compare(
 
         slrl_sumo.compare("signalised", out="out/compare", seeds=10, seconds=300).to_pandas()
 
-    `takeover`, `region`, `bundle`, `selector`, `guard`, `step_length`: as in `run`. `steps` (decisions of 0.4 s) or
-    `seconds`: length of a run; without both to the scenario's end. `workers`: simulations at the same time.
+    `takeover`, `region`, `exclude`, `bundle`, `selector`, `guard`, `step_length`: as in `run`. `steps` (decisions of
+    0.4 s) or `seconds`: length of a run; without both to the scenario's end. `workers`: simulations at the same time.
 
     Raises InputError where an argument is wrong, matplotlib is missing or a file cannot be written, SumoError where no
     seed has both its runs.
@@ -96,6 +98,7 @@ def compare(
         bundle=str(bundle),
         takeover=shares_text(takeover),
         region=None if region is None else str(region),
+        exclude=exclude,
         selector=selector,
         guard=guard,
         steps=steps,

@@ -62,6 +62,21 @@ ScenarioName = Annotated[
     typer.Argument(metavar="SCENARIO", help="Shipped name, folder or .sumocfg.", autocompletion=scenario_names),
 ]
 BundleName = Annotated[str, typer.Option(help="Shipped bundle or folder of one.", autocompletion=bundle_names)]
+RegionText = Annotated[
+    str | None,
+    typer.Option(
+        help="Where: junction:ID,radius=80 (ID of a junction or traffic light) | edges:a,b | box:x0,y0,x1,y1. "
+        "[default: everywhere]"
+    ),
+]
+ExcludedIds = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="IDS",
+        help="Road users that are neither taken over nor held for learned ones, as ego,bus_3; may be given several "
+        "times.",
+    ),
+]
 Workers = Annotated[
     int | None,
     typer.Option(help="Simulations at the same time, a process each. [default: 2; with --ray: all cores]"),

@@ -7,7 +7,9 @@ import typer
 
 from slrl_sumo.cli.app import (
     BundleName,
+    ExcludedIds,
     RayAddress,
+    RegionText,
     Verbose,
     Workers,
     app,
@@ -128,13 +130,8 @@ def compare(
     takeover: Annotated[
         str, typer.Option(help="Shares of the scenario's own road users to take over. [default: all]")
     ] = ALL_SHARES,
-    region: Annotated[
-        str | None,
-        typer.Option(
-            help="Where: junction:ID,radius=80 (ID of a junction or traffic light) | edges:a,b | box:x0,y0,x1,y1. "
-            "[default: everywhere]"
-        ),
-    ] = None,
+    region: RegionText = None,
+    exclude: ExcludedIds = None,
     selector: Annotated[
         str | None,
         typer.Option(
@@ -164,6 +161,7 @@ def compare(
             "bundle": bundle,
             "takeover": takeover,
             "region": region,
+            "exclude": exclude or None,
             "selector": selector,
             "guard": guard,
             "seeds": seeds,
@@ -186,6 +184,7 @@ def compare(
         bundle=bundle,
         takeover=takeover,
         region=region,
+        exclude=",".join(exclude or ()),
         selector=selector,
         guard=guard,
         steps=steps,

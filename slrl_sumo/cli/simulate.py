@@ -8,7 +8,9 @@ import typer
 
 from slrl_sumo.cli.app import (
     BundleName,
+    ExcludedIds,
     RayAddress,
+    RegionText,
     ScenarioName,
     Verbose,
     Workers,
@@ -30,21 +32,8 @@ def run(
     takeover: Annotated[
         str | None, typer.Option(help="Shares of the scenario's own road users to take over: car=0.3,pedestrian=1.")
     ] = None,
-    region: Annotated[
-        str | None,
-        typer.Option(
-            help="Where: junction:ID,radius=80 (ID of a junction or traffic light) | edges:a,b | box:x0,y0,x1,y1. "
-            "[default: everywhere]"
-        ),
-    ] = None,
-    exclude: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="IDS",
-            help="Road users that are neither taken over nor held for learned ones, as ego,bus_3; may be given several "
-            "times.",
-        ),
-    ] = None,
+    region: RegionText = None,
+    exclude: ExcludedIds = None,
     bundle: BundleName = DEFAULT_BUNDLE,
     selector: Annotated[
         str | None,

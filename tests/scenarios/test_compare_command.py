@@ -96,6 +96,14 @@ def test_a_comparison_that_was_cut_off_goes_on_and_says_the_same(
     assert (tmp_path / "runs.jsonl").read_bytes().splitlines(keepends=True)[:3] == lines[:3]
 
 
+def test_excluded_ids_that_no_run_had_are_noted(tmp_path: Path) -> None:
+    settings = ComparisonSettings("signalised", "intersection", seeds=1, steps=5, exclude=["moon"], selector="lane")
+    result, _ = compare(settings, tmp_path)
+    assert "exclude: no road user had one of the ids moon" in result["notices"]
+    again, _ = compare(settings, tmp_path)
+    assert again == result
+
+
 def test_runs_of_other_settings_are_not_mixed(compared: tuple[Path, str], tmp_path: Path) -> None:
     (tmp_path / "runs.jsonl").write_bytes((compared[0] / "runs.jsonl").read_bytes())
     settings = ComparisonSettings("signalised", "intersection", seeds=2, seconds=100.0)

@@ -19,6 +19,7 @@ from slrl_sumo.jobs.progress import progress as progress_bar
 from slrl_sumo.models.bundle import ModelBundle, load_bundle
 from slrl_sumo.models.bundle_folder import shipped_bundles
 from slrl_sumo.scene.types import DECISION_INTERVAL
+from slrl_sumo.simulation.excluded import Excluded, parse_excluded
 from slrl_sumo.simulation.shares import parse_shares, served_shares
 from slrl_sumo.studies.compare.report import print_comparison, write_comparison
 from slrl_sumo.studies.compare.run import ARMS, ComparedScenario, Record, Run, run_comparison
@@ -39,6 +40,7 @@ class ComparisonSettings:
     bundle: str
     takeover: str = "car=1,bicycle=1,pedestrian=1"
     region: str | None = None
+    exclude: Excluded = ()
     selector: str | None = None
     guard: bool = False
     steps: int | None = None
@@ -91,10 +93,10 @@ def compare(
     result = {
         "scenario": scenario.name,
         "bundle": bundle.name,
-        **{name: getattr(common, name) for name in ("selector", "guard", "takeover", "region")},
+        **{name: getattr(common, name) for name in ("selector", "guard", "takeover", "region", "exclude")},
         "seconds": round(common.decisions * DECISION_INTERVAL, 3),
         "seeds": seeds,
-        "notices": _notices(runs, seeds[0]),
+        "notices": _notices(runs, seeds[0], common.exclude),
         "rows": rows({run: runs[run] for run in runs if run.seed in seeds}),
         "distances": distances({run: runs[run] for run in runs if run.seed in seeds}),
         "left_out": [
@@ -129,12 +131,15 @@ def _command(common: ComparedScenario, run: Run) -> str:
     words: list[Any] = ["slrl-sumo", "compare", common.scenario, "--bundle", common.bundle]
     words += ["--takeover", common.takeover, "--selector", common.selector, "--steps", common.decisions]
     words += [*(["--region", common.region] if common.region else []), *(["--guard"] if common.guard else [])]
+    words += ["--exclude", common.exclude] if common.exclude else []
     words += ["--step-length", common.step_length] if common.step_length else []
     return shlex.join([*map(str, words), "--seed", str(run.seed), "--seeds", "1", "--out", "repeated"])
 
 
-def _notices(runs: dict[Run, Record], seed: int) -> list[str]:
+def _notices(runs: dict[Run, Record], seed: int, exclude: str) -> list[str]:
     lines = list(runs[Run(seed, ARMS[0])]["notices"])
+    if missing := sorted(set(parse_excluded(exclude)).difference(*(record["trips"] for record in runs.values()))):
+        lines.append(f"exclude: no road user had one of the ids {', '.join(missing)}")
     unknown = sorted({name for record in runs.values() for name in record["emissions"]["unknown"]})
     if unknown:
         lines.append(f"no emissions of {', '.join(unknown)}: this SUMO has no data for them")
@@ -174,6 +179,7 @@ def _common(settings: ComparisonSettings, bundle: ModelBundle, scenario: Scenari
         decisions=_decisions(settings, scenario),
         takeover=settings.takeover,
         region=settings.region,
+        exclude=",".join(parse_excluded(settings.exclude)),
         selector=selector,
         guard=settings.guard,
         step_length=settings.step_length,

@@ -21,6 +21,7 @@ from slrl_sumo.scene.jumps import jumped
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, TYPE_NAMES, RoadUserType
 from slrl_sumo.simulation.cosimulation import CoSimulation
+from slrl_sumo.simulation.excluded import parse_excluded
 from slrl_sumo.simulation.preparation import with_learned, without_learned
 from slrl_sumo.simulation.region import parse_region
 from slrl_sumo.simulation.shares import parse_shares
@@ -48,6 +49,7 @@ class ComparedScenario:
     decisions: int
     takeover: str = "car=1,bicycle=1,pedestrian=1"
     region: str | None = None
+    exclude: str = ""
     selector: str = "greedy"
     guard: bool = False
     step_length: float | None = None
@@ -126,6 +128,7 @@ def _arm(session: SumoSession, bundle: ModelBundle, common: ComparedScenario, ru
         bundle,
         run.seed,
         takeover=Takeover(parse_shares(common.takeover), region, run.seed),
+        exclude=parse_excluded(common.exclude),
         constraints=Constraints(guard=common.guard),
     )
 
