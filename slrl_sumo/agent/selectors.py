@@ -10,7 +10,8 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.motion_models import Singles, outputs
-from slrl_sumo.models.policy_network import PolicyConfig, masked
+from slrl_sumo.models.policy_config import PolicyConfig
+from slrl_sumo.models.policy_network import masked
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
 
@@ -86,7 +87,7 @@ class PolicySelector:
         self._bundle, self._middle = bundle, middle
         self._network = bundle.network
         if bundle.policy is not None and not bundle.policy.config.image:
-            from slrl_sumo.models.policy_files import network_of
+            from slrl_sumo.models.trained_policy import network_of
 
             self._network = network_of(bundle.policy)
         config = self._config

@@ -25,7 +25,8 @@ from slrl_sumo.models.bundle_config import BundleConfig
 from slrl_sumo.models.bundle_files import read_card, read_object, read_training, read_weights
 from slrl_sumo.models.bundle_folder import NOTICE, check_replaceable, find_bundle
 from slrl_sumo.models.motion_models import MotionModels, Networks, Weights, motion_models, motions, networks
-from slrl_sumo.models.policy_network import PolicyNetwork, read_network, read_policy_files
+from slrl_sumo.models.policy_files import read_network, read_policy_files
+from slrl_sumo.models.policy_network import PolicyNetwork
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.types import TYPE_NAMES
@@ -168,7 +169,7 @@ class ModelBundle:
         # save_file would make a file that only its owner may read.
         (folder / "weights.safetensors").write_bytes(save({k: np.ascontiguousarray(v) for k, v in state.items()}))
         if self.policy is not None:
-            from slrl_sumo.models.policy_files import write_policy
+            from slrl_sumo.models.trained_policy import write_policy
 
             write_policy(folder, self.policy, self.policy_training or {})
 
@@ -211,7 +212,7 @@ def load_bundle(name_or_folder: str | Path, *, policy: bool = True, training: bo
     if policy and not training and (files := read_policy_files(folder, config.modes)) and not files.config.image:
         network, record = read_network(folder, files), files.training
     elif policy:
-        from slrl_sumo.models.policy_files import read_policy
+        from slrl_sumo.models.trained_policy import read_policy
 
         trained, record = read_policy(folder, config.modes) or (None, None)
     return ModelBundle(

@@ -8,18 +8,15 @@ import torch
 from torch import Tensor, nn
 
 from slrl_sumo.models.motion_models import SPEED
-from slrl_sumo.models.policy_network import (
+from slrl_sumo.models.policy_config import (
     COUNT_SCALE,
-    EXCLUDED_LOGIT,
-    HEADING,
-    KNOWN,
-    LEAST_PRIOR,
     MOTION_SCALES,
     ROLLOUT_SCALES,
     ROUTE_FIT_SCALES,
     PolicyConfig,
     history_scales,
 )
+from slrl_sumo.models.policy_network import EXCLUDED_LOGIT, HEADING, KNOWN, LEAST_PRIOR
 from slrl_sumo.models.prior import Prior
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import COUNTS, FEATURES

@@ -1,71 +1,103 @@
-"""Policies in the folders of bundles, and copies of policies for other uses."""
+"""The policy in the folder of a bundle, read without PyTorch.
 
-import json
-from copy import deepcopy
-from dataclasses import asdict
+selector.json          its shapes (PolicyConfig) and the record of its training
+selector.safetensors   its weights
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import torch
-from numpy.typing import NDArray
-from safetensors.torch import save
-from torch import Tensor
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
 
+from slrl_sumo.errors import InputError
+from slrl_sumo.input_files import read_json
 from slrl_sumo.models.bundle_folder import POLICY_FILES
-from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyNetwork, damage_reported, read_policy_files
+from slrl_sumo.models.motion_models import Singles, Weights
+from slrl_sumo.models.policy_config import PolicyConfig
+from slrl_sumo.models.policy_network import PolicyNetwork
+from slrl_sumo.perception.presets import PRESETS
+from slrl_sumo.scene.types import RoadUserType
 
 
-def write_policy(folder: Path, policy: Policy, training: dict[str, Any]) -> None:
-    """Write the policy's files into a bundle's folder; `training`: record of the training, plain JSON values."""
-    values = {**asdict(policy.config), "training": training}
-    (folder / POLICY_FILES[0]).write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
-    state = {k: v.detach().cpu().contiguous() for k, v in policy.state_dict().items()}
-    (folder / POLICY_FILES[1]).write_bytes(save(state))
+class PolicyFiles(NamedTuple):
+    """What a bundle's folder says of its policy."""
+
+    config: PolicyConfig
+    weights: Weights
+    training: dict[str, Any]
+    without_route: Singles
+    """(3, 2), see Policy."""
 
 
-def read_policy(folder: Path, modes: int) -> tuple[Policy, dict[str, Any]] | None:
-    """The frozen policy of a bundle's folder, and the record of its training; None without a policy.
+@contextmanager
+def damage_reported(folder: Path) -> Iterator[None]:
+    """What goes wrong inside is an InputError that says that the policy of the bundle `folder` is damaged."""
+    try:
+        yield
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RuntimeError, SafetensorError) as error:
+        reason = " ".join(str(getattr(error, "strerror", None) or error).split())[:300]
+        raise InputError(
+            f"bundle {folder}: its selector is damaged ({reason}); copy the bundle again, or train it anew"
+        ) from error
 
-    `modes`: number of modes of the bundle.
 
-    Raises InputError if its files are damaged or not for this version.
-    """
-    files = read_policy_files(folder, modes)
-    if files is None:
+def read_policy_files(folder: Path, modes: int) -> PolicyFiles | None:
+    """The policy's files of a bundle's folder with `modes` modes; None where it has none. The shapes of the weights are
+    not compared with those of the configuration. Raises InputError where they are damaged or not for this version."""
+    there = [(folder / name).is_file() for name in POLICY_FILES]
+    if not any(there):
         return None
+    if not all(there):
+        missing = POLICY_FILES[there.index(False)]
+        raise InputError(f"bundle {folder}: its selector is damaged ({missing} missing); copy the bundle again")
     with damage_reported(folder):
-        # The meta device allocates and initialises nothing: after a fork, initialisation would wait for ever for the
-        # threads of the parent (OpenMP). It serves to compare the sizes.
-        with torch.device("meta"):
-            policy = Policy(files.config)
-        policy.load_state_dict({name: _tensor(value) for name, value in files.weights.items()}, assign=True)
-        policy.without_route = torch.from_numpy(files.without_route)
-        policy.with_route = torch.ones(files.without_route.shape)
-    return policy.requires_grad_(False).eval(), files.training
+        values = read_json(folder / POLICY_FILES[0])
+        training = dict(values.pop("training"))
+        shapes: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        config = PolicyConfig(**shapes)
+        if config.preset not in PRESETS:
+            *others, last = PRESETS
+            raise InputError(
+                f"bundle {folder}: its selector reads preset '{config.preset}', this slrl_sumo runs "
+                f"{', '.join(others)} and {last}"
+            )
+        if config.modes != modes:
+            raise ValueError(f"it chooses among {config.modes} modes, the bundle has {modes}")
+        sizes = [config.hidden, config.head, *config.channels]
+        if len(sizes) > 16 or not all(type(size) is int and 0 < size <= 65536 for size in sizes):
+            raise ValueError("its sizes are impossible")
+        weights = load_file(folder / POLICY_FILES[1])
+        types = len(RoadUserType)
+        without_route = np.array(training.get("without_route", np.ones((types, 2))), np.float32)
+        expected_route = np.array(training.get("expected_route", np.zeros((types, 2))), np.float32)
+        if without_route.shape != (types, 2) or expected_route.shape != (types, 2):
+            raise ValueError("without_route or expected_route")
+        if not all(bool(np.isfinite(value).all()) for value in (*weights.values(), without_route, expected_route)):
+            raise ValueError("weights that are not finite")
+    return PolicyFiles(config, weights, training, without_route)
 
 
-def _tensor(value: NDArray[Any]) -> Tensor:
-    """A copy in PyTorch's memory, made by numpy, which needs no threads."""
-    copied = torch.empty(value.shape)
-    copied.numpy()[...] = value
-    return copied
+def read_network(folder: Path, files: PolicyFiles) -> PolicyNetwork:
+    """The network of the files in `folder` of a policy without image. Raises InputError where they do not fit."""
+    with damage_reported(folder):
+        expected, found = _shapes(files.config), {name: value.shape for name, value in files.weights.items()}
+        if odd := sorted(expected.items() ^ found.items()):
+            raise ValueError(f"{odd[0][0]} is {found.get(odd[0][0])} instead of {expected.get(odd[0][0])}")
+    return PolicyNetwork.of(files.config, files.weights, files.without_route)
 
 
-def network_of(policy: Policy) -> PolicyNetwork:
-    """The network of a policy without images, for decisions without PyTorch; its weights are copied."""
-    weights = {name: value.detach().cpu().numpy() for name, value in policy.state_dict().items()}
-    return PolicyNetwork.of(policy.config, weights, policy.without_route.cpu().numpy(), policy.with_route.cpu().numpy())
-
-
-def on_expected_routes(policy: Policy, training: dict[str, Any]) -> Policy | None:
-    """A copy of a policy for expected routes, with the shares in the record of its `training`.
-
-    None without shares, or if all shares are 0.
-    """
-    shares = torch.tensor(training.get("expected_route", [[0.0, 0.0]]))
-    if not shares.any():
-        return None
-    copied = deepcopy(policy)
-    copied.with_route.copy_(shares)
-    return copied
+def _shapes(config: PolicyConfig) -> dict[str, tuple[int, ...]]:
+    """Of the weights of a policy without image, by their names; nothing is allocated."""
+    layers = {"trunk.0": (config.hidden, config.inputs)}
+    for one in range(len(RoadUserType)):
+        layers |= {f"actors.{one}.0": (config.head, config.hidden), f"actors.{one}.2": (config.modes, config.head)}
+        layers |= {f"critics.{one}.0": (config.head, config.hidden), f"critics.{one}.2": (1, config.head)}
+        if config.looks_ahead:
+            inner = (config.scorer_hidden, config.scorer_inputs)
+            layers |= {f"scorers.{one}.0": inner, f"scorers.{one}.2": (1, config.scorer_hidden)}
+    shapes: dict[str, tuple[int, ...]] = {f"{name}.weight": shape for name, shape in layers.items()}
+    return shapes | {f"{name}.bias": shape[:1] for name, shape in layers.items()}

@@ -10,7 +10,7 @@ from slrl_sumo.agent.selection import Selector, drawn
 from slrl_sumo.agent.selectors import HOLD, PolicySelector, PriorSelector
 from slrl_sumo.models.bundle import ModelBundle, tensors
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.observation import Observation
 
 

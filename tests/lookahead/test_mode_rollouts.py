@@ -14,7 +14,7 @@ from slrl_sumo.lookahead.mode_rollouts import ModeRollouts, mode_rollouts
 from slrl_sumo.lookahead.route_fit import AIM, COMFORT_SHARE, HEADWAY, MAX_RATIO, RETURN, SLOW, RouteFit, _ratio
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.capability import SPEEDS, STOPPING, Capability
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.leaders import BRAKES, Leaders
 from slrl_sumo.perception.observation import observe
 from slrl_sumo.perception.route_context import (

@@ -18,8 +18,8 @@ from slrl_sumo.lookahead.mode_rollouts import ModeRollouts
 from slrl_sumo.lookahead.route_fit import RouteFit
 from slrl_sumo.models.bundle import ModelBundle, load_bundle, tensors
 from slrl_sumo.models.policy import IMAGES_AT_ONCE, Policy, choice_logits, policy_logits
-from slrl_sumo.models.policy_files import network_of, on_expected_routes
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
+from slrl_sumo.models.trained_policy import network_of, on_expected_routes
 from slrl_sumo.perception.observation import Observation
 
 

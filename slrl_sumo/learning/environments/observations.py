@@ -13,7 +13,7 @@ from slrl_sumo.errors import InputError
 from slrl_sumo.learning.environments.arena import ArenaSettings
 from slrl_sumo.learning.own_functions import called
 from slrl_sumo.models.displacement import MODES
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.ego_image import EGO_COLS, EGO_ROWS
 from slrl_sumo.perception.features import STATES
 

@@ -29,7 +29,7 @@ from slrl_sumo.learning.rl.batch import Batch, joined
 from slrl_sumo.learning.rl.rollout import rollout
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.models.threads import one_thread
 
 TIMEOUT = 120.0

@@ -13,7 +13,7 @@ from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights
 from slrl_sumo.learning.rl.imitation import ImitationSettings
 from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.presets import PRESETS
 from slrl_sumo.scene.types import TYPE_NAMES
 

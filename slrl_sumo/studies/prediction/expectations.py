@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.models.bundle import ModelBundle
-from slrl_sumo.models.policy_files import on_expected_routes
+from slrl_sumo.models.trained_policy import on_expected_routes
 from slrl_sumo.routing.expected_routes import ExpectedRoute, ExpectedRoutes
 from slrl_sumo.studies.prediction.rollout import Cast
 

@@ -15,7 +15,7 @@ from slrl_sumo.learning.rl.ppo import PpoSettings
 from slrl_sumo.learning.rl.train import TrainRequest, train
 from slrl_sumo.learning.rl.training_settings import NetworkSettings, TrainSettings
 from slrl_sumo.models.bundle import load_bundle
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.features import STATES
 from slrl_sumo.perception.route_features import PATH_FEATURES, ROUTE_FEATURES
 

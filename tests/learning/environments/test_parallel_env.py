@@ -21,7 +21,7 @@ from slrl_sumo.errors import InputError, SumoError
 from slrl_sumo.learning.environments.make import parallel_env
 from slrl_sumo.learning.environments.parallel_env import ParallelRoadUserEnv
 from slrl_sumo.models.bundle_folder import SHIPPED
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.sumo.scenario import find_scenario
 
 EVERYBODY = {"car": 1, "bicycle": 1, "pedestrian": 1}

@@ -24,7 +24,7 @@ from slrl_sumo.learning.environments.slots import SpawnedSlots
 from slrl_sumo.learning.rewards.terms import TERMS, RewardWeights
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.route_features import ROUTE_FEATURES
 from slrl_sumo.scene.types import RoadUserType
 

@@ -9,7 +9,7 @@ from slrl_sumo.learning.rl.imitation import Demonstrations, ImitationSettings, d
 from slrl_sumo.learning.supervised.windows import windows
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.ego_image import ego_images
 from slrl_sumo.perception.features import FEATURES
 from slrl_sumo.sumo.scenario import find_scenario

@@ -13,7 +13,7 @@ from slrl_sumo.learning.rl.ppo import PpoSettings, learn, update
 from slrl_sumo.learning.rl.rollout import rollout
 from slrl_sumo.models.displacement import MODES
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.models.prior import Prior
 
 SMALL = PolicyConfig(channels=(4, 8), hidden=32, head=16)

@@ -22,7 +22,7 @@ from slrl_sumo.learning.rl.batch import Batch
 from slrl_sumo.learning.rl.rollouts import Result, RolloutWorker, WorkerRollouts
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 
 SMALL = PolicyConfig(channels=(4, 4), hidden=16, head=8)
 SOURCE = ArenaSource(("intersection", "shared-space"), "intersection", ArenaSettings(agents=8, warm_up=4.0))

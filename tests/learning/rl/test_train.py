@@ -23,7 +23,7 @@ from slrl_sumo.learning.rl.training_settings import (
 )
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 
 SELECTORS = Path(__file__).parents[3] / "tools" / "selectors"
 SHARED_SPACE_PARTS = ("shared-space-further", "shared-space-crowded")

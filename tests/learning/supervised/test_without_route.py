@@ -13,7 +13,7 @@ from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.learning.supervised.without_route import calibrated, shares
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.routing.expected_routes import ExpectedRoutes
 from slrl_sumo.sumo.network.lanes import Lane
 

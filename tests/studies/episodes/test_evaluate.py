@@ -21,7 +21,7 @@ from slrl_sumo.formats.trajectories import Trajectories
 from slrl_sumo.jobs.pool import Backend
 from slrl_sumo.models.bundle import load_bundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.studies.episodes.episode import Episode, recorded
 from slrl_sumo.studies.episodes.evaluate import EvaluationSettings, evaluate_scenario
 from slrl_sumo.studies.episodes.tables import COLUMNS

@@ -13,7 +13,7 @@ from slrl_sumo.ground.mask import everywhere_road
 from slrl_sumo.ground.road_map import Area, RoadMap, Surface, SurfaceShapes
 from slrl_sumo.models.bundle import ModelBundle
 from slrl_sumo.models.policy import Policy
-from slrl_sumo.models.policy_network import PolicyConfig
+from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.perception.features import features
 from slrl_sumo.perception.observation import Observation
 from slrl_sumo.studies.prediction.evaluate import evaluate
