@@ -243,7 +243,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of the networks")
     parser.add_argument("--decisions", type=int, default=300)
     parser.add_argument(
-        "--agents", type=int, help="learned at a time; those beyond are SUMO's, whose persons see nobody"
+        "--agents", type=int, help="learned at a time; those beyond are SUMO's, whose persons see no_users"
     )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, required=True)

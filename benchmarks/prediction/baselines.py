@@ -62,7 +62,7 @@ def mlp(train: Moments, test: Moments, seed: int) -> Floats:
 
 
 def kmeans(train: Moments, test: Moments, seed: int) -> Floats:
-    """The same 20 residual paths for everybody: clusters of those in the training moments."""
+    """The same 20 residual paths for all: clusters of those in the training moments."""
     found = KMeans(SAMPLES, n_init=4, random_state=seed).fit(_residuals(train)).cluster_centers_
     return _paths(test, np.repeat(found[:, None], len(test), 1))
 

@@ -128,7 +128,7 @@ def note_learned(table: FcdTable, file: Path | None, *, complete: bool) -> list[
     try:
         add_learned(table, file, complete=complete)
     except InputError as error:
-        return [f"{error}; the page does not show who is learned"]
+        return [f"{error}; the page does not show which road users are learned"]
     return []
 
 

@@ -62,7 +62,7 @@ def test_modes_without_a_conflict_are_all_allowed(kind: int) -> None:
 @pytest.mark.parametrize("kind", [CAR, BICYCLE, PEDESTRIAN])
 def test_collisions_and_leaving_the_surface_are_masked(kind: int) -> None:
     assert left({MEETING: 0.5}, {}, {MEETING: 1.0}, kind=kind) == [1]
-    # Who is met later than in 2 s is for the selector to see to.
+    # Road users that are met later than in 2 s are left to the selector.
     assert left({MEETING: 0.375}, {}, {MEETING: 1.0}, kind=kind) == [0, 1]
     assert left({OFF: 1 / 3}, {}, {OFF: 1.0}, kind=kind) == [1]
 

@@ -291,7 +291,7 @@ def test_curves_ahead_are_approached_by_braking_gently(kind: int) -> None:
     # By hand: full curvature after 21.5 m or so.
     roughly = np.sqrt(COMFORT * 10.0 + 2.0 * BRAKING[kind] * (21.5 - REACTION * speeds))
     assert after.desired_speed == pytest.approx(roughly, rel=0.04)
-    # Nobody is asked to be faster than it wants.
+    # None is asked to be faster than it wants.
     assert fitted(routes((x, y), desired_speed=3.0), users((kind, 2.0)), limits).desired_speed.tolist() == [3.0]
 
 

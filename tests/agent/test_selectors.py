@@ -106,9 +106,9 @@ def test_prior_reads_the_networks_of_the_type(bundle: ModelBundle, seen: Observa
 
 
 def test_no_road_users_get_no_modes(bundle: ModelBundle) -> None:
-    nobody = Observation(np.zeros((0, 12), np.float32), None, np.zeros(0, np.int8))
+    no_users = Observation(np.zeros((0, 12), np.float32), None, np.zeros(0, np.int8))
     for sample in (True, False):
-        assert chosen(prior(bundle, 1, sample=sample), nobody).shape == (0,)
+        assert chosen(prior(bundle, 1, sample=sample), no_users).shape == (0,)
 
 
 SELECTORS = ("prior", "central", "greedy", "sampled")
@@ -136,18 +136,18 @@ def test_modes_that_are_not_allowed_are_never_chosen(bundle: ModelBundle, seen: 
     random = np.random.default_rng(3)
     free = chosen(_selector(name, bundle), looked, ids)
     selector = _selector(name, bundle)
-    everybody = np.arange(len(seen))
+    all_users = np.arange(len(seen))
     for share in (0.5, 0.1, 0.0):
         allowed = random.random((len(seen), 20)) < share
-        allowed[everybody, random.integers(0, 20, len(seen))] = True
+        allowed[all_users, random.integers(0, 20, len(seen))] = True
         for _ in range(10):
             modes = chosen(selector, looked, ids, allowed)
-            assert allowed[everybody, modes].all()
+            assert allowed[all_users, modes].all()
         if share == 0.0:
             np.testing.assert_array_equal(modes, allowed.argmax(axis=1))
     # The first choice is masked for all: each takes another one.
     allowed = np.ones((len(seen), 20), np.bool_)
-    allowed[everybody, free] = False
+    allowed[all_users, free] = False
     assert (chosen(_selector(name, bundle), looked, ids, allowed) != free).all()
 
 

@@ -212,7 +212,7 @@ def test_a_guarded_run_goes_another_way(cli: Cli, tmp_path: Path) -> None:
 # What people type wrong: words after `run` (or another command), and words that the one line must hold.
 WRONG = {
     "unknown scenario": (["run", "nowhere", "--agents", "3"], "nowhere: no such file"),
-    "nobody": (["run", "intersection", "--agents", "0"], "--agents 0"),
+    "no_users": (["run", "intersection", "--agents", "0"], "--agents 0"),
     "too many": (["run", "intersection", "--agents", "5000"], "--agents 5000: only"),
     "far too many": (["run", "intersection", "--agents", "99999999999999999999"], "--agents 99999999999999999999"),
     "unknown bundle": (["run", "intersection", "--agents", "3", "--bundle", "nothing"], "no bundle nothing"),

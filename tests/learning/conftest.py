@@ -16,7 +16,7 @@ CURVATURE = np.array([0.08, 0.12, 0.3])
 def made_traffic(seed: int, per_type: int = 72, steps: int = 60) -> Trajectories:
     """Road users of all types on circles to both sides and on straight lines, at various speeds.
 
-    One in four stops, stands and goes on; one in twelve stands all the time. Everybody moves by `advance`.
+    One in four stops, stands and goes on; one in twelve stands all the time. All move by `advance`.
     """
     random = np.random.default_rng(seed)
     kind = np.repeat(np.arange(3), per_type).astype(np.int8)

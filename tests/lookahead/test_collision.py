@@ -32,8 +32,8 @@ def along_a_mode(users: WorldState, on: ModePaths) -> Boxes:
 
 def expected(boxes: Boxes, world: WorldState) -> Others:
     """These boxes, of road users without routes."""
-    nobody = np.zeros(len(world), np.bool_)
-    return Others(boxes, boxes, precedence(None, path_following(None, world), len(world)), nobody)
+    no_users = np.zeros(len(world), np.bool_)
+    return Others(boxes, boxes, precedence(None, path_following(None, world), len(world)), no_users)
 
 
 def blamed(n: int) -> Blame:
@@ -145,7 +145,7 @@ def test_circles_leave_out_no_road_user_that_is_hit(extent: float) -> None:
     # Some are hit at once, some later, and some modes hit nothing.
     assert len(np.unique(found)) > 4
     assert (found == 0.0).any()
-    # Whom one may drive into without blame makes a difference.
+    # Into which others one may drive without blame makes a difference.
     strictly = collision_scores(mine, blamed(17)._replace(walks=blame.walks), expected(theirs, world), world, rows)
     assert (strictly >= found).all()
     assert (strictly > found).any()

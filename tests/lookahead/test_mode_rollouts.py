@@ -31,9 +31,9 @@ from slrl_sumo.scene.route import POINTS, RouteAhead
 from slrl_sumo.scene.state import WorldState
 from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
 
-NOBODY = np.zeros(0, np.int64)
+NO_ROWS = np.zeros(0, np.int64)
 ABLE = Capability(np.ones((3, 2, len(SPEEDS))), np.broadcast_to(STOPPING**2 / 4.0, (3, len(STOPPING))))
-"""Everybody brakes with 2 m/s²."""
+"""All brake with 2 m/s²."""
 
 PAPER, EXTENDED = (PolicyConfig(preset=preset).rollout_features for preset in ("paper", "extended"))
 
@@ -47,8 +47,8 @@ def _cars(x: list[float], y: list[float], speed: list[float]) -> WorldState:
 
 
 def _leading(gap: Floats, speed: Floats, row: NDArray[np.int64]) -> Leaders:
-    """Leaders with nobody else on the paths."""
-    return Leaders(gap, speed, row, gap + speed**2 / (2.0 * BRAKES), speed, NOBODY)
+    """Leaders without other road users on the paths."""
+    return Leaders(gap, speed, row, gap + speed**2 / (2.0 * BRAKES), speed, NO_ROWS)
 
 
 def _rolled_out(
@@ -87,7 +87,7 @@ def test_a_standing_leader_is_hit_unless_the_mode_brakes_enough(shipped_bundle: 
     assert (sooner.collision[0, straight & fast] > ahead.collision[0, straight & fast]).all()
     alone = world.take(rows)
     assert not _rolled_out(shipped_bundle, alone, rows).collision.any()
-    # Who drives away in front at the same speed is not met by modes that keep it.
+    # A road user in front that drives away at the same speed is not met by modes that keep it.
     going = replace(world, speed=np.array([8.0, 8.0]))
     after = _rolled_out(shipped_bundle, going, rows)
     assert (after.collision[0, straight & (ahead.speed[0] < 9.0)] == 0).all()
@@ -182,7 +182,9 @@ def _context(*x: float, gap: float = np.inf, leading: float = 0.0, **columns: fl
     n = len(x)
     route = make_routes(np.array(x)[:, None] + ALONG, **{"desired_speed": 8.0, **columns})
     none, queues = np.zeros(n), np.zeros(n, np.bool_)
-    return RouteContext(route, none, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, none, NOBODY)
+    return RouteContext(
+        route, none, none, none, np.full(n, gap), np.full(n, leading), queues, none, none, none, NO_ROWS
+    )
 
 
 def _on_route(bundle: ModelBundle, world: WorldState, context: RouteContext) -> tuple[ModeRollouts, RouteFit]:
@@ -288,7 +290,7 @@ def test_leaders_are_followed_at_a_distance(shipped_bundle: ModelBundle, leading
     assert quick.any()
     assert (fits.follow_ratio[0, quick] > 1.0).all() == (leading == 0.0)
     assert not fits.stop_ratio.any()
-    # Who walks stands closer.
+    # Pedestrians stand closer.
     walker = replace(world, type=np.array([RoadUserType.PEDESTRIAN], np.int8), speed=np.ones(1))
     step = _speeds(_after(shipped_bundle, walker, 1))
     _, walks = _on_route(shipped_bundle, walker, _context(0.0, gap=2.0))

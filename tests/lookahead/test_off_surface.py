@@ -54,9 +54,9 @@ def test_places_off_the_own_surface_are_counted() -> None:
 
 
 def test_no_road_users_are_off_the_surface() -> None:
-    nobody, none = make_crowd(0, 1, 1.0), np.zeros((0, 5))
-    free = mode_paths(nobody, none, none, np.zeros(0), on_route=True)
-    assert off_surface(free, nobody.type, GROUND, np.zeros(0, np.intp), RouteAhead.unknown(0)).shape == (0, 5)
+    no_users, none = make_crowd(0, 1, 1.0), np.zeros((0, 5))
+    free = mode_paths(no_users, none, none, np.zeros(0), on_route=True)
+    assert off_surface(free, no_users.type, GROUND, np.zeros(0, np.intp), RouteAhead.unknown(0)).shape == (0, 5)
     assert free.x.shape == (0, STEPS, 5)
 
 

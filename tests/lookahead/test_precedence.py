@@ -47,8 +47,8 @@ def test_one_that_is_in_the_way_clears_it_first() -> None:
 def test_road_users_without_a_path_do_not_wait() -> None:
     assert not goes_first(0, 1, order([3.0, 5.0], follows=False))
     assert not goes_first(0, 2, order([3.0, 5.0]))
-    nobody = precedence(None, path_following(None, make_world([0.0], [0.0])), 1)
-    assert not goes_first(0, 0, nobody)
+    no_users = precedence(None, path_following(None, make_world([0.0], [0.0])), 1)
+    assert not goes_first(0, 0, no_users)
 
 
 def test_the_order_has_no_circle() -> None:

@@ -23,7 +23,7 @@ print(json.dumps(kinds))
 
 ALL = "car=1,bicycle=1,pedestrian=1"
 RUNS = (
-    # Nobody at first, then few, then many.
+    # None at first, then few, then many.
     {"scenario": "district", "takeover": ALL, "steps": 60},
     {"scenario": "signalised", "takeover": ALL, "guard": True, "steps": 60, "step_length": 0.2},
     # One road user alone has arrays that are contiguous whichever way they are looked at.

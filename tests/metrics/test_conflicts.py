@@ -161,6 +161,6 @@ def test_the_size_of_the_parts_that_are_searched_does_not_matter(monkeypatch: py
 
 
 def test_without_road_users_there_are_no_conflicts() -> None:
-    nobody = scene()
-    assert (len(ttc_conflicts(nobody)), len(pet_conflicts(nobody))) == (0, 0)
-    assert len(ttc_conflicts(nobody).with_vehicles(nobody)) == 0
+    no_users = scene()
+    assert (len(ttc_conflicts(no_users)), len(pet_conflicts(no_users))) == (0, 0)
+    assert len(ttc_conflicts(no_users).with_vehicles(no_users)) == 0

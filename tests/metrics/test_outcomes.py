@@ -121,11 +121,11 @@ def test_a_run_is_counted_as_its_summary_counts_it() -> None:
         assert outcomes is not None
         if isinstance(event, Decision):
             counters.add(event)
-            everybody, n = event.steps[-1].world, len(event.surface)
-            off_surface, left_surface = np.zeros((2, len(everybody)), np.bool_)
-            off_surface[:n] = ~OWN_SURFACE[everybody.type[:n], event.surface]
+            all_users, n = event.steps[-1].world, len(event.surface)
+            off_surface, left_surface = np.zeros((2, len(all_users)), np.bool_)
+            off_surface[:n] = ~OWN_SURFACE[all_users.type[:n], event.surface]
             left_surface[:n] = event.left_surface
-            outcomes.add(everybody, np.arange(len(everybody)) < n, off_surface, left_surface)
+            outcomes.add(all_users, np.arange(len(all_users)) < n, off_surface, left_surface)
     assert outcomes is not None
     assert counters is not None
     ours, theirs = outcomes.per_type(), counters.per_type()

@@ -62,7 +62,7 @@ def test_the_same_traffic_is_wholly_realistic() -> None:
 
 
 def test_traffic_is_compared_in_alike_situations() -> None:
-    # Half of the cars stand. Where all stand, the mean speed of those that begin to move is wrong, not that of all.
+    # Half of the cars stand. Where all stand, the mean speed of cars that begin to move is wrong, not that of all.
     t = cars([(0, 0, 5), (100, 0, 0), (0, 30, 5), (100, 30, 0)])
     slow = cars([(0, 0, 0), (100, 0, 0), (0, 30, 0), (100, 30, 0)])
     swapped = cars([(0, 0, 0), (100, 0, 5), (0, 30, 0), (100, 30, 5)])

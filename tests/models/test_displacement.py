@@ -96,8 +96,8 @@ def test_displacement_can_be_differentiated() -> None:
 
 
 def test_no_road_users_are_no_trouble(bundle: ModelBundle) -> None:
-    nobody = Observation(vector=np.zeros((0, 12), np.float32), image=None, type=np.zeros(0, np.int8))
-    acceleration, yaw_rate = bundle.motion(nobody, np.zeros(0, np.int64))
+    no_users = Observation(vector=np.zeros((0, 12), np.float32), image=None, type=np.zeros(0, np.int8))
+    acceleration, yaw_rate = bundle.motion(no_users, np.zeros(0, np.int64))
     assert acceleration.shape == yaw_rate.shape == (0,)
 
 

@@ -99,7 +99,7 @@ def test_the_same_spec_gives_the_same_bytes_and_another_seed_or_radius_another_n
 def test_all_get_through_in_plain_sumo_without_warnings(seed: int, tmp_path: Path) -> None:
     config = generate("roundabout", seed, tmp_path / "made")
     statistics = tmp_path / "statistics.xml"
-    # Nobody enters after 600 s; a trip takes less than 250 s, on foot.
+    # None enters after 600 s; a trip takes less than 250 s, on foot.
     command = [binary("sumo"), "-c", str(config), "--end", "900", "--statistic-output", str(statistics)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

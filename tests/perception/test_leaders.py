@@ -97,7 +97,7 @@ def test_pedestrians_wait_behind_others_that_wait_and_walk_round_all_others(
     assert np.isfinite(found_by(eastwards(0.0), walking)[0][0]) == leads
     # Drivers stop for whoever stands in their way.
     assert np.isfinite(found_by(eastwards(0.0), scene)[0][0])
-    # Who has room to pass has no leader, and people need less than cars.
+    # A road user with room to pass has no leader, and pedestrians need less than cars.
     beside = replace(walking, y=np.array([0.0, 0.65]))
     assert np.isinf(found_by(eastwards(0.0), beside)[0][0])
 

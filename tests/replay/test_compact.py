@@ -19,9 +19,9 @@ def numbers(data: bytes) -> list[int]:
 def unpack(streams: list[bytes], times: np.ndarray) -> np.ndarray:
     """Rows of user, step, x, y, heading, speed, state, by additions alone."""
     user, first, count, *columns = map(numbers, streams)
-    rows, at, who = [], 0, 0
+    rows, at, road_user = [], 0, 0
     for du, step, n in zip(user, first, count, strict=True):
-        who += du
+        road_user += du
         x = y = vx = vy = heading = state = 0
         for k in range(n):
             dx, dy, turn, slip, change = (column[at] for column in columns)
@@ -35,7 +35,7 @@ def unpack(streams: list[bytes], times: np.ndarray) -> np.ndarray:
                 travelled = int(np.floor(np.sqrt(float(vx**2 + vy**2)) * (1000 * SPEED_UNITS / METRE) / ms + 0.5))
             heading, state = heading + turn, state + change
             angle = 2 * np.pi * heading / HEADING_UNITS
-            rows.append((who, step + k, x / METRE, y / METRE, angle, (travelled + slip) / SPEED_UNITS, state))
+            rows.append((road_user, step + k, x / METRE, y / METRE, angle, (travelled + slip) / SPEED_UNITS, state))
             at += 1
     return np.array(rows)
 

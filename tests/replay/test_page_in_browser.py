@@ -307,7 +307,7 @@ def test_hovering_tells_id_type_speed_and_mode(page: Driver) -> None:
         to_pointer(page, x, y).perform()
         settle(page)
         assert text(page, "tooltip").split("\n") == lines
-    # Who is clicked stays described after the pointer has gone, also while moving.
+    # A road user that is clicked stays described after the pointer has gone, also while moving.
     to_pointer(page, 100, 20 - 0.8).click().perform()
     to_pointer(page, 40, 30).perform()
     page.execute_script("page.seek(112)")

@@ -1,4 +1,4 @@
-"""When a vehicle entered the junction that it is in: others inside wait for those that entered before them."""
+"""When a vehicle entered the junction that it is in: others inside wait for vehicles that entered before them."""
 
 import math
 

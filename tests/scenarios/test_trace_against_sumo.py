@@ -75,7 +75,7 @@ def test_our_trace_is_sumos(cli: Cli, tmp_path: Path, scenario: str, step: float
     turn = np.abs((column(ours, later, "angle") - column(own, later, "angle") + 180.0) % 360.0 - 180.0)
     assert turn.max() < 0.01
 
-    # Whom we never had is as SUMO has it, in every respect.
+    # Road users that were never learned are as SUMO has them, in every respect.
     result = json.loads(summary.read_text())
     looped = {(round(loop["time_s"] + k * step, 3), loop["id"]) for loop in result["wraparounds"] for k in range(5)}
     speeds = np.abs(column(ours, later, "speed") - column(own, later, "speed"))

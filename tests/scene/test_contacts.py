@@ -129,7 +129,7 @@ def test_pairs_are_sorted_with_the_smaller_row_first() -> None:
 @pytest.mark.parametrize("side", [25.0, 60.0, 300.0])
 def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float, monkeypatch: pytest.MonkeyPatch) -> None:
     rows = crowd(seed, 120, side)
-    everybody = world(rows)
+    all_users = world(rows)
     overlapping, close = [], []
     for i, j in combinations(range(len(rows)), 2):
         distance = np.hypot(*(rows[i, :2] - rows[j, :2]))
@@ -139,17 +139,17 @@ def test_it_finds_what_looking_at_every_pair_finds(seed: int, side: float, monke
             overlapping.append((i, j))
     for few in (0, 1_000):
         monkeypatch.setattr(contacts, "FEW", few)
-        assert listed(close_pairs(everybody, 2.0)) == close
-        assert listed(contact_pairs(everybody)[1]) == overlapping
+        assert listed(close_pairs(all_users, 2.0)) == close
+        assert listed(contact_pairs(all_users)[1]) == overlapping
     assert len(overlapping) > 0
 
 
 @pytest.mark.parametrize("count", [FEW - 20, FEW + 60])
 def test_pairs_in_reach_are_those_of_a_look_at_all_pairs(count: int) -> None:
     rng = np.random.default_rng(count)
-    everybody = make_world(x=rng.uniform(0.0, 120.0, count), y=rng.uniform(0.0, 90.0, count))
+    all_users = make_world(x=rng.uniform(0.0, 120.0, count), y=rng.uniform(0.0, 90.0, count))
     reach = np.where(rng.random(count) < 0.2, rng.uniform(5.0, 20.0, count), 0.8)
-    apart = np.hypot(everybody.x[:, None] - everybody.x, everybody.y[:, None] - everybody.y)
+    apart = np.hypot(all_users.x[:, None] - all_users.x, all_users.y[:, None] - all_users.y)
     i, j = np.nonzero(np.triu(apart < reach[:, None] + reach, 1))
     assert len(i) > 100
-    assert pairs_in_reach(everybody, reach).tolist() == np.stack([i, j], axis=1).tolist()
+    assert pairs_in_reach(all_users, reach).tolist() == np.stack([i, j], axis=1).tolist()

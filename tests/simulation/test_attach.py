@@ -87,8 +87,8 @@ def test_examples_do_what_they_promise(example: str) -> None:
     (line,) = (line for line in done.stdout.splitlines() if "learned" in line)
     words = line.split()
     assert words[:2] == ["40", "s:"]
-    learned, everybody = int(words[2]), int(words[4])
-    assert 0 < learned < everybody
+    learned, all_users = int(words[2]), int(words[4])
+    assert 0 < learned < all_users
     if example == "attach_traci.py":
         assert learned == 8
 
@@ -103,7 +103,7 @@ def check_restored(api: Any, selector: str, steps: int) -> None:
             world = learned.step()
             lent |= set(learned.ids)
             others = {mode for vehicle, mode in modes(api).items() if vehicle not in lent}
-            # Who has to brake hard for a learned road user may exceed its usual deceleration for that time.
+            # A vehicle that has to brake hard for a learned road user may exceed its usual deceleration for that time.
             # Some brake harder than usual, some pass others inside a junction.
             speed, lanes = DEFAULT_MODES
             assert others <= {(mode, lanes) for mode in (speed, speed & ~4, speed | 32, speed & ~4 | 32)}
@@ -118,7 +118,7 @@ def check_restored(api: Any, selector: str, steps: int) -> None:
     assert api.simulation.getTime() == time
     added = held - still
     assert {mode for vehicle, mode in modes(api).items() if vehicle not in added} == {DEFAULT_MODES}
-    # Everybody goes on, and arrives where the scenario sends them.
+    # All go on, and arrive where the scenario sends them.
     last = {v: route[-1] for v, route in routes.items()}
     arrived: set[str] = set()
     for _ in range(2000):

@@ -60,15 +60,15 @@ def test_without_exclude_the_ego_is_learned(api: Any) -> None:
 
 
 def test_a_run_leaves_them_to_sumo_and_counts_them() -> None:
-    everybody = slrl_sumo.run("signalised", takeover=ALL, steps=60)
-    assert everybody.trajectories is not None
-    taken = everybody.trajectories.ids[0].partition("#")[0]
+    all_users = slrl_sumo.run("signalised", takeover=ALL, steps=60)
+    assert all_users.trajectories is not None
+    taken = all_users.trajectories.ids[0].partition("#")[0]
     result = slrl_sumo.run("signalised", takeover=ALL, steps=60, exclude={taken, "later"})
     assert result.summary.left_to_sumo["excluded"] == 1
-    assert "excluded" not in everybody.summary.left_to_sumo
+    assert "excluded" not in all_users.summary.left_to_sumo
     assert result.summary.options["exclude"] == sorted(["later", taken])
     assert result.summary.notices == ["exclude: no road user had one of the ids later"]
-    assert not everybody.summary.notices
+    assert not all_users.summary.notices
     tracks = result.trajectories
     assert tracks is not None
     mine = [row for row, road_user in enumerate(tracks.ids) if road_user.partition("#")[0] == taken]

@@ -1,4 +1,4 @@
-"""Who is drawn to become a learned road user."""
+"""The draw of road users that become learned."""
 
 import subprocess
 import sys

@@ -41,7 +41,7 @@ class Group:
         self.session.step()
 
     def check(self) -> None:
-        """Everybody is in SUMO's answer, at the place, heading and with the box that was asked for."""
+        """All are in SUMO's answer, at the place, heading and with the box that was asked for."""
         snapshot = self.session.reader.read()
         row = {road_user: i for i, road_user in enumerate(snapshot.ids)}
         assert set(self.ids) <= set(row), f"lost {set(self.ids) - set(row)}"
@@ -182,7 +182,7 @@ def test_removed_road_users_are_gone_and_may_return(quiet_intersection: str) -> 
         group = Group(session, [0, 1, 2], np.array([98.0, 95.0, 90.0]), np.array([30.0, 40.0, 50.0]))
         group.move()
         group.check()
-        session.spawned.remove((*group.ids, "nobody"))
+        session.spawned.remove((*group.ids, "no_users"))
         session.step()
         assert session.reader.read().ids == ()
         again = Group(session, [0, 1, 2], np.array([60.0, 50.0, 40.0]), np.array([98.0, 95.0, 90.0]))

@@ -217,7 +217,7 @@ MEASURES = (
         1,
         (EVERY_TYPE, *TYPE_NAMES),
         _conflicts("pet"),
-        f"encounters of two road users, not both pedestrians, of whom one was less than {PET_LIMIT:g} s after the "
+        f"encounters of two road users, not both pedestrians, of which one was less than {PET_LIMIT:g} s after the "
         "other at the same place, at an angle of 30° or more; each counted once, for both types and once for all",
     ),
     Measure(

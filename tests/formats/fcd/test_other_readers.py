@@ -77,11 +77,11 @@ def test_trace_exporter_finds_every_track_and_point(folder: Path) -> None:
     assert sum(names.values()) > 500
 
 
-@pytest.mark.parametrize("who", ["vehicle", "person"])
-def test_plot_trajectories_draws_all_road_users(folder: Path, who: str) -> None:
+@pytest.mark.parametrize("element", ["vehicle", "person"])
+def test_plot_trajectories_draws_all_road_users(folder: Path, element: str) -> None:
     tool = HOME / "tools" / "plot_trajectories.py"
-    picture, table = folder / f"{who}.png", folder / f"{who}.csv"
-    more = ["--persons"] if who == "person" else []
+    picture, table = folder / f"{element}.png", folder / f"{element}.csv"
+    more = ["--persons"] if element == "person" else []
     call(sys.executable, tool, "trace.xml", "-t", "xy", "-o", picture, "--csv-output", table, *more, cwd=folder)
     pixels = cv2.imread(str(picture))
     assert pixels is not None
@@ -89,7 +89,7 @@ def test_plot_trajectories_draws_all_road_users(folder: Path, who: str) -> None:
     drawn = {line.strip('"') for line in table.read_text().splitlines() if line.startswith('"')}
     steps = etree.parse(str(folder / "trace.xml")).getroot()
     # The tool leaves out road users without a lane.
-    assert drawn == {e.get("id") for step in steps for e in step.iter(who) if e.get("lane") or e.get("edge")}
+    assert drawn == {e.get("id") for step in steps for e in step.iter(element) if e.get("lane") or e.get("edge")}
     assert len(drawn) >= 3
 
 
@@ -166,12 +166,12 @@ def test_pandas_reads_the_same_from_csv_and_parquet(folder: Path) -> None:
 
 def test_modes_and_learned_are_those_of_the_decisions(folder: Path) -> None:
     learned: dict[tuple[float, str], int | None] = {}
-    everybody: set[tuple[float, str]] = set()
+    all_users: set[tuple[float, str]] = set()
     settings = RunSettings("intersection", agents=10, takeover=TAKEOVER, steps=STEPS)
     for event in run_isolated(settings):
         steps = (event.step,) if isinstance(event, Started) else event.steps if isinstance(event, Decision) else ()
         for step in steps:
-            everybody |= {(round(step.time, 3), name) for name in step.world.ids}
+            all_users |= {(round(step.time, 3), name) for name in step.world.ids}
             names = [name for name, own in zip(step.world.ids, step.world.learned, strict=True) if own]
             modes = event.modes if isinstance(event, Decision) else None
             values = [None] * len(names) if modes is None else modes.tolist()
@@ -182,7 +182,7 @@ def test_modes_and_learned_are_those_of_the_decisions(folder: Path) -> None:
         rows = zip(table.timestep_time, table.vehicle_id, table["mode"], table.learned, strict=True)
         found = {(time, name): (None if pd.isna(mode) else int(mode), bool(own)) for time, name, mode, own in rows}
         assert {key: mode for key, (mode, own) in found.items() if own} == learned
-        assert found.keys() == everybody
+        assert found.keys() == all_users
         assert {mode for mode, own in found.values() if not own} == {None}
 
 

@@ -1,4 +1,4 @@
-"""What a run writes beside its trace: who is learned, and what signals show."""
+"""What a run writes beside its trace: the learned road users, and what signals show."""
 
 from pathlib import Path
 

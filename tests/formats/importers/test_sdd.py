@@ -167,7 +167,7 @@ def test_the_real_campus(
 
 
 def test_real_speeds_are_usual(data: Path) -> None:
-    """The recordings nearest to the bounds: 18 parked cars with noise, and "pedestrians" most of whom ride."""
+    """The recordings nearest to the bounds: 18 parked cars with noise, and "pedestrians" of which most ride."""
     names = {"nexus-video5", "quad-video2", "quad-video3"}
     found = [r.read() for r in find_recordings("sdd", data / "sdd") if r.name in names]
     assert len(found) == 3

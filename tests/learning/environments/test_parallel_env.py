@@ -24,7 +24,7 @@ from slrl_sumo.models.bundle_folder import SHIPPED
 from slrl_sumo.models.policy_config import PolicyConfig
 from slrl_sumo.sumo.scenario import find_scenario
 
-EVERYBODY = {"car": 1, "bicycle": 1, "pedestrian": 1}
+ALL_TYPES = {"car": 1, "bicycle": 1, "pedestrian": 1}
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,12 @@ def test_it_passes_pettingzoos_test(env: ParallelRoadUserEnv, capsys: pytest.Cap
 
 @pytest.mark.usefixtures("here")
 def test_it_passes_pettingzoos_test_with_a_takeover() -> None:
-    env = parallel_env("district", agents=6, takeover=EVERYBODY, episode_steps=12, warm_up=40.0)
+    env = parallel_env("district", agents=6, takeover=ALL_TYPES, episode_steps=12, warm_up=40.0)
     parallel_api_test(env, num_cycles=15)
     env.close()
 
 
-@pytest.mark.parametrize("options", [{}, pytest.param({"takeover": EVERYBODY}, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("options", [{}, pytest.param({"takeover": ALL_TYPES}, marks=pytest.mark.slow)])
 def test_it_passes_pettingzoos_test_with_seeds(options: dict[str, Any]) -> None:
     parallel_seed_test(lambda: parallel_env("intersection", agents=4, episode_steps=10, warm_up=10.0, **options))
 

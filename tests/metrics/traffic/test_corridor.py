@@ -26,7 +26,7 @@ def test_the_busiest_way_is_that_with_the_most_metres_not_the_longest() -> None:
     assert np.abs(corridor.direction).max() < 1e-9
     place = along(corridor, t)
     assert place[: len(EAST)] == pytest.approx(EAST - 1.0)
-    # Who crosses is not on it, although it is there for a moment.
+    # A road user that crosses is not on it, although it is there for a moment.
     assert np.isnan(place[3 * len(EAST) :]).all()
 
 

@@ -65,7 +65,7 @@ def test_sumos_own_road_users_run_no_red_light_and_pass_once_each(made: Scenario
     assert len(walkers) > 10
     assert {p.lane.rsplit("_", 2)[1][0] for p in walkers} == {"c"}
     assert not [p for p in found if p.aspect == "red"]
-    # Who is behind the junction has passed its signal, once.
+    # A road user behind the junction has passed its signal, once.
     assert len(through) > 20
     times = Counter(p.road_user for p in wheels)
     assert through <= times.keys()
@@ -217,10 +217,10 @@ def test_a_person_that_waits_at_the_kerb_has_not_gone_and_one_that_walks_has(mad
 
         def at(metres: float) -> WorldState:
             x, y = a + metres * along
-            return make_world(x, y, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
+            return make_world(x, y, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("person",), time=session.time)
 
         def go(metres: float) -> list[str]:
-            return [p.aspect for p in signal_crossings.update(at(metres), ("somebody",))]
+            return [p.aspect for p in signal_crossings.update(at(metres), ("person",))]
 
         assert [go(metres) for metres in (-3.0, -0.5, 0.4, 0.4, -0.2)] == [[]] * 5
         assert [go(metres) for metres in (0.5, 1.2, 2.0, 1.2, 0.5, -1.0, 2.0)] == [[], ["red"], [], [], [], [], []]
@@ -247,8 +247,8 @@ def test_a_person_that_leaves_the_walking_area_at_green_may_reach_the_crossing_a
         signal, index = crossing.link.signal, crossing.link.index
 
         def go(to: Floats) -> list[str]:
-            world = make_world(*to, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("somebody",), time=session.time)
-            return [p.aspect for p in signal_crossings.update(world, ("somebody",))]
+            world = make_world(*to, speed=1.0, type=RoadUserType.PEDESTRIAN, ids=("person",), time=session.time)
+            return [p.aspect for p in signal_crossings.update(world, ("person",))]
 
         def wait_for(states: str) -> None:
             session.step()

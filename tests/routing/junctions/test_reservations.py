@@ -1,4 +1,4 @@
-"""Conflict areas, and who may enter a junction, in the shipped scenario `intersection`."""
+"""Conflict areas, and permission to enter a junction, in the shipped scenario `intersection`."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Who leaves the scene comes back on its other side."""
+"""Road users that leave the scene come back on its other side."""
 
 from functools import cache
 
@@ -122,8 +122,8 @@ def test_without_leavers_nothing_changes() -> None:
 
 
 def check_apart(after: WorldState, others: WorldState) -> None:
-    everybody = after.join(others)
-    assert contact_pairs(everybody)[1].tolist() == []
+    all_users = after.join(others)
+    assert contact_pairs(all_users)[1].tolist() == []
 
 
 @pytest.mark.parametrize("kind", list(RoadUserType))

@@ -203,10 +203,10 @@ def test_tables_count_all_tracks_and_the_best_sample_is_no_worse_than_the_mean(b
     # The mean error is over the steps so far, of tracks that are simulated at least that long.
     cast = cast_of(made, starts)
     plain = rollout(made, cast, constant_velocity)
-    who = (plain.type == 1) & (plain.steps >= 5)
+    bicycles = (plain.type == 1) & (plain.steps >= 5)
     row = rows["constant-velocity", "bicycle", 5]
-    assert row["ade_m"] == row["min_ade_m"] == pytest.approx(plain.error[who, :5].mean())
-    assert row["fde_m"] == row["min_fde_m"] == pytest.approx(plain.error[who, 4].mean())
+    assert row["ade_m"] == row["min_ade_m"] == pytest.approx(plain.error[bicycles, :5].mean())
+    assert row["fde_m"] == row["min_fde_m"] == pytest.approx(plain.error[bicycles, 4].mean())
     # The bicycle turns by 0.08 rad each interval, so over 16 of them by more than 20 degrees.
     assert {row["type"] for row in result["bends"]} == {"bicycle"}
     assert evaluate(made, bundle, starts_every=3) == result
