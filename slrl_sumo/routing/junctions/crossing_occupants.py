@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slrl_sumo.ground.surfaces import Surface
-from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas
-from slrl_sumo.routing.junctions.occupants import UNUSED, Occupant, Size
+from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas, Way
+from slrl_sumo.routing.junctions.occupants import UNUSED, Occupant, size_of
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import junction_of
 from slrl_sumo.scene.geometry import Floats
@@ -41,9 +41,9 @@ STEADY = 0.01
 @dataclass(frozen=True)
 class _Crossing:
     lane: str
-    begin: Floats
+    begin: tuple[float, float]
     """x and y of the begin of the crossing's lane, m."""
-    along: Floats
+    along: tuple[float, float]
     """Direction of the crossing, a unit vector."""
     length: float
     half_width: float
@@ -52,14 +52,16 @@ class _Crossing:
 
     def line(self, strip: int, *, forward: bool) -> Floats:
         """The line of a strip in the direction of walking, two points (2, 2) in m."""
+        begin, along = np.array(self.begin), np.array(self.along)
         aside = strip * STRIP * np.array([-self.along[1], self.along[0]])
-        ends = np.stack([self.begin + aside, self.begin + self.length * self.along + aside])
+        ends = np.stack([begin + aside, begin + self.length * along + aside])
         return ends if forward else ends[::-1]
 
 
 class _Walker(NamedTuple):
     crossing: _Crossing
-    line: str
+    way: Way
+    """The line of the walker's strip."""
     passed: float
     """Distance (m) walked along the line."""
 
@@ -87,7 +89,14 @@ class CrossingOccupants:
             if length < SPACING:
                 continue
             self._crossings.append(
-                _Crossing(lane.id, begin, chord / length, length, 0.5 * lane.width, entered_from[lane.id])
+                _Crossing(
+                    lane.id,
+                    (begin.item(0), begin.item(1)),
+                    (chord.item(0) / length, chord.item(1) / length),
+                    length,
+                    0.5 * lane.width,
+                    entered_from[lane.id],
+                )
             )
             share = np.linspace(0.0, 1.0, 1 + math.ceil(length / SPACING))
             points.append(begin + share[:, None] * chord)
@@ -96,6 +105,8 @@ class CrossingOccupants:
         self._reach = max((c.half_width for c in self._crossings), default=0.0) + BESIDE + BEFORE
         self._standing_since: dict[str, float] = {}
         self._found: dict[str, dict[str, Occupant]] = {}
+        self._ways: dict[tuple[str, int, bool], Way] = {}
+        """The line of each strip that has been walked on, by crossing, strip and direction."""
 
     def renew(self, world: WorldState) -> None:
         """Find the pedestrians on crossings; `world`: all road users now."""
@@ -118,10 +129,10 @@ class CrossingOccupants:
             if self._waits(walker, speed):
                 continue
             occupant = Occupant(
-                self._areas.way((walker.line,)),
+                walker.way,
                 (-walker.passed,),
                 speed,
-                Size(world.length.item(row), world.width.item(row)),
+                size_of(world.length.item(row), world.width.item(row)),
                 math.inf,
                 world.time,
                 yields=False,
@@ -138,20 +149,28 @@ class CrossingOccupants:
 
     def _walker(self, crossing: _Crossing, world: WorldState, row: int) -> _Walker | None:
         """The pedestrian of a row as a walker on the crossing; None unless it is on it or about to step on it."""
-        dx, dy = world.x[row] - crossing.begin[0], world.y[row] - crossing.begin[1]
-        c, s = crossing.along
-        along, aside = float(c * dx + s * dy), float(c * dy - s * dx)
+        (begin_x, begin_y), (c, s) = crossing.begin, crossing.along
+        dx, dy = world.x.item(row) - begin_x, world.y.item(row) - begin_y
+        along, aside = c * dx + s * dy, c * dy - s * dx
         if abs(aside) > crossing.half_width + BESIDE or not -BEFORE < along < crossing.length + BEFORE:
             return None
-        towards = math.cos(world.heading[row]) * c + math.sin(world.heading[row]) * s
-        forward = bool(towards >= 0.0)
+        heading = world.heading.item(row)
+        towards = math.cos(heading) * c + math.sin(heading) * s
+        forward = towards >= 0.0
         passed = along if forward else crossing.length - along
         if passed >= crossing.length or (passed < 0.0 and (abs(towards) < TOWARDS or world.speed[row] < WALKING)):
             return None
-        strip = round(aside / STRIP)
-        line = f"{crossing.lane}/{strip}/{'forward' if forward else 'backward'}"
-        self._areas.add_line(line, crossing.line(strip, forward=forward))
-        return _Walker(crossing, line, passed)
+        return _Walker(crossing, self._way(crossing, round(aside / STRIP), forward), passed)
+
+    def _way(self, crossing: _Crossing, strip: int, forward: bool) -> Way:
+        """The line of a strip of a crossing in the direction of walking, as a way."""
+        key = (crossing.lane, strip, forward)
+        way = self._ways.get(key)
+        if way is None:
+            name = f"{crossing.lane}/{strip}/{'forward' if forward else 'backward'}"
+            self._areas.add_line(name, crossing.line(strip, forward=forward))
+            way = self._ways[key] = self._areas.way((name,))
+        return way
 
     def _waits(self, walker: _Walker, speed: float) -> bool:
         """Whether a pedestrian at this speed (m/s) waits at an end of the crossing, because it must give way there."""

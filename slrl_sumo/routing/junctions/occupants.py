@@ -4,6 +4,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from typing import NamedTuple
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas, Way, half_width
@@ -51,6 +52,12 @@ class Size:
     def __post_init__(self) -> None:
         object.__setattr__(self, "straight", 0.5 * (self.width + SIDE_GAP))
         object.__setattr__(self, "turning", half_width(self.length, self.width))
+
+
+@cache
+def size_of(length: float, width: float) -> Size:
+    """The size of a road user of this length and width (m); equal sizes share one object."""
+    return Size(length, width)
 
 
 USUAL = Size(5.0, 1.8)
@@ -257,4 +264,4 @@ class BackgroundOccupants:
         if not self._rows:
             self._rows = {name: row for row, name in enumerate(self._world.ids)}
         row = self._rows.get(vehicle)
-        return USUAL if row is None else Size(self._world.length.item(row), self._world.width.item(row))
+        return USUAL if row is None else size_of(self._world.length.item(row), self._world.width.item(row))

@@ -9,6 +9,8 @@ import numpy as np
 from slrl_sumo.ground.surfaces import Surface
 from slrl_sumo.routing.polyline import Polyline, line_through
 from slrl_sumo.routing.walking.walking_area import BACK, back_from, distance_to, way_across
+from slrl_sumo.scene.compiled import compiled
+from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.network import is_walking_area
 from slrl_sumo.sumo.network.lanes import Lane
 
@@ -173,10 +175,20 @@ def _directed_from(area: Lane | None, here: tuple[float, float], crossing: Lane)
 def _beside(shape: list[tuple[float, float]], side: float, lane: Lane) -> list[tuple[float, float]]:
     """The line beside the middle of a lane; `shape`: its middle line in the direction of walking, `side`: see
     `path`."""
-    points = np.array(shape)
-    along = np.gradient(points, axis=0)
-    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.maximum(np.hypot(*along.T), 0.01)[:, None]
     most = max(0.5 * lane.width - CLEARANCE, 0.0)
     least = min(OFF_VEHICLES if lane.surface == Surface.ROAD else ASIDE, most)
-    points -= (least - side * (most - least)) * left
-    return [(x, y) for x, y in points.tolist()]
+    return [(x, y) for x, y in _to_the_right(np.array(shape), least - side * (most - least)).tolist()]
+
+
+@compiled
+def _to_the_right(points: Floats, aside: float) -> Floats:
+    """The points of a line (k, 2), each moved by `aside` (m) to the right."""
+    moved, last = np.empty_like(points), len(points) - 1
+    for k in range(last + 1):
+        before, after = max(k - 1, 0), min(k + 1, last)
+        x, y = points[after, 0] - points[before, 0], points[after, 1] - points[before, 1]
+        if after - before > 1:
+            x, y = x / 2.0, y / 2.0
+        length = max(math.hypot(x, y), 0.01)
+        moved[k, 0], moved[k, 1] = points[k, 0] - aside * (-y / length), points[k, 1] - aside * (x / length)
+    return moved

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slrl_sumo.scene.compiled import compiled
 from slrl_sumo.scene.geometry import Floats
@@ -30,18 +31,7 @@ def way_across(
     if not _outside(outline, ends[:1], ends[1:])[0]:
         return []
     nodes = np.concatenate([ends, _bends(outline, clearance)])
-    first, second = np.triu_indices(len(nodes), 1)
-    lengths = np.full((len(nodes), len(nodes)), np.inf)
-    lengths[first, second] = lengths[second, first] = np.hypot(*(nodes[first] - nodes[second]).T) * (
-        1.0 + OUTSIDE * _outside(outline, nodes[first], nodes[second])
-    )
-    # Bellman-Ford; ways of fewer segments stay at the begin, at no cost.
-    lengths[0, 0] = 0.0
-    distance = lengths[0]
-    shorter = np.min(distance[:, None] + lengths, axis=0)
-    while (shorter < distance).any():
-        distance, shorter = shorter, np.min(shorter[:, None] + lengths, axis=0)
-    previous = np.argmin(distance[:, None] + lengths, axis=0).tolist()
+    previous = _previous(outline, nodes).tolist()
     chain: list[int] = [previous[1]]
     while chain[-1] != 0:
         chain.append(previous[chain[-1]])
@@ -69,43 +59,98 @@ def distance_to(outline: Floats, places: Floats) -> Floats:
 
 @compiled
 def _distances(outline: Floats, places: Floats) -> Floats:
-    corners, signed = len(outline), np.empty(len(places))
+    signed = np.empty(len(places))
     for place in range(len(places)):
-        least, inside = math.inf, False
-        for corner in range(corners):
-            following = corner + 1 if corner + 1 < corners else 0
-            side_x, side_y = outline[following, 0] - outline[corner, 0], outline[following, 1] - outline[corner, 1]
-            x, y = places[place, 0] - outline[corner, 0], places[place, 1] - outline[corner, 1]
-            along = (x * side_x + y * side_y) / max(side_x * side_x + side_y * side_y, 1e-9)
-            along = min(max(along, 0.0), 1.0)
-            aside_x, aside_y = x - along * side_x, y - along * side_y
-            least = min(least, aside_x * aside_x + aside_y * aside_y)
-            # Inside, a ray to the right crosses the outline an odd number of times.
-            if (y >= 0.0) != (y >= side_y) and (side_x * y - side_y * x > 0.0) == (side_y > 0.0):
-                inside = not inside
-        signed[place] = -math.sqrt(least) if inside else math.sqrt(least)
+        signed[place] = _distance(outline, places[place, 0], places[place, 1])
     return signed
 
 
+@compiled
+def _distance(outline: Floats, place_x: float, place_y: float) -> float:
+    """Distance (m) from an outline to a place, negative inside."""
+    corners, least, inside = len(outline), math.inf, False
+    for corner in range(corners):
+        following = corner + 1 if corner + 1 < corners else 0
+        side_x, side_y = outline[following, 0] - outline[corner, 0], outline[following, 1] - outline[corner, 1]
+        x, y = place_x - outline[corner, 0], place_y - outline[corner, 1]
+        along = (x * side_x + y * side_y) / max(side_x * side_x + side_y * side_y, 1e-9)
+        along = min(max(along, 0.0), 1.0)
+        aside_x, aside_y = x - along * side_x, y - along * side_y
+        least = min(least, aside_x * aside_x + aside_y * aside_y)
+        # Inside, a ray to the right crosses the outline an odd number of times.
+        if (y >= 0.0) != (y >= side_y) and (side_x * y - side_y * x > 0.0) == (side_y > 0.0):
+            inside = not inside
+    return -math.sqrt(least) if inside else math.sqrt(least)
+
+
+@compiled
 def _bends(outline: Floats, clearance: float) -> Floats:
     """Places inside, `clearance` (m) from the corners that point inwards, (k, 2)."""
-    before, after = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
-    (x, y), (next_x, next_y) = outline.T, np.roll(outline, -1, axis=0).T
-    counterclockwise = np.sign(np.sum(x * next_y - next_x * y))
-    inwards = counterclockwise * (before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) < 0.0
-    before, after = (one / np.maximum(np.hypot(*one.T), 1e-6)[:, None] for one in (before, after))
-    normals = counterclockwise * np.stack([-(before + after)[:, 1], (before + after)[:, 0]], axis=1)
-    # Keep `clearance` from both sides: the sharper the corner, the shorter the sum of their normals.
-    moved = outline + clearance * normals / np.maximum(0.5 * np.sum(normals**2, axis=1), 0.25)[:, None]
-    bends: Floats = moved[inwards]
-    return bends
+    corners, area = len(outline), 0.0
+    for corner in range(corners):
+        following = corner + 1 if corner + 1 < corners else 0
+        area += outline[corner, 0] * outline[following, 1] - outline[following, 0] * outline[corner, 1]
+    counterclockwise = math.copysign(1.0, area)
+    bends, found = np.empty((corners, 2)), 0
+    for corner in range(corners):
+        following = corner + 1 if corner + 1 < corners else 0
+        before_x, before_y = outline[corner, 0] - outline[corner - 1, 0], outline[corner, 1] - outline[corner - 1, 1]
+        after_x, after_y = outline[following, 0] - outline[corner, 0], outline[following, 1] - outline[corner, 1]
+        if counterclockwise * (before_x * after_y - before_y * after_x) >= 0.0:
+            continue
+        before = max(math.hypot(before_x, before_y), 1e-6)
+        after = max(math.hypot(after_x, after_y), 1e-6)
+        normal_x = counterclockwise * -(before_y / before + after_y / after)
+        normal_y = counterclockwise * (before_x / before + after_x / after)
+        # Keep `clearance` from both sides: the sharper the corner, the shorter the sum of their normals.
+        short = max(0.5 * (normal_x * normal_x + normal_y * normal_y), 0.25)
+        bends[found, 0] = outline[corner, 0] + clearance * normal_x / short
+        bends[found, 1] = outline[corner, 1] + clearance * normal_y / short
+        found += 1
+    return bends[:found]
 
 
+@compiled
+def _previous(outline: Floats, nodes: Floats) -> NDArray[np.intp]:
+    """The node before each of n nodes (n, 2) on the shortest way from the first node, (n,)."""
+    n, pair = len(nodes), 0
+    begin, end = np.empty((n * (n - 1) // 2, 2)), np.empty((n * (n - 1) // 2, 2))
+    for first in range(n):
+        for second in range(first + 1, n):
+            begin[pair, 0], begin[pair, 1] = nodes[first, 0], nodes[first, 1]
+            end[pair, 0], end[pair, 1] = nodes[second, 0], nodes[second, 1]
+            pair += 1
+    outside, lengths, pair = _outside(outline, begin, end), np.full((n, n), np.inf), 0
+    for first in range(n):
+        for second in range(first + 1, n):
+            straight = math.hypot(begin[pair, 0] - end[pair, 0], begin[pair, 1] - end[pair, 1])
+            lengths[first, second] = lengths[second, first] = straight * (1.0 + OUTSIDE * outside[pair])
+            pair += 1
+    # Bellman-Ford; ways of fewer segments stay at the begin, at no cost.
+    lengths[0, 0] = 0.0
+    distance, previous, shortened = np.full(n, np.inf), np.zeros(n, np.intp), True
+    distance[0] = 0.0
+    while shortened:
+        known, shortened = distance.copy(), False
+        for node in range(n):
+            for before in range(n):
+                if known[before] + lengths[before, node] < distance[node]:
+                    distance[node], previous[node], shortened = known[before] + lengths[before, node], before, True
+    return previous
+
+
+@compiled
 def _outside(outline: Floats, begin: Floats, end: Floats) -> Floats:
     """Share of each of n straight ways, from `begin` to `end` (n, 2), that lies outside an outline, (n,)."""
-    most = float(np.max(np.hypot(*(end - begin).T), initial=0.0))
-    share = np.linspace(0.0, 1.0, 2 + int(most / SPACING))[:, None]
-    places = begin[:, None] + share * (end - begin)[:, None]
-    apart = distance_to(outline, places.reshape(-1, 2)).reshape(len(begin), -1)
-    share_outside: Floats = np.mean(apart > ON_OUTLINE, axis=1)
-    return share_outside
+    most = 0.0
+    for way in range(len(begin)):
+        most = max(most, math.hypot(end[way, 0] - begin[way, 0], end[way, 1] - begin[way, 1]))
+    steps, share = 1 + int(most / SPACING), np.empty(len(begin))
+    for way in range(len(begin)):
+        x, y, outside = begin[way, 0], begin[way, 1], 0
+        for step in range(steps + 1):
+            part = step / steps
+            place_x, place_y = x + part * (end[way, 0] - x), y + part * (end[way, 1] - y)
+            outside += _distance(outline, place_x, place_y) > ON_OUTLINE
+        share[way] = outside / (steps + 1)
+    return share
