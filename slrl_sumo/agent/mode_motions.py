@@ -6,7 +6,7 @@ import numpy as np
 
 from slrl_sumo.agent.braking import braking_residual
 from slrl_sumo.agent.constraints import Constraints
-from slrl_sumo.agent.steering import steering_residual
+from slrl_sumo.agent.steering import CORRECTED, steering_residual
 from slrl_sumo.jobs.row_threads import RowThreads
 from slrl_sumo.lookahead.mode_paths import mode_paths
 from slrl_sumo.models.bundle import ModelBundle
@@ -49,7 +49,8 @@ def mode_motions(
             harder = braking_residual(acceleration, bundle.hardest_braking[users.type])
             acceleration = acceleration + harder
         if constraints.steering_residual:
-            paths = mode_paths(users, acceleration, yaw_rate, bundle.max_speed[users.type], on_route=True)
+            fastest = bundle.max_speed[users.type]
+            paths = mode_paths(users, acceleration, yaw_rate, fastest, on_route=True, steps=CORRECTED)
             steered = steering_residual(context, users, rows, paths, yaw_rate, bundle.max_curvature)
             yaw_rate = yaw_rate + steered
         return ModeMotions(acceleration, yaw_rate, harder, steered)

@@ -56,13 +56,14 @@ def steering_residual(
     """Correction of the yaw rate of each mode, rad/s, (n, modes): zeros without a route.
 
     `rows`: rows of the n road users in `context`. `users`: their states. `paths`: paths of their modes with the yaw
-    rates `yaw_rate`, rad/s, (n, modes). `max_curvature`: greatest curvature by type, 1/m, (3,); it also bounds the
-    corrected modes of vehicles.
+    rates `yaw_rate`, rad/s, (n, modes), for at least CORRECTED intervals. `max_curvature`: greatest curvature by type,
+    1/m, (3,); it also bounds the corrected modes of vehicles.
     """
     route, then = context.route, CORRECTED - 1
-    x, y = np.ascontiguousarray(paths.x[:, then]), np.ascontiguousarray(paths.y[:, then])
-    _, offset, direction = on_path(route, x, y, rows)
     walks = users.type == PEDESTRIAN
+    offset, direction, drives = np.zeros(yaw_rate.shape), np.zeros(yaw_rate.shape), np.flatnonzero(~walks)
+    # The correction of pedestrians does not depend on their paths.
+    _, offset[drives], direction[drives] = on_path(route, paths.x[drives, then], paths.y[drives, then], rows[drives])
     speed = np.ascontiguousarray(paths.speed[:, then])
     most = np.maximum(max_curvature[users.type], (1.0 + TIGHTER) * route.tight_curvature[rows])
     return _residual(

@@ -22,7 +22,7 @@ MOST_TURNED = 0.8
 
 
 class ModePaths(NamedTuple):
-    """n road users under each mode after each of STEPS intervals: (n, STEPS, modes) each."""
+    """n road users under each mode after each of STEPS, or fewer, intervals: (n, STEPS, modes) each."""
 
     x: Floats
     """m."""
@@ -37,9 +37,15 @@ class ModePaths(NamedTuple):
 
 
 def mode_paths(
-    users: WorldState, acceleration: Floats, yaw_rate: Floats, max_speed: Floats, *, on_route: bool
+    users: WorldState,
+    acceleration: Floats,
+    yaw_rate: Floats,
+    max_speed: Floats,
+    *,
+    on_route: bool,
+    steps: int = STEPS,
 ) -> ModePaths:
-    """Move n road users under each mode, as `advance` does.
+    """Move n road users under each mode, as `advance` does, for a number of intervals (`steps`).
 
     `acceleration` (m/s²) and `yaw_rate` (rad/s), (n, modes), are held for HELD intervals, up to the speed `max_speed`
     (m/s, (n,)). With `on_route`, slow road users stop as in `scene.advance.halting`, and pedestrians turn by at most
@@ -52,7 +58,8 @@ def mode_paths(
         turning[walks] = turns_held(yaw_rate[walks])
     # numpy's tan takes a tenth of the time of a compiled cosine and sine (see geometry.cos_sin).
     tan = np.tan(0.25 * DECISION_INTERVAL * yaw_rate)
-    return _mode_paths(users.x, users.y, users.heading, users.speed, acceleration, tan, max_speed, turning, intent)
+    place = users.x, users.y, users.heading, users.speed
+    return _mode_paths(*place, acceleration, tan, max_speed, turning, intent, steps)
 
 
 def turns_held(yaw_rate: Floats) -> NDArray[np.int64]:
@@ -72,6 +79,7 @@ def _mode_paths(
     max_speed: Floats,
     turning: NDArray[np.int64],
     intent: float,
+    steps: int,
 ) -> ModePaths:
     """Compiled loop of `mode_paths`.
 
@@ -80,8 +88,8 @@ def _mode_paths(
     """
     n, modes = acceleration.shape
     dt = DECISION_INTERVAL
-    at_x, at_y, at_cos = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
-    at_sin, at_speed, at_way = np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes)), np.empty((n, STEPS, modes))
+    at_x, at_y, at_cos = np.empty((n, steps, modes)), np.empty((n, steps, modes)), np.empty((n, steps, modes))
+    at_sin, at_speed, at_way = np.empty((n, steps, modes)), np.empty((n, steps, modes)), np.empty((n, steps, modes))
     for i in range(n):
         begin_c, begin_s = math.cos(heading[i]), math.sin(heading[i])
         for mode in range(modes):
@@ -89,7 +97,7 @@ def _mode_paths(
             px, py, way, now, c, s = x[i], y[i], 0.0, speed[i], begin_c, begin_s
             square = tan[i, mode] ** 2
             half_c, half_s = (1.0 - square) / (1.0 + square), 2.0 * tan[i, mode] / (1.0 + square)
-            for step in range(STEPS):
+            for step in range(steps):
                 if step < HELD:
                     after = now + gain
                     now = min(max(after, 0.0), max_speed[i])

@@ -35,6 +35,9 @@ def test_mode_paths_are_those_of_advance_one_interval_after_the_other(on_route: 
                 np.testing.assert_allclose(getattr(found, name)[:, step, mode], values, atol=1e-9)
     assert (found.speed == 0.0).any()
     assert (found.speed == 9.0).any()
+    first = mode_paths(users, acceleration, yaw_rate, top, on_route=on_route, steps=2)
+    for some, whole in zip(first, found, strict=True):
+        np.testing.assert_array_equal(some, whole[:, :2])
 
 
 def test_no_road_users_have_no_paths() -> None:
