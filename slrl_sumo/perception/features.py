@@ -137,11 +137,13 @@ def _table(
                 dx, dy = x[other] - x[ego], y[other] - y[ego]
                 if abs(dx) > RADII[-1] or scene[other] != scene[ego]:
                     break
+                k += step
+                if abs(dy) > RADII[-1]:
+                    continue
                 distance = math.sqrt(dx * dx + dy * dy)
                 first = 6 + len(RADII) * (kinds[other] == CAR)
                 for ring in range(len(RADII)):
                     table[i, first + ring] += distance <= RADII[ring]
-                k += step
     return table
 
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from operator import attrgetter
 from typing import Self
 
 import numpy as np
@@ -24,7 +25,7 @@ APART = 3
 """Stride of the points that are compared first; it includes the last point."""
 FEW = 1 + (POINTS - 1) // APART
 LONGEST = 1.5 * SPACING
-"""Greatest length (m) of a segment of a smooth path, at the least spacing; segments of curves deviate slightly."""
+"""Greatest length (m) of a segment of an even path, at the least spacing; segments of curves deviate slightly."""
 WITHIN = 0.75 * AHEAD + 10.0
 """Distance (m) from the middle of a path beyond which road users are not on it."""
 HERE = round(BEHIND / SPACING)
@@ -87,7 +88,7 @@ class RouteAhead:
 
     def take(self, rows: NDArray[np.intp]) -> "RouteAhead":
         """The entries of the road users `rows`."""
-        return RouteAhead(**{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+        return RouteAhead(*[values[rows] for values in _arrays(self)])
 
     @classmethod
     def unknown(cls, n: int) -> Self:
@@ -109,6 +110,9 @@ class RouteAhead:
             junction_entry_time=np.full(n, np.inf),
             tight_curvature=np.zeros(n),
         )
+
+
+_arrays = attrgetter(*(field.name for field in fields(RouteAhead)))
 
 
 def on_path(
@@ -249,7 +253,7 @@ def _beside(
         xs, ys = path_x[row], path_y[row]
         middle_x, middle_y = xs[POINTS // 2], ys[POINTS // 2]
         within, longest = WITHIN * spacing[row], LONGEST * spacing[row]
-        smooth = _smooth(xs, ys, longest)
+        even = _even(xs, ys, longest)
         x0, x1, y0, y1 = np.inf, -np.inf, np.inf, -np.inf
         for k in range(FEW):
             few_x[k], few_y[k] = xs[k * APART], ys[k * APART]
@@ -261,8 +265,8 @@ def _beside(
             if (px - middle_x) * (px - middle_x) + (py - middle_y) * (py - middle_y) > within * within or one == row:
                 continue
             most = room[row] + reach[one]
-            if smooth:
-                # Greatest distance from a point: outside a turn, or beyond the end of the path, plus half the stride.
+            if even:
+                # Greatest distance from a point: at the second one, or beyond the path's end; plus half the stride.
                 gap, far = math.inf, max(1.16 * most, most + 0.42 * reach[one]) + 0.5 * APART * longest
                 if px < x0 - far or px > x1 + far or py < y0 - far or py > y1 + far:
                     continue  # outside the box around these points
@@ -286,16 +290,15 @@ def _beside(
 
 
 @compiled
-def _smooth(x: Floats, y: Floats, longest: float) -> bool:
-    """Whether a path turns by less than 30 degrees between segments, and no segment is longer than `longest` (m)."""
-    smooth = True
-    for k in range(1, POINTS - 1):
-        from_x, from_y, to_x, to_y = x[k] - x[k - 1], y[k] - y[k - 1], x[k + 1] - x[k], y[k + 1] - y[k]
-        before, after, along = (
-            from_x * from_x + from_y * from_y,
-            to_x * to_x + to_y * to_y,
-            from_x * to_x + from_y * to_y,
-        )
-        smooth &= (along > 0.0) & (4.0 * along * along > 3.0 * before * after)
-        smooth &= max(before, after) <= longest * longest
-    return smooth
+def _even(x: Floats, y: Floats, longest: float) -> bool:
+    """Whether no segment of a path is longer than `longest` (m), and it turns by less than 30 degrees at its second
+    point: else positions near its first point, which `_nearest` leaves out, may lie on the line of its second segment.
+    """
+    before_x, before_y, after_x, after_y = x[1] - x[0], y[1] - y[0], x[2] - x[1], y[2] - y[1]
+    before, after = before_x * before_x + before_y * before_y, after_x * after_x + after_y * after_y
+    along = before_x * after_x + before_y * after_y
+    even = bool(along > 0.0 and 4.0 * along * along > 3.0 * before * after)
+    for k in range(POINTS - 1):
+        dx, dy = x[k + 1] - x[k], y[k + 1] - y[k]
+        even &= bool(dx * dx + dy * dy <= longest * longest)
+    return even
