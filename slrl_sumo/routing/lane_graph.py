@@ -115,6 +115,8 @@ class LaneGraph:
 
     def is_closed_after(self, lane: str, vehicle_class: str) -> bool:
         """Whether a vehicle class is no longer admitted to any lane that follows, and was at first."""
+        if not self._changed:
+            return False
         following = [target for target, _ in self.links(lane)]
         was = any(target in self._changed and self._changed[target].admits(vehicle_class) for target in following)
         return was and not any(self.lanes[target].admits(vehicle_class) for target in following)

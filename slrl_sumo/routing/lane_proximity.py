@@ -43,7 +43,9 @@ def near_parts(mine: Floats, theirs: Floats, apart: float) -> tuple[int, int, in
     first, last, their_first, their_last = -1, -1, len(theirs), -1
     for i in range(len(mine)):
         for j in range(len(theirs)):
-            if math.hypot(mine[i, 0] - theirs[j, 0], mine[i, 1] - theirs[j, 1]) < apart:
+            dx, dy = mine[i, 0] - theirs[j, 0], mine[i, 1] - theirs[j, 1]
+            # Most points are far apart along one axis; without this comparison, a pair of lanes took 3 times as long.
+            if abs(dx) < apart and abs(dy) < apart and math.hypot(dx, dy) < apart:
                 first, last = i if first < 0 else first, i
                 their_first, their_last = min(their_first, j), max(their_last, j)
     return first, last, their_first, their_last

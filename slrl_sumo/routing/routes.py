@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.routing.junctions.occupants import Size
+from slrl_sumo.routing.junctions.occupants import Size, size_of
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
@@ -18,7 +18,7 @@ from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
 from slrl_sumo.routing.speed_limits import SpeedLimits, looking_speed
-from slrl_sumo.routing.vehicle_track import STOPS_OVER, VehicleTrack
+from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
@@ -69,6 +69,7 @@ class Routes:
         self._right_of_way.renew()
         self._pedestrians.renew()
         self._reservations.renew(world)
+        self._near_end.clear()
         route = RouteAhead.unknown(n)
         lane_changes: list[LaneChange] = []
         for i, walks in enumerate((world.type[:n] == RoadUserType.PEDESTRIAN).tolist()):
@@ -111,7 +112,7 @@ class Routes:
 
     def _add_vehicle(self, route: RouteAhead, world: WorldState, i: int, lane_changes: list[LaneChange]) -> None:
         """Write row `i` of the routes, a vehicle, and add its lane change, if any, to `lane_changes`."""
-        road_user, size = world.ids[i], Size(world.length.item(i), world.width.item(i))
+        road_user, size = world.ids[i], size_of(world.length.item(i), world.width.item(i))
         track = self._vehicles.observed(world, i)
         if (change := self._lane_choice.choose(track, world, i)) is not None:
             lane_changes.append(change)
@@ -119,14 +120,17 @@ class Routes:
         route.known[i] = True
         route.junction_entry_time[i] = track.history.entered
         waits = self._reservations.occupy(road_user, track, size)
-        stop, look = self._stop_and_look(road_user, track, size)
+        entries = track.entries_ahead()
+        stop, look = self._stop_and_look(road_user, track, entries, size)
         route.desired_speed[i] = min(self._speed_limits.lane_limit(track, REACTION_TIME, DECEL_SHARE), look)
         route.stop[i] = stop = min(stop, waits)
-        self._add_signal(route, i, track, stop)
+        if entries:
+            self._add_signal(route, i, *entries[0], stop)
         track.history.observe_signal(red=route.stop_at_signal.item(i))
-        self._add_junction_to_keep_clear(route, i, track, size.length)
+        self._add_junction_to_keep_clear(route, i, track, entries, size.length)
         route.remaining_distance[i] = left = self._vehicles.remaining_distance(road_user)
-        self._note_end(road_user, left, track.speed)
+        if is_near_end(left, track.speed):
+            self._near_end.add(road_user)
         off_lane = abs(track.lateral_offset) > FAR_BESIDE or not self._speed_limits.lane_continues(track)
         # No rule guides a vehicle past its destination, such as on a last edge of a few metres, or on a foreign lane.
         if left < 0.0 or (off_lane and self._vehicles.on_no_lane(road_user)):
@@ -135,11 +139,13 @@ class Routes:
         behind = BEHIND * spacing / SPACING
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
 
-    def _stop_and_look(self, road_user: str, track: VehicleTrack, size: Size) -> tuple[float, float]:
+    def _stop_and_look(
+        self, road_user: str, track: VehicleTrack, entries: list[tuple[JunctionEntry, float]], size: Size
+    ) -> tuple[float, float]:
         """Distance (m, inf: none) at which a vehicle must stop, and the speed (m/s) at which it can look for foes with
-        priority (inf: none)."""
+        priority (inf: none). `entries`: those ahead of the vehicle."""
         stop, look = self._speed_limits.stop_at_lane_end(track), math.inf
-        for entry, distance, rule, too_late in self._speed_limits.entries_ahead(track, REACTION_TIME):
+        for entry, distance, rule, too_late in self._speed_limits.entries_ahead(track, entries, REACTION_TIME):
             if rule == "stop" or not self._reservations.request_entry(
                 road_user, track, entry, priority=rule == "go", size=size, too_late=too_late
             ):
@@ -148,22 +154,25 @@ class Routes:
                 look = min(look, looking_speed(track, distance, REACTION_TIME))
         return stop, look
 
-    def _add_signal(self, route: RouteAhead, i: int, track: VehicleTrack, stop: float) -> None:
-        """Write the next line and its signal to row `i` of the routes; `stop`: m to where the vehicle must stop."""
-        for entry in track.path.entries:
-            line = entry.stop_line - track.s
-            if line > -STOPS_OVER:
-                signal = self._right_of_way.signal(entry)
-                route.line[i], route.signal[i] = line, signal
-                route.stop_at_signal[i] = signal >= SignalAspect.YELLOW and stop <= line
-                return
+    def _add_signal(self, route: RouteAhead, i: int, entry: JunctionEntry, line: float, stop: float) -> None:
+        """Write the signal of the next `entry`, `line` m ahead, to row `i` of the routes.
 
-    def _add_junction_to_keep_clear(self, route: RouteAhead, i: int, track: VehicleTrack, length: float) -> None:
-        """Write the next junction in which a vehicle of this `length` (m) must not stand to row `i` of the routes."""
+        `stop`: m to where the vehicle must stop.
+        """
+        signal = self._right_of_way.signal(entry)
+        route.line[i], route.signal[i] = line, signal
+        route.stop_at_signal[i] = signal >= SignalAspect.YELLOW and stop <= line
+
+    def _add_junction_to_keep_clear(
+        self, route: RouteAhead, i: int, track: VehicleTrack, entries: list[tuple[JunctionEntry, float]], length: float
+    ) -> None:
+        """Write the next junction in which a vehicle of this `length` (m) must not stand to row `i` of the routes.
+
+        `entries`: those ahead of the vehicle.
+        """
         # The junction that the vehicle is in does not count: it may already block others, so it drives on.
         here = junction_of(track.history.entry) if track.history.entry else ""
-        entries = (e for e in track.path.entries if e.stop_line - track.s > -STOPS_OVER)
-        crossed = (e for e in entries if e.junction != here and self._reservations.is_crossed(e))
+        crossed = (e for e, _ in entries if e.junction != here and self._reservations.is_crossed(e))
         entry = next(crossed, None)
         if entry is not None:
             route.keep_clear_line[i] = entry.stop_line - track.s
@@ -177,7 +186,8 @@ class Routes:
         track = self._pedestrians.observed(road_user, world.x.item(i), world.y.item(i), world.heading.item(i))
         route.desired_speed[i] = track.speed
         left = self._pedestrians.remaining_distance(road_user)
-        self._note_end(road_user, left)
+        if is_near_end(left, 0.0):
+            self._near_end.add(road_user)
         if track.path is None:
             return
         stop, crossing, red = self._pedestrians.next_signal(track)
@@ -187,12 +197,6 @@ class Routes:
             route.signal[i], route.stop_at_signal[i] = SignalAspect.RED if red else SignalAspect.GREEN, red
         route.remaining_distance[i] = left
         track.path.line.draw(track.s - BEHIND, SPACING, route.x, route.y, i)
-
-    def _note_end(self, road_user: str, left: float, speed: float = 0.0) -> None:
-        if is_near_end(left, speed):
-            self._near_end.add(road_user)
-        else:
-            self._near_end.discard(road_user)
 
 
 def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], length: float) -> float:
@@ -212,4 +216,4 @@ def exit_with_room(first: JunctionEntry, following: Iterable[JunctionEntry], len
 
 def is_near_end(left: float, speed: float) -> bool:
     """Whether the remaining distance is below NEAR_END, or below the way covered in REACTION_TIME at `speed` (m/s)."""
-    return left < max(NEAR_END, REACTION_TIME * speed)
+    return left < NEAR_END or left < REACTION_TIME * speed

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from slrl_sumo.routing.junctions.right_of_way import LINE_OF_SIGHT, RightOfWay, Rule
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import JunctionEntry
-from slrl_sumo.routing.vehicle_track import ROLLING, STOPS_OVER, VehicleTrack
+from slrl_sumo.routing.vehicle_track import ROLLING, VehicleTrack
 
 STOPS_WITH = 0.95
 """Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² for SUMO's
@@ -51,13 +51,17 @@ class SpeedLimits:
             if distance > sight:
                 break
             limit = min(self._graph.limit(path.lanes[k]) * factor, most)
-            speed = min(speed, braking_speed(limit, distance, decel, dt))
+            if limit < speed:
+                speed = min(speed, braking_speed(limit, distance, decel, dt))
         return speed
 
-    def entries_ahead(self, track: VehicleTrack, dt: float) -> list[EntryAhead]:
-        """The lines that matter to the vehicle; `dt`: time (s) until a decision shows its effect."""
+    def entries_ahead(
+        self, track: VehicleTrack, ahead: list[tuple[JunctionEntry, float]], dt: float
+    ) -> list[EntryAhead]:
+        """The lines that matter to the vehicle; `ahead`: those of `VehicleTrack.entries_ahead`; `dt`: time (s) until a
+        decision shows its effect."""
         found, decel = [], STOPS_WITH * track.parameters.decel
-        for entry, distance in entries_near(track, dt):
+        for entry, distance in within_sight(track, ahead, dt):
             if distance < 0.0 and track.speed > ROLLING:
                 continue  # already over the line
             rule = self._right_of_way.rule(entry, distance, track.speed, decel)
@@ -79,18 +83,20 @@ class SpeedLimits:
 
     def suffices(self, track: VehicleTrack) -> bool:
         """Whether the path of the vehicle is as long as its route, or longer than any sight."""
-        last = self._graph.lanes[track.path.lanes[-1]]
         if track.path.end - track.s > FAR_END:
             return True
+        last = self._graph.lanes[track.path.lanes[-1]]
         if not track.edges:
             return not self._graph.is_closed_after(last.id, track.parameters.vehicle_class)
         return last.edge == track.edges[-1]
 
 
-def entries_near(track: VehicleTrack, dt: float) -> list[tuple[JunctionEntry, float]]:
-    """The entries within sight at the vehicle's present speed, each with its distance (m)."""
+def within_sight(
+    track: VehicleTrack, ahead: list[tuple[JunctionEntry, float]], dt: float
+) -> list[tuple[JunctionEntry, float]]:
+    """The entries `ahead` of a vehicle (see `VehicleTrack.entries_ahead`) within sight at its present speed."""
     sight = _sight(track.speed, track.parameters.decel, dt) + 5.0
-    return [(entry, near) for entry in track.path.entries if -STOPS_OVER < (near := entry.stop_line - track.s) < sight]
+    return [(entry, distance) for entry, distance in ahead if distance < sight]
 
 
 def looking_speed(track: VehicleTrack, distance: float, dt: float) -> float:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from slrl_sumo.routing.lane_path import LanePath, junction_of
+from slrl_sumo.routing.lane_path import JunctionEntry, LanePath, junction_of
 from slrl_sumo.scene.types import DECISION_INTERVAL, STANDING_SPEED
 from slrl_sumo.sumo.road_users import VehicleParameters
 
@@ -73,18 +73,27 @@ class VehicleTrack:
     version: int = 0
     """Version of the lane graph with which the path was found."""
 
+    def entries_ahead(self) -> list[tuple[JunctionEntry, float]]:
+        """The entries on the path that the vehicle has not passed, each with its distance (m) from the front."""
+        s = self.s
+        return [(entry, ahead) for entry in self.path.entries if (ahead := entry.stop_line - s) > -STOPS_OVER]
+
     def observe_lines(self) -> None:
         """Record the line before which the vehicle stands."""
         if self.history.standing_time > 0.0:
-            near = (e.via for e in self.path.entries if -STOPS_OVER < e.stop_line - self.s < HALTS_BEFORE)
-            self.history.halted = next(near, self.history.halted)
+            s = self.s
+            for entry in self.path.entries:
+                if -STOPS_OVER < entry.stop_line - s < HALTS_BEFORE:
+                    self.history.halted = entry.via
+                    return
 
     def observe_junction(self, length: float) -> None:
         """Record the junction of a vehicle of this `length` (m) at the last observation."""
-        history = self.history
-        over = 0.0 if self.speed > ROLLING else STOPS_OVER
-        passed = [e for e in self.path.entries if e.stop_line < self.s - over and self.s - length < e.exit]
-        entry = passed[-1].via if passed else ""
+        history, front, rear = self.history, self.s, self.s - length
+        over, entry = front if self.speed > ROLLING else front - STOPS_OVER, ""
+        for one in self.path.entries:
+            if one.stop_line < over and rear < one.exit:
+                entry = one.via
         if entry == history.entry:
             return
         # The entry time stays: vehicles that entered later wait. A halt before a line inside counts as a new entry.

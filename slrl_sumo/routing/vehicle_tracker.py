@@ -193,7 +193,7 @@ class VehicleTracker:
         """
         here = track.path.lane_at(track.s)
         lane = track.path.lanes[here]
-        if lane.startswith(":"):
+        if lane[0] == ":":
             return
         self._look_ahead(track, here)
         found_with = self._route_id(road_user), self._graph.version
@@ -226,11 +226,12 @@ class VehicleTracker:
         """Read the permissions of the edges within sight, from the lane with index `here` on: lanes may be closed or
         opened."""
         path, graph, seen = track.path, self._graph, track.s + AHEAD * spacing_at(track.speed)
-        for begin, lane in zip(path.begins[here:], path.lanes[here:], strict=True):
-            if begin > seen:
+        begins, lanes = path.begins, path.lanes
+        for k in range(here, len(lanes)):
+            if begins[k] > seen:
                 return
-            if not lane.startswith(":"):
-                graph.look_at(graph.lanes[lane].edge)
+            if lanes[k][0] != ":":
+                graph.look_at(graph.lanes[lanes[k]].edge)
         if path.end > seen:
             return
         # Also read the edges after the end of the path: the path may end before a closed edge.

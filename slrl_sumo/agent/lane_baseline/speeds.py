@@ -6,7 +6,7 @@ from slrl_sumo.agent.lane_baseline.link_rules import LinkRules
 from slrl_sumo.routing.junctions.right_of_way import LINE_OF_SIGHT, RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE
-from slrl_sumo.routing.speed_limits import SpeedLimits, braking_speed, entries_near
+from slrl_sumo.routing.speed_limits import SpeedLimits, braking_speed, within_sight
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.scene.types import SPAWNED_PREFIX
@@ -34,7 +34,7 @@ class LaneSpeeds:
         `standing_time`: standing time of the vehicle, s.
         """
         speed, own = self._limits.lane_limit(track, dt), track.parameters
-        for entry, distance in entries_near(track, dt):
+        for entry, distance in within_sight(track, track.entries_ahead(), dt):
             rule = self._rules.rule(entry, distance, track.speed, (own.accel, own.decel), standing_time)
             if rule == "go":
                 continue

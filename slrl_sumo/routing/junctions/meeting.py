@@ -74,8 +74,10 @@ def is_idle(one: Occupant, other: Occupant) -> bool:
 
 def _before(one: Occupant, leave: float, other: Occupant, enter: float) -> bool:
     """Whether road user `one` leaves a conflict area before road user `other` enters it; distances in m."""
+    if enter <= 0.0:
+        return False
     comes = time_to_cover(enter, max(other.speed, SLOWEST), other.acceleration)
-    return enter > 0.0 and _time_to_leave(one, leave) + GAP < comes
+    return _time_to_leave(one, leave) + GAP < comes
 
 
 def _time_to_leave(one: Occupant, leave: float) -> float:

@@ -57,6 +57,8 @@ class JunctionReservations:
         """Junctions in which each vehicle holds a reservation."""
         self._free_since: dict[str, float] = {}
         """Times (s) that `free_since` returns."""
+        self._met: dict[str, str] = {}
+        """The occupant that each vehicle met last on its way through a junction."""
         self._time = 0.0
 
     def renew(self, world: WorldState) -> None:
@@ -76,6 +78,7 @@ class JunctionReservations:
         """Drop the waiting times of vehicles that are no longer learned."""
         for vehicle in ids:
             self._free_since.pop(vehicle, None)
+            self._met.pop(vehicle, None)
 
     def occupy(self, vehicle: str, track: VehicleTrack, size: Size) -> float:
         """Replace all reservations of a learned vehicle by the part of the junction that it occupies now.
@@ -179,20 +182,15 @@ class JunctionReservations:
             track.history.entered if track.history.entry and junction_of(track.history.entry) == junction else math.inf
         )
         stuck = self._is_stuck(vehicle)
-        mine = Occupant(
-            way, ahead, track.speed, size, exits, self._time, yields,
-            idle=idle, idle_time=track.history.idle_time, entry_time=entered, exit_blocked=stuck,
-        )  # fmt: skip
         # Reserve up to the exit if the whole way is free, else up to the next waiting position.
         # A vehicle that cannot stop at this line drives at least to the waiting position, where it may still stop.
-        for until in sorted({exits, pause}, reverse=True):
-            mine = mine._replace(reserved_until=until, needs_turning_room=until == exits)
-            free = (too_late and until == pause) or not any(
-                next(meets(mine, other, areas, until, priority=priority, pauses=until < exits), None) is not None
-                for name, other in self._occupants(junction, vehicle, mine, entry)
-                if (areas := self._shared(mine, other)) and not self._in_way(track, size, self._learned(name))
-            )
-            if free:
+        for until in (exits, pause) if pause < exits else (exits,):
+            mine = Occupant(
+                way, ahead, track.speed, size, until, self._time, yields,
+                idle=idle, idle_time=track.history.idle_time, entry_time=entered, exit_blocked=stuck,
+                needs_turning_room=until == exits,
+            )  # fmt: skip
+            if (too_late and until == pause) or self._is_free(vehicle, track, mine, entry, priority, until < exits):
                 if too_late or distance <= reserves_from(track.speed):
                     # A vehicle that waits inside the junction also holds the lanes under it.
                     if entered < math.inf:
@@ -200,6 +198,32 @@ class JunctionReservations:
                     self._hold(vehicle, junction, mine._replace(way=self._areas.way(lanes), ahead=ahead))
                 return True
         return False
+
+    def _is_free(
+        self, vehicle: str, track: VehicleTrack, mine: Occupant, entry: JunctionEntry, priority: bool, pauses: bool
+    ) -> bool:
+        """Whether a vehicle before an `entry` meets no occupant on its way, as far as `mine` reserves the way.
+
+        `pauses`: whether the reservation ends at a waiting position.
+        """
+
+        def met(name: str, other: Occupant) -> bool:
+            areas = self._shared(mine, other)
+            if not areas or self._in_way(track, mine.size, self._learned(name)):
+                return False
+            found = meets(mine, other, areas, mine.reserved_until, priority=priority, pauses=pauses)
+            return next(found, None) is not None
+
+        # A standing vehicle meets the same occupant again and again: look at that one first.
+        junction, last = junction_of(mine.way.lanes[0]), self._met.get(vehicle, "")
+        known = self._on_foot.of(junction).get(last) or self._held.get(junction, {}).get(last)
+        if known is not None and met(last, known):
+            return False
+        for name, other in self._occupants(junction, vehicle, mine, entry):
+            if met(name, other):
+                self._met[vehicle] = name
+                return False
+        return True
 
     def _occupants(
         self, junction: str, vehicle: str, mine: Occupant | None = None, entry: JunctionEntry | None = None
@@ -229,10 +253,11 @@ class JunctionReservations:
         """Whether the ego vehicle is on the path of the `other` vehicle, within IN_WAY ahead: the other one waits."""
         if other is None:
             return False
-        middle, rear = (track.path.line.at(track.s - share * size.length)[:2] for share in (0.5, 1.0))
-        for x, y in ((track.x, track.y), middle, rear):
-            s, _, distance = other.path.line.place(x, y, other.s, other.s + IN_WAY)
-            if other.s < s and distance < size.width:
+        line, begin, end = other.path.line, other.s, other.s + IN_WAY
+        middle, rear = track.path.line.at(track.s - 0.5 * size.length), track.path.line.at(track.s - size.length)
+        for x, y in ((track.x, track.y), middle[:2], rear[:2]):
+            s, _, distance = line.place(x, y, begin, end)
+            if begin < s and distance < size.width:
                 return True
         return False
 
@@ -242,23 +267,27 @@ class JunctionReservations:
         Leaves out an area into which both ways lead in the same direction, if one of the two road users is wholly past
         its begin and the other one follows.
         """
-        # Two vehicles that have been idle for long may pass close to each other: if each kept clear of the other one's
-        # turning room, both would stand for ever.
-        narrow, wide = mine.idle and other.idle, other.is_pedestrian
-        apart = mine.half_width(turns=wide or (not narrow and mine.way.turns))
-        apart += other.half_width(turns=wide or (not narrow and other.way.turns))
+        way, size, their_way, their_size = mine.way, mine.size, other.way, other.size
+        turns, they_turn = way.turns, their_way.turns
+        if other.is_pedestrian:
+            turns = they_turn = True
+        elif mine.idle and other.idle:
+            # Two vehicles that have been idle for long may pass close to each other: if each kept clear of the other
+            # one's turning room, both would stand for ever.
+            turns = they_turn = False
+        apart = mine.half_width(turns=turns) + other.half_width(turns=they_turn)
         # Vehicles that turn side by side need no turning room.
-        abreast = mine.half_width(turns=False) + other.half_width(turns=False)
-        shared = []
-        for i, j, area in self._areas.of_ways(mine.way, other.way, apart, abreast):
+        abreast = size.straight + their_size.straight
+        shared: list[SharedDistances] = []
+        for i, j, area in self._areas.of_ways(way, their_way, apart, abreast):
+            begin, end, their_begin, their_end, together, _ = area
             ahead, their_ahead = mine.ahead[i], other.ahead[j]
-            leave = ahead + area.end + mine.size.length
-            their_leave = their_ahead + area.other_end + other.size.length
-            passed = max(-ahead - area.begin - mine.size.length, -their_ahead - area.other_begin - other.size.length)
-            if area.together and passed > 0.0:
+            leave, their_leave = ahead + end + size.length, their_ahead + their_end + their_size.length
+            if leave <= 0.0 or their_leave <= 0.0:
                 continue
-            if leave > 0.0 and their_leave > 0.0:
-                shared.append((ahead + area.begin, leave, their_ahead + area.other_begin, their_leave))
+            passed, they_passed = -ahead - begin - size.length, -their_ahead - their_begin - their_size.length
+            if not (together and (passed > 0.0 or they_passed > 0.0)):
+                shared.append((ahead + begin, leave, their_ahead + their_begin, their_leave))
         return shared
 
 

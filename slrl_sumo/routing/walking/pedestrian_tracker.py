@@ -95,7 +95,7 @@ class PedestrianTracker:
                     s = s if back is None else back.line.nearest(x, y, end=back.ends[0])[0]
             track.s = s
         if track is None or (
-            person.startswith(SPAWNED_PREFIX) and (_is_at_end(track) or math.hypot(x - track.x, y - track.y) > OFF_PATH)
+            (_is_at_end(track) or math.hypot(x - track.x, y - track.y) > OFF_PATH) and person.startswith(SPAWNED_PREFIX)
         ):
             track = self._pedestrians[person] = self._begin(person, x, y, heading)
         track.x, track.y = x, y
@@ -186,4 +186,5 @@ def _side(person: str) -> float:
 
 def _is_at_end(track: PedestrianTrack) -> bool:
     """Whether a person is near the end of its random path, so that it needs a new path."""
-    return track.path is not None and track.path.line.end - track.s < 2.0 * AIM
+    path = track.path
+    return path is not None and path.line.s[-1] - track.s < 2.0 * AIM
