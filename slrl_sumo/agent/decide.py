@@ -6,7 +6,7 @@ training, the environments, evaluations on scenarios and recordings, and the ben
 """
 
 from collections.abc import Hashable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -172,7 +172,7 @@ def decide(situation: Situation, agent: Agent, ids: Sequence[Hashable] | None = 
     """Choose the mode of each road user of a situation and return the motion. `ids` (n,): ids of the road users."""
     scene, rules = situation.scene, agent.constraints
     modes, excluded = choose(situation, agent.selector, ids)
-    changed = {name: np.zeros(len(modes), np.bool_) for name, applies in asdict(rules).items() if applies}
+    changed = {name: np.zeros(len(modes), np.bool_) for name, applies in vars(rules).items() if applies}
     changed |= situation.changed | excluded
     each = np.arange(len(modes))
     if situation.rollouts is None:

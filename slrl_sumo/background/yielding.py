@@ -142,7 +142,9 @@ class Yielding:
         chosen = np.flatnonzero(near.any(axis=1))
         if not len(chosen):
             return {}
-        rows, limits, near = rows[chosen], limits[chosen], near[chosen]
+        agents = np.flatnonzero(near.any(axis=0))
+        learned, context = learned.take(agents), None if context is None else context.take(agents)
+        rows, limits, near = rows[chosen], limits[chosen], near[chosen][:, agents]
         speed, length, heading = snapshot.speed[rows], snapshot.length[rows], snapshot.heading[rows]
         front_x, front_y = front_from_centre(snapshot.x[rows], snapshot.y[rows], heading, length)
         count = int(look[chosen].max() / SPACING) + 2

@@ -13,11 +13,11 @@ from slrl_sumo.sumo.reader import Snapshot
 
 def background_world(snapshot: Snapshot, time: float, skip: frozenset[str]) -> WorldState:
     """The road users of `snapshot` that are not in `skip`, at `time` (s); accelerations and yaw rates are 0."""
-    rows = np.array([i for i, road_user in enumerate(snapshot.ids) if road_user not in skip], np.intp)
-    none = np.zeros(len(rows))
+    kept = [i for i, road_user in enumerate(snapshot.ids) if road_user not in skip]
+    rows, none = np.array(kept, np.intp), np.zeros(len(kept))
     return WorldState(
         time=time,
-        ids=tuple(snapshot.ids[i] for i in rows),
+        ids=tuple([snapshot.ids[i] for i in kept]),
         type=snapshot.type[rows],
         x=snapshot.x[rows],
         y=snapshot.y[rows],
@@ -54,21 +54,18 @@ class Differences:
 def places_of(learned: WorldState, sumo_types: tuple[str, ...], background: WorldState, snapshot: Snapshot) -> Places:
     """Lane, position and vType in the trace of each road user of `learned` and `background`, in this order."""
     where = {road_user: i for i, road_user in enumerate(snapshot.ids)}
-    own = [where.get(road_user) for road_user in learned.ids]
+    own = np.array([where.get(road_user, -1) for road_user in learned.ids], np.intp)
     # SUMO's lane is valid only if SUMO has the road user at its learned position, not while SUMO holds it elsewhere.
-    here = [
-        row if row is not None and abs(snapshot.x[row] - x) + abs(snapshot.y[row] - y) < 0.1 else None
-        for row, x, y in zip(own, learned.x.tolist(), learned.y.tolist(), strict=True)
-    ]
-    theirs = [where[road_user] for road_user in background.ids]
+    known = np.flatnonzero(own >= 0)
+    rows = own[known]
+    away = np.abs(snapshot.x[rows] - learned.x[known]) + np.abs(snapshot.y[rows] - learned.y[known])
+    own[known[~(away < 0.1)]] = -1
+    here, theirs = own.tolist(), [where[road_user] for road_user in background.ids]
+    # Row -1 is the place of the road users that SUMO does not have here.
+    lanes, positions = (*snapshot.lane, ""), np.append(snapshot.lane_position, 0.0)
     return Places(
-        sumo_type=sumo_types + tuple(snapshot.sumo_type[row] for row in theirs),
-        lane=tuple("" if row is None else snapshot.lane[row] for row in here)
-        + tuple(snapshot.lane[row] for row in theirs),
-        lane_position=np.array(
-            [0.0 if row is None else snapshot.lane_position[row] for row in here]
-            + [snapshot.lane_position[row] for row in theirs],
-            np.float64,
-        ),
+        sumo_type=sumo_types + tuple([snapshot.sumo_type[row] for row in theirs]),
+        lane=tuple([lanes[row] for row in here + theirs]),
+        lane_position=positions[here + theirs],
         person=np.concatenate([learned.type == RoadUserType.PEDESTRIAN, snapshot.person[theirs].astype(np.bool_)]),
     )

@@ -85,7 +85,7 @@ class Reader:
             tuple(column) for column in (zip(*rows, strict=True) if rows else ((),) * 7)
         )
         person = np.arange(len(rows)) >= len(vehicles)
-        statics = [self._static(sumo_type, bool(person[i])) for i, sumo_type in enumerate(types)]
+        statics = [self._static(key) for key in zip(types, person.tolist(), strict=True)]
         length = np.array([s[1] for s in statics], np.float64)
         width = np.array([s[2] for s in statics], np.float64)
         front = np.array(positions, np.float64).reshape(-1, 2)
@@ -134,17 +134,16 @@ class Reader:
             self._api.lane.subscribeContext(self._lane, PERSONS, EVERYWHERE, PERSON_VARIABLES)
             self._subscribed = True
 
-    def _static(self, sumo_type: str, person: bool) -> tuple[int, float, float]:
-        """RoadUserType, length and width (m) of a vType; SUMO gives vehicles with changed parameters their own
-        vType."""
-        static = self._types.get((sumo_type, person))
+    def _static(self, key: tuple[str, bool]) -> tuple[int, float, float]:
+        """RoadUserType, length and width (m) of a vType, by id and whether it is a person's; SUMO gives vehicles with
+        changed parameters their own vType."""
+        static = self._types.get(key)
         if static is None:
-            types = self._api.vehicletype
+            types, (sumo_type, person) = self._api.vehicletype, key
             kind = RoadUserType.PEDESTRIAN
             if not person:
                 kind = RoadUserType.BICYCLE if types.getVehicleClass(sumo_type) == "bicycle" else RoadUserType.CAR
-            static = int(kind), types.getLength(sumo_type), types.getWidth(sumo_type)
-            self._types[sumo_type, person] = static
+            static = self._types[key] = int(kind), types.getLength(sumo_type), types.getWidth(sumo_type)
         return static
 
 
@@ -207,7 +206,8 @@ def _finite(values: Sequence[float]) -> Floats:
 def _is_place(position: tuple[float, ...]) -> bool:
     """Whether a position is valid: SUMO gives INVALID to road users off the network, and infinity on lanes without
     width."""
-    return abs(position[0]) < MAX_POSITION and abs(position[1]) < MAX_POSITION
+    x, y = position[:2]
+    return -MAX_POSITION < x < MAX_POSITION and -MAX_POSITION < y < MAX_POSITION
 
 
 def _subscribed_row(road_user: str, values: Mapping[int, Any], place: str) -> _Row:

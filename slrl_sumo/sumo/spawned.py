@@ -112,10 +112,10 @@ class SpawnedControl:
         lanes_under = iter(self._walks.lanes_under(x[walking], y[walking]).tolist())
         forbidden = self._removing.near(x, y).tolist()
         vehicle, person = self._api.vehicle, self._api.person
-        for i, road_user in enumerate(ids):
-            lane = next(lanes_under) if walking[i] else -1
+        for i, (road_user, walks) in enumerate(zip(ids, walking.tolist(), strict=True)):
+            lane = next(lanes_under) if walks else -1
             with self.refusals.of(road_user):
-                if walking[i]:
+                if walks:
                     # SUMO ignores a change of the walk before the person has departed.
                     if road_user not in self._staged:
                         self._renew_walk(road_user, lane)
