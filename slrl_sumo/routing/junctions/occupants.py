@@ -4,7 +4,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 from slrl_sumo.routing.junctions.conflict_areas import ConflictAreas, Way, half_width
@@ -54,7 +54,7 @@ class Size:
         object.__setattr__(self, "turning", half_width(self.length, self.width))
 
 
-@cache
+@lru_cache(maxsize=4096)
 def size_of(length: float, width: float) -> Size:
     """The size of a road user of this length and width (m); equal sizes share one object."""
     return Size(length, width)
