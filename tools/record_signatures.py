@@ -22,6 +22,7 @@ RUNS = (
     {"scenario": "intersection", "agents": 16, "steps": 1},
     {"scenario": "district", "agents": 60, "takeover": "car=0.5", "steps": 20},
     {"scenario": "district", "agents": 64, "guard": True, "steps": 100},
+    {"scenario": "signalised", "takeover": "car=1", "steps": 50},
     {"scenario": "intersection", "bundle": "intersection-paper", "agents": 40, "steps": 2},
 )
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from slrl_sumo.routing.next_lane import FAR_SIGHT, NextLane, lane_positions
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.scene.kernels import apart
 from slrl_sumo.scene.levels import FLAT, Levels
@@ -62,8 +63,8 @@ lane change needs the same distance before the queue."""
 SETTLES = 4.0
 """Time (s) for which a vehicle stays on its lane after its insertion. At a motorway junction (A10KW), nearly all
 collisions at lane changes were with vehicles that SUMO had just inserted on the other lane."""
-FAR_SIGHT, HALF_LANE = 100.0, 1.7
-"""Distance (m) ahead that an overtaking vehicle considers, and half the width (m) of a lane."""
+HALF_LANE = 1.7
+"""Half the width (m) of a lane."""
 SIGHT = 60.0
 """Distance (m) ahead and behind within which vehicles cooperate."""
 
@@ -79,6 +80,10 @@ class LaneChange(NamedTuple):
     """Direction (rad) of the next lane; the vehicle may still be turning, such as at the end of a ramp."""
     left: float
     """Distance (m) to the end of the present lane; 0 during the change."""
+    lane: NextLane
+    elsewhere: tuple[int, ...] = ()
+    """Rows of vehicles in a junction that reach another lane of the edge than the next lane; they may cross the way to
+    it. If one of these counted, it and the changing vehicle waited for each other."""
 
 
 class _Around(NamedTuple):
@@ -160,9 +165,7 @@ def _in_lane_ahead(
     world: WorldState, change: LaneChange, aside: float, levels: Levels
 ) -> tuple[NDArray[np.intp], Floats]:
     """Rows of the road users within FAR_SIGHT on the line `aside` m to the left, and distances (m), (k,) each."""
-    c, s = math.cos(change.direction), math.sin(change.direction)
-    dx, dy = world.x - world.x[change.row], world.y - world.y[change.row]
-    along, across = c * dx + s * dy, c * dy - s * dx
+    along, across, _ = lane_positions(change.lane, world, change.row)
     rows = np.flatnonzero((along > 0.0) & (along < FAR_SIGHT) & (np.abs(across - aside) < HALF_LANE))
     rows = _on_the_level(levels, world, change, rows)
     return rows, along[rows]
@@ -181,9 +184,11 @@ def cooperative_speeds(world: WorldState, n: int, lane_changes: Sequence[LaneCha
             continue
         around = _around(world, change, levels)
         near = np.flatnonzero(around.in_lane & (np.abs(around.ahead) < SIGHT))
-        behind = [j for j in near.tolist() if around.ahead[j] < 0.0 and around.clear[j] >= 0.0]
+        # A vehicle that has stopped too close behind cannot make room any more: it goes first. Else both would stand.
+        room = around.clear > HURRIED_MARGIN
+        behind = [j for j in near.tolist() if around.ahead[j] < 0.0 and room[j]]
         # If two vehicles side by side want each other's lane, the vehicle in front goes first.
-        before = [j for j in near.tolist() if not (around.ahead[j] < 0.0 and (around.clear[j] >= 0.0 or j in rows))]
+        before = [j for j in near.tolist() if not (around.ahead[j] < 0.0 and (room[j] or j in rows))]
         if before:
             j = min(before, key=lambda k: around.ahead[k])
             allowed[i] = min(allowed[i], _following(speed, world.speed.item(j), around.clear.item(j)))
@@ -206,15 +211,14 @@ def _on_the_level(levels: Levels, world: WorldState, change: LaneChange, rows: N
 
 def _around(world: WorldState, change: LaneChange, levels: Levels) -> _Around:
     row, lateral_offset = change.row, change.lateral_offset
-    c, s = math.cos(change.direction), math.sin(change.direction)
-    dx, dy = world.x - world.x[row], world.y - world.y[row]
-    along, across = c * dx + s * dy, c * dy - s * dx
-    same_way = (np.cos(world.heading - change.direction) > 0.5) & (world.type != RoadUserType.PEDESTRIAN)
+    along, across, directions = lane_positions(change.lane, world, row)
+    same_way = (np.cos(world.heading - directions) > 0.5) & (world.type != RoadUserType.PEDESTRIAN)
     # From just beside the vehicle to the far edge of the wanted lane.
     low, high = sorted(
         (-math.copysign(BESIDE, lateral_offset), -lateral_offset - math.copysign(BEYOND, lateral_offset))
     )
-    in_lane = (across > low) & (across < high) & same_way & (np.arange(len(world)) != row)
+    in_lane = (across > low) & (across < high) & same_way
+    in_lane[[row, *change.elsewhere]] = False
     rows = np.flatnonzero(in_lane)
     in_lane[rows] = np.isin(rows, _on_the_level(levels, world, change, rows))
     return _Around(in_lane, along, np.abs(along) - 0.5 * (world.length + world.length[row]))

@@ -5,13 +5,13 @@ import random
 from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, LanePath, junction_of
 from slrl_sumo.routing.lane_proximity import SPACING, clear_of, sampled
 from slrl_sumo.routing.path_line import path_line
+from slrl_sumo.routing.route_lane_changes import RouteLaneChanges
 from slrl_sumo.scene.geometry import Floats
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network, is_walking_area
@@ -19,12 +19,7 @@ from slrl_sumo.sumo.network.lane_state import LaneState
 from slrl_sumo.sumo.network.lanes import Lane, lane_index
 from slrl_sumo.sumo.network.links import LaneLinks
 
-MOST_EDGES = 12
-"""Number of edges of a route that the choice of a lane considers."""
-CHANGE = 60.0
-"""Distance (m) that a lane change needs: vehicles change before shorter edges, such as edges with turn lanes."""
 MOST_LANES = 30
-MOST_TABLES = 5_000
 MOST_PATHS = 2_000
 WAITS_APART = 0.5
 """Distance (m) between a vehicle that waits before or inside a junction and vehicles on other ways through it: vehicles
@@ -42,20 +37,6 @@ REACH = 250.0
 SHARPEST = 2.2
 """Angle (rad, 126 degrees) of turns, such as U-turns, from which vehicles without a destination take only if no other
 turn exists."""
-
-
-class _LaneChanges(NamedTuple):
-    """Numbers of lane changes that a route needs from each lane of its first edge.
-
-    A lane change on an edge shorter than CHANGE counts as more than one.
-    """
-
-    after: dict[str, float]
-    """Lane changes after the first edge; lanes that do not continue along the route are left out."""
-    total: dict[str, float]
-    """Lane changes on the first edge and after it."""
-    towards: dict[str, str | None]
-    """For each lane requested so far, the neighbouring lane that brings a vehicle nearer to its route."""
 
 
 class LaneGraph:
@@ -84,7 +65,7 @@ class LaneGraph:
         self._admitted: dict[tuple[str, str], list[tuple[str, str]]] = {}
         self._origins: dict[str, str] = {}
         self._waiting: dict[str, float] = {}
-        self._tables: OrderedDict[tuple[tuple[str, ...], str], _LaneChanges] = OrderedDict()
+        self._changes = RouteLaneChanges(self.lanes, self._of_edge, self.links)
         self._paths: OrderedDict[tuple[str, tuple[str, ...], str, tuple[tuple[float, float], ...]], LanePath]
         self._paths = OrderedDict()
 
@@ -110,8 +91,9 @@ class LaneGraph:
                 self._changed.setdefault(lane, self.lanes[lane])
                 self.lanes[lane] = replace(self.lanes[lane], allowed=allowed)
                 self.version += 1
-                for known in (self._admitted, self._tables, self._paths):
-                    known.clear()
+                self._changes.clear()
+                self._admitted.clear()
+                self._paths.clear()
 
     def is_closed_after(self, lane: str, vehicle_class: str) -> bool:
         """Whether a vehicle class is no longer admitted to any lane that follows, and was at first."""
@@ -126,19 +108,20 @@ class LaneGraph:
 
         None where the vehicle should stay, or where no lane of the edge continues along the route.
         """
-        table = self._lane_changes(edges, vehicle_class)
-        if lane not in table.towards:
-            table.towards[lane] = self._towards(lane, vehicle_class, table.after)
-        return table.towards[lane]
+        return self._changes(edges, vehicle_class).towards(lane)
 
     def equal_lanes(self, lane: str, vehicle_class: str, edges: tuple[str, ...]) -> list[str]:
-        """The neighbouring lanes from which the route `edges` needs no more lane changes than from the lane itself.
+        """The neighbouring lanes on which a vehicle may stay until the end of the edge, see `lane_to_change_to`.
 
-        `edges` begin with the lane's edge. The lane farther from the kerb comes first.
+        The route `edges` begins with the lane's edge. The lane farther from the kerb comes first.
         """
-        ahead = self._lane_changes(edges, vehicle_class).after
+        changes = self._changes(edges, vehicle_class)
         near = self.neighbours(lane, vehicle_class)
-        return [other for other in near if other in ahead and ahead[other] <= ahead.get(lane, -math.inf)]
+        return [other for other in near if other in changes.after and changes.towards(other) is None]
+
+    def lanes_of(self, lane: str) -> list[str]:
+        """All lanes of the edge of a lane, from the kerb on."""
+        return self._of_edge[self.lanes[lane].edge]
 
     def neighbours(self, lane: str, vehicle_class: str) -> list[str]:
         """The neighbouring lanes that are open to a vehicle class; the lane farther from the kerb comes first."""
@@ -242,57 +225,18 @@ class LaneGraph:
             exits = [k for k in links if not k[0].startswith(":")]
             if not rng or not exits:
                 return None
-            usual = [k for k in exits if abs(self._turn(lane, k[0])) < SHARPEST]
+            usual = [k for k in exits if abs(self.turn(lane, k[0])) < SHARPEST]
             return rng.choice(usual or exits)
         links = [link for link in links if self.lanes[link[0]].edge == remaining[0]]
-        costs = self._lane_changes(remaining, vehicle_class).total
+        costs = self._changes(remaining, vehicle_class).total
         return min(links, key=lambda k: costs.get(k[0], math.inf), default=None)
 
-    def _turn(self, lane: str, target: str) -> float:
+    def turn(self, lane: str, target: str) -> float:
         """Angle (rad, to the left above 0) from the end of a lane to the begin of the next one."""
         (x0, y0), (x1, y1) = self.lanes[lane].points[-2:]
         (x2, y2), (x3, y3) = self.lanes[target].points[:2]
         turn = math.atan2(y3 - y2, x3 - x2) - math.atan2(y1 - y0, x1 - x0)
         return math.remainder(turn, math.tau)
-
-    def _towards(self, lane: str, vehicle_class: str, ahead: dict[str, float]) -> str | None:
-        lanes = self._of_edge[self.lanes[lane].edge]
-        here = lanes.index(lane)
-        costs = [abs(here - i) + ahead.get(other, math.inf) for i, other in enumerate(lanes)]
-        best = min(range(len(lanes)), key=lambda i: (costs[i], abs(here - i)))
-        if best == here or not math.isfinite(costs[best]):
-            return None
-        step = lanes[here + (1 if best > here else -1)]
-        return step if self.lanes[step].admits(vehicle_class) else None
-
-    def _lane_changes(self, edges: tuple[str, ...], vehicle_class: str) -> _LaneChanges:
-        key = (edges[:MOST_EDGES], vehicle_class)
-        table = self._tables.get(key)
-        if table is not None:
-            return table
-        total: dict[str, float] = {}
-        after: dict[str, float] = {}
-        for i in range(len(key[0]) - 1, -1, -1):
-            lanes = [lane for lane in self._of_edge.get(key[0][i], []) if self.lanes[lane].admits(vehicle_class)]
-            after = {}
-            for lane in lanes:
-                if i == len(key[0]) - 1:
-                    after[lane] = 0.0
-                    continue
-                reached = [total[t] for t, _ in self.links(lane) if t in total]
-                if reached:
-                    after[lane] = min(reached)
-            number = {lane: lane_index(lane) for lane in lanes}
-            each = max(CHANGE / max(self.lanes[lanes[0]].length, 1.0), 1.0) if lanes else 1.0
-            total = {
-                lane: min(each * abs(number[lane] - number[other]) + cost for other, cost in after.items())
-                for lane in lanes
-                if after
-            }
-        if len(self._tables) >= MOST_TABLES:
-            self._tables.popitem(last=False)
-        self._tables[key] = _LaneChanges(after, total, {})
-        return self._tables[key]
 
 
 def _moved_back(mine: Floats, others: list[tuple[Floats, float]], *, inside: bool) -> float:

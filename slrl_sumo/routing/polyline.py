@@ -45,6 +45,13 @@ class Polyline:
         """Like `nearest`, with the distance (m) of the position as well; inf if no part of the line lies between."""
         return _place(self.points, x, y, begin, end)
 
+    def places(self, x: Floats, y: Floats, end: float = math.inf) -> Floats:
+        """The place of each of m positions, (4, m): m along the line, m to the left of it, distance (m), and the
+        direction (rad) of the line there; places beyond `end` are not searched."""
+        places = np.empty((4, len(x)))
+        _places(self.points, x, y, end, places)
+        return places
+
     def draw(self, begin: float, spacing: float, x: Floats, y: Floats, row: int) -> None:
         """Write points of the line every `spacing` m, from `begin` on, to row `row` of `x` and `y`.
 
@@ -96,6 +103,16 @@ def _place(points: Floats, x: float, y: float, begin: float, end: float) -> tupl
         if distance < least:
             least, found, left = distance, s[i] + along, (dx * py - dy * px) / step
     return found, left, least
+
+
+@compiled
+def _places(points: Floats, x: Floats, y: Floats, end: float, places: Floats) -> None:
+    xs, ys, s = points[0], points[1], points[2]
+    for k in range(len(x)):
+        along, left, distance = _place(points, x[k], y[k], -math.inf, end)
+        i = _segment(s, along)
+        places[0, k], places[1, k], places[2, k] = along, left, distance
+        places[3, k] = math.atan2(ys[i + 1] - ys[i], xs[i + 1] - xs[i])
 
 
 @compiled

@@ -10,21 +10,21 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from slrl_sumo.routing.junctions.occupants import Size, size_of
+from slrl_sumo.routing.junctions.occupants import Size, braking_distance, size_of
 from slrl_sumo.routing.junctions.reservations import JunctionReservations, stops_inside
 from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds
 from slrl_sumo.routing.lane_choice import LaneChoice
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, JunctionEntry, junction_of
-from slrl_sumo.routing.speed_limits import SpeedLimits, looking_speed
+from slrl_sumo.routing.speed_limits import REACTION_TIME, SpeedLimits, looking_speed
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.routing.vehicle_tracker import VehicleTracker
 from slrl_sumo.routing.walking.pedestrian_tracker import PedestrianTracker
 from slrl_sumo.routing.walking.waiting_persons import WaitingPersons
 from slrl_sumo.scene.route import BEHIND, SPACING, RouteAhead, SignalAspect, spacing_at
 from slrl_sumo.scene.state import WorldState
-from slrl_sumo.scene.types import DECISION_INTERVAL, RoadUserType
+from slrl_sumo.scene.types import RoadUserType
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.network import Network
 from slrl_sumo.sumo.refusals import Refusals
@@ -33,8 +33,6 @@ NEAR_END = 15.0
 """Distance (m) before the destination at which SUMO should finish a trip."""
 DECEL_SHARE = 0.5
 """Share of a vehicle's deceleration with which it slows down for limits and junctions."""
-REACTION_TIME = 2 * DECISION_INTERVAL
-"""Time (s) from a decision until its effect shows."""
 FAR_BESIDE = 3.0
 """Distance (m) beside its path from which a vehicle on no lane of SUMO is off its route: a vehicle that had stopped 5 m
 beside its path, after two sharp turns in a row, did not move again."""
@@ -50,10 +48,10 @@ class Routes:
         self.refusals = Refusals()
         self._graph, self._levels = LaneGraph(api, network), network.levels
         self._vehicles = VehicleTracker(api, network, self._graph)
-        self._lane_choice = LaneChoice(self._graph, self._vehicles, network.levels)
         self._right_of_way = RightOfWay(api, self._graph)
         self._speed_limits = SpeedLimits(self._graph, self._right_of_way)
         self._reservations = JunctionReservations(api, self._graph, self._vehicles.get, self._right_of_way)
+        self._lane_choice = LaneChoice(self._graph, self._vehicles, network.levels, self._passes_junctions)
         self._pedestrians = PedestrianTracker(api, network)
         self._waiting = WaitingPersons(api, network)
         self._off_route: set[str] = set()
@@ -138,6 +136,23 @@ class Routes:
         route.spacing[i] = spacing = spacing_at(track.speed)
         behind = BEHIND * spacing / SPACING
         track.path.line.draw(track.s - 0.5 * size.length - behind, spacing, route.x, route.y, i)
+
+    def _passes_junctions(self, world: WorldState, i: int, track: VehicleTrack) -> bool:
+        """Whether the vehicle in row `i` could pass the lines ahead before which it cannot stop without haste, on the
+        path of `track`, which begins on its next lane.
+
+        Another vehicle may have entered the junction because the first one was not on the way to its next lane.
+        """
+        size = size_of(world.length.item(i), world.width.item(i))
+        near = braking_distance(track.speed)
+        return all(
+            rule == "stop"
+            or distance > near
+            or self._reservations.is_free(world.ids[i], track, entry, priority=rule == "go", size=size)
+            for entry, distance, rule, _ in self._speed_limits.entries_ahead(
+                track, track.entries_ahead(), REACTION_TIME
+            )
+        )
 
     def _stop_and_look(
         self, road_user: str, track: VehicleTrack, entries: list[tuple[JunctionEntry, float]], size: Size

@@ -7,6 +7,7 @@ from slrl_sumo.routing.junctions.right_of_way import LINE_OF_SIGHT, RightOfWay, 
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.lane_path import JunctionEntry
 from slrl_sumo.routing.vehicle_track import ROLLING, VehicleTrack
+from slrl_sumo.scene.types import DECISION_INTERVAL
 
 STOPS_WITH = 0.95
 """Share of its deceleration with which a vehicle must be able to stop at a line, else it goes on: 4.3 m/s² for SUMO's
@@ -17,6 +18,8 @@ LANE_END = 3.0
 """Distance (m) before the end of its lane at which a vehicle waits for a gap in the next lane."""
 FAR_END = 120.0
 """Distance (m) to the end of a path beyond any sight."""
+REACTION_TIME = 2 * DECISION_INTERVAL
+"""Time (s) from a decision until its effect shows."""
 
 
 class EntryAhead(NamedTuple):

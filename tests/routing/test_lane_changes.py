@@ -7,8 +7,12 @@ import pytest
 from builders import make_levels, make_world
 
 from slrl_sumo.routing.lane_changes import LaneChange, cooperative_speeds, faster_there, has_gap, shorter_queue
+from slrl_sumo.routing.next_lane import NextLane
+from slrl_sumo.routing.polyline import Polyline
 
-LEFT = LaneChange(0, -3.2, 0.0, 40.0)
+DEFAULT_LENGTH = make_world().length.item(0)
+STRAIGHT = Polyline([-200.0, 300.0], [3.2, 3.2], [0.0, 500.0])
+LEFT = LaneChange(0, -3.2, 0.0, 40.0, NextLane(STRAIGHT, 0.0))
 """The first vehicle of a world, which drives eastwards at y = 0, wants to change to the lane at y = 3.2."""
 
 
@@ -43,6 +47,21 @@ def test_the_one_behind_the_gap_lets_in_and_the_changing_one_falls_in_behind_the
     assert np.isinf(allowed[[1, 3]]).all()
 
 
+@pytest.mark.parametrize(("gap", "waits"), [(0.9, False), (1.1, True)])
+def test_a_vehicle_that_stands_too_close_behind_to_make_room_goes_first(gap: float, waits: bool) -> None:
+    world = make_world([0.0, -DEFAULT_LENGTH - gap], [0.0, 3.2], speed=0.0)
+    allowed = cooperative_speeds(world, 2, [LEFT])
+    assert np.isfinite(allowed[1]) == waits
+    assert has_gap(world, LEFT) == waits
+
+
+def test_vehicles_in_a_junction_that_reach_another_lane_do_not_count() -> None:
+    world = make_world([0.0, -3.0], [0.0, 2.0], speed=2.0)
+    assert not has_gap(world, LEFT)
+    assert has_gap(world, LEFT._replace(elsewhere=(1,)))
+    assert np.isinf(cooperative_speeds(world, 2, [LEFT._replace(elsewhere=(1,))])).all()
+
+
 def test_only_learned_vehicles_are_slowed() -> None:
     world = make_world([0.0, 6.0, -8.0], [0.0, 3.2, 3.2], speed=10.0)
     assert len(cooperative_speeds(world, 1, [LEFT])) == 1
@@ -56,7 +75,7 @@ def test_nothing_is_done_while_the_end_of_the_lane_is_far() -> None:
 
 def test_of_two_side_by_side_that_want_each_others_lane_the_one_in_front_goes_first() -> None:
     world = make_world([0.0, 1.0], [0.0, 3.2], speed=0.0)
-    allowed = cooperative_speeds(world, 2, [LEFT, LaneChange(1, 3.2, 0.0, 40.0)])
+    allowed = cooperative_speeds(world, 2, [LEFT, LEFT._replace(row=1, lateral_offset=3.2)])
     assert allowed[0] == 0.0
     assert np.isinf(allowed[1])
 
@@ -117,7 +136,7 @@ def test_vehicles_on_a_bridge_above_the_lanes_count_neither_as_held_up_nor_as_be
     levels = levels._replace(
         cos=np.where(turned, math.cos(0.9), levels.cos), sin=np.where(turned, math.sin(0.9), levels.sin)
     )
-    change = LaneChange(0, -3.2, 0.0, 40.0)
+    change = LEFT
     world = make_world([-4.0, 1.0, 0.0], [0.0, 2.9, 0.0], heading=[0.0, 0.9, 0.9], speed=[10.0, 5.0, 5.0])
     levels = levels._replace(
         x=np.append(levels.x, [0.0, 2.0]), y=np.append(levels.y, [3.2, 3.2]),

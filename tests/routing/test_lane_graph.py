@@ -7,9 +7,10 @@ import pytest
 from builders import make_scenario
 
 from slrl_sumo.netgen.binaries import run_program
-from slrl_sumo.routing.lane_graph import CHANGE, HALF_CAR, WAITS_APART, LaneGraph
+from slrl_sumo.routing.lane_graph import HALF_CAR, WAITS_APART, LaneGraph
 from slrl_sumo.routing.lane_path import STOP_LINE, junction_of
 from slrl_sumo.routing.polyline import line_through
+from slrl_sumo.routing.route_lane_changes import CHANGE
 from slrl_sumo.sumo.scenario import find_scenario
 from slrl_sumo.sumo.session import SumoSession
 
@@ -23,7 +24,8 @@ def test_lanes_are_changed_before_a_short_edge_and_as_late_as_possible_otherwise
         graph = LaneGraph(libsumo, session.network)
         short = next(lane for lane in graph.lanes if lane.startswith("A0A1.") and lane.endswith("_0"))
         edge = graph.lanes[short].edge
-        assert graph.lanes[short].length < CHANGE < graph.lanes["A0A1_0"].length
+        times = [graph.lanes[lane].length / graph.lanes[lane].max_speed for lane in (short, "A0A1_0")]
+        assert times[0] < CHANGE < times[1]
         # To the right from the right lane of the short edge alone, straight on from each of its lanes.
         right = ("A0A1", edge, "A1B1")
         assert graph.lane_to_change_to("A0A1_2", "passenger", right) == "A0A1_1"

@@ -303,6 +303,19 @@ def test_a_lane_that_does_not_lead_on_is_left_or_waited_in(signalised: SumoSessi
         assert _off_lanes(signalised, ("in0", "out3"), route.x[0, HERE:], route.y[0, HERE:]) < 0.3
 
 
+@pytest.mark.parametrize("enters", [True, False])
+def test_a_vehicle_does_not_change_to_a_lane_into_which_another_one_just_enters(tmp_path: Path, enters: bool) -> None:
+    """It could not stop any more before the way of the other one, which waited for no vehicle of the inner lane."""
+    with opened(SITUATIONS["two-lane-roundabout"].build(tmp_path)) as session:
+        _car(session, "car that enters", ("in0", "ring1", "out1"), 0, 1.0 if enters else 40.0, 0.0, kind="car")
+        _car(session, "car", ("ring0", "ring1", "out1"), 1, 3.0, 0.0, kind="car")
+        world = _seen(session, "car that enters", "car")
+        world = replace(world, speed=np.where(np.arange(len(world)) < 2, [5.0, 8.0], 0.0))
+        route = Routes(libsumo, session.network).ahead(world, 2)
+        aside = on_path(route, world.x[:2, None], world.y[:2, None])[1][1, 0]
+        assert aside == pytest.approx(0.0 if enters else libsumo.lane.getWidth("ring0_0"), abs=0.2)
+
+
 def test_a_vehicle_that_has_just_been_inserted_stays_on_its_lane(tmp_path: Path) -> None:
     """SUMO inserts others beside it on the lane that it would change to."""
     nodes = "".join(f'<node id="{name}" x="{x}" y="0"/>' for name, x in (("a", 0), ("b", 290), ("c", 490)))

@@ -12,6 +12,7 @@ from slrl_sumo.routing.junctions.right_of_way import RightOfWay
 from slrl_sumo.routing.lane_graph import LaneGraph
 from slrl_sumo.routing.vehicle_track import VehicleTrack
 from slrl_sumo.scene.state import WorldState
+from slrl_sumo.scene.types import DECISION_INTERVAL
 from slrl_sumo.sumo.api import SumoApi
 from slrl_sumo.sumo.road_users import (
     lane_position,
@@ -111,7 +112,12 @@ class Occupant(NamedTuple):
 
 def reserves_from(speed: float) -> float:
     """Distance (m) before its line from which a vehicle at `speed` (m/s) reserves its way."""
-    return max(COMMITTED, speed * speed / (2.0 * BRAKING) + 0.4 * speed)
+    return max(COMMITTED, braking_distance(speed))
+
+
+def braking_distance(speed: float) -> float:
+    """Distance (m) in which a vehicle at `speed` (m/s) stops with BRAKING after a decision interval."""
+    return speed * speed / (2.0 * BRAKING) + DECISION_INTERVAL * speed
 
 
 def lanes_through(track: VehicleTrack, begin: float) -> tuple[tuple[str, ...], tuple[float, ...]]:

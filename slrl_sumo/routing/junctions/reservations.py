@@ -154,6 +154,13 @@ class JunctionReservations:
                 self._free_since.pop(vehicle, None)
         return free
 
+    def is_free(self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size) -> bool:
+        """Whether a learned vehicle could pass the line of an `entry` on the path of `track`; reserves nothing."""
+        if not lanes_through(track, entry.stop_line)[0]:
+            return True
+        passing = self._passing(vehicle, track, entry, priority=priority, size=size, too_late=False)
+        return passing is not None
+
     def is_crossed(self, entry: JunctionEntry) -> bool:
         """Whether other ways cross the way that begins at an entry, so that a vehicle must not stand on it."""
         return self._areas.is_crossed(entry.via)
@@ -168,10 +175,26 @@ class JunctionReservations:
     def _reserve(
         self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size, too_late: bool
     ) -> bool:
-        distance = entry.stop_line - track.s
-        lanes, ahead = lanes_through(track, entry.stop_line)
+        lanes, _ = lanes_through(track, entry.stop_line)
         if not lanes:
             return True
+        mine = self._passing(vehicle, track, entry, priority=priority, size=size, too_late=too_late)
+        if mine is None:
+            return False
+        if too_late or entry.stop_line - track.s <= reserves_from(track.speed):
+            # A vehicle that waits inside the junction also holds the lanes under it.
+            if mine.entry_time < math.inf:
+                lanes, ahead = lanes_through(track, track.s - size.length)
+                mine = mine._replace(way=self._areas.way(lanes), ahead=ahead)
+            self._hold(vehicle, junction_of(lanes[0]), mine)
+        return True
+
+    def _passing(
+        self, vehicle: str, track: VehicleTrack, entry: JunctionEntry, *, priority: bool, size: Size, too_late: bool
+    ) -> Occupant | None:
+        """The vehicle as an occupant that passes the line of an `entry`; None if its way is not free."""
+        distance = entry.stop_line - track.s
+        lanes, ahead = lanes_through(track, entry.stop_line)
         junction, way = junction_of(lanes[0]), self._areas.way(lanes)
         pause, exits = stops_inside(track, entry)
         # The vehicle stops STOP_LINE before the line; past the line it would block vehicles with priority.
@@ -191,13 +214,8 @@ class JunctionReservations:
                 needs_turning_room=until == exits,
             )  # fmt: skip
             if (too_late and until == pause) or self._is_free(vehicle, track, mine, entry, priority, until < exits):
-                if too_late or distance <= reserves_from(track.speed):
-                    # A vehicle that waits inside the junction also holds the lanes under it.
-                    if entered < math.inf:
-                        lanes, ahead = lanes_through(track, track.s - size.length)
-                    self._hold(vehicle, junction, mine._replace(way=self._areas.way(lanes), ahead=ahead))
-                return True
-        return False
+                return mine
+        return None
 
     def _is_free(
         self, vehicle: str, track: VehicleTrack, mine: Occupant, entry: JunctionEntry, priority: bool, pauses: bool

@@ -4,7 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from slrl_sumo.studies.flow.scenarios.junctions import crossing_roads, crosswalk, left_turns, queue, roundabout
+from slrl_sumo.studies.flow.scenarios.junctions import (
+    crossing_roads,
+    crosswalk,
+    left_turns,
+    queue,
+    roundabout,
+    two_lane_roundabout,
+)
 from slrl_sumo.studies.flow.scenarios.roads import alone, bends, following, lane_drop, merge, motorway, overtaking
 from slrl_sumo.studies.flow.scenarios.scenario_files import SPEED_LIMIT
 from slrl_sumo.studies.flow.scenarios.towns import city, crossings, crowd, grid, town
@@ -77,6 +84,9 @@ SITUATIONS: dict[str, TrafficCase] = {
         "a crossing where all stop", 300.0, crossing_roads("allway_stop", 1, dict.fromkeys("nesw", 250.0), 300.0)
     ),
     "roundabout": TrafficCase("a roundabout with four arms of one lane", 300.0, roundabout),
+    "two-lane-roundabout": TrafficCase(
+        "a roundabout with four arms, two lanes on the ring and on the approaches", 300.0, two_lane_roundabout
+    ),
     "crosswalk": TrafficCase("pedestrians cross a street between junctions", 240.0, crosswalk),
     "crowd": TrafficCase("a small junction with signals and a crowd of pedestrians", 400.0, crowd(101)),
     "town-small": _town("a generated town, 250 departures", 3, streets=40, seconds=600.0, period=1.2),

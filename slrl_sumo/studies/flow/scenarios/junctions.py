@@ -1,5 +1,6 @@
 """Situations at junctions: each function writes one into a folder and returns the .sumocfg."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +21,8 @@ ONWARD = {"n": "sew", "s": "new", "e": "wns", "w": "ens"}
 """From each arm of a crossing the arms straight on, to one side and to the other."""
 LEFT = {"n": "e", "s": "w", "e": "s", "w": "n"}
 """The arm to the left of the traffic from each arm."""
+RING_SPEED = 8.33
+"""Speed limit (m/s) on the ring of a roundabout of two lanes."""
 
 
 def queue(folder: Path) -> Path:
@@ -81,6 +84,18 @@ def roundabout(folder: Path) -> Path:
     return write_demand(folder, demand, 300.0)
 
 
+def two_lane_roundabout(folder: Path) -> Path:
+    """A roundabout with four arms; ring and approaches have two lanes, exits have one lane on the outer side."""
+    plan = _two_lane_ring(arms=4, radius=25.0, arm=200.0)
+    demand = [
+        flow(f"{start}{end}", f"in{start}", f"out{end}", 220.0)
+        for start in range(4)
+        for end in range(4)
+        if start != end
+    ]
+    return write_situation(folder, plan, demand, 300.0)
+
+
 def crosswalk(folder: Path) -> Path:
     """Pedestrians with the right of way cross a street between junctions, which cars use in both directions."""
     lanes = ({"allow": "pedestrian", "width": "2.00"}, {"disallow": "pedestrian"})
@@ -94,6 +109,31 @@ def crosswalk(folder: Path) -> Path:
     demand = [*walks, flow("eastward", "wm", "me", 450.0), flow("westward", "em", "mw", 450.0)]
     plan = Plan(places, edges, crossings={"m": ("wm", "mw")})
     return write_situation(folder, plan, demand, 240.0)
+
+
+def _two_lane_ring(arms: int, radius: float, arm: float) -> Plan:
+    """A ring of edges ring0, ring1, … of two lanes, with in0, out0, … at the arms; distances in m, 30 km/h on the ring.
+
+    Each exit lies 7 m before the entry of the same arm.
+    """
+    spacing, half = math.tau / arms, 7.0 / radius
+    angles = [k * spacing + side for k in range(arms) for side in (-half, half)]
+    places = {f"{'xe'[k % 2]}{k // 2}": _polar(radius, angle) for k, angle in enumerate(angles)}
+    names = list(places)
+    edges = {}
+    for k, start in enumerate(names):
+        span = (angles[(k + 1) % len(names)] - angles[k]) % math.tau
+        shape = tuple(_polar(radius, angles[k] + span * part / 8) for part in range(9))
+        edges[f"ring{k}"] = Edge(start, names[(k + 1) % len(names)], RING_SPEED, ({}, {}), shape)
+    ring = tuple(edges)
+    for k in range(arms):
+        places[f"a{k}"] = _polar(radius + arm, k * spacing)
+        edges[f"in{k}"], edges[f"out{k}"] = road(f"a{k}", f"e{k}", 2), road(f"x{k}", f"a{k}")
+    return Plan(nodes(places), edges, ring=ring)
+
+
+def _polar(radius: float, angle: float) -> tuple[float, float]:
+    return radius * math.cos(angle), radius * math.sin(angle)
 
 
 def _cross(kind: str, lanes: int, arm: float = 250.0) -> Plan:
